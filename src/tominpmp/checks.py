@@ -46,6 +46,9 @@ T = TypeVar("T")
 #: Makes an error from a message and the name of an argument.
 MakeError = Callable[[str, str | None], TominpmpError]
 
+# Largest size of a finite number, and smallest limit: their squares and reciprocals are
+# numbers that are neither infinite nor zero.
+HUGE, TINY = 1e150, 1e-150
 # Integers from here on exceed NumPy's 64 bits.
 LARGEST = 2**63
 FLAG = "True or False"
@@ -156,14 +159,14 @@ def number(
     *,
     infinite: bool = False,
 ) -> float:
-    """Check a number in a range; ``infinite`` allows it to be infinite.
+    """Check a number in a range, of 1e150 at most; ``infinite`` allows any size.
 
     Raises:
         ProblemError: If it is not a number, or out of range.
     """
     converted = value if type(value) is float else number_or_nan(value)
     in_range = least <= converted <= most and (above == -math.inf or converted > above)
-    if not in_range or not (infinite or math.isfinite(converted)):
+    if not in_range or not (infinite or abs(converted) <= HUGE):
         raise wrong(value, name, expected)
     return converted
 

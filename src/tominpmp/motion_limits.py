@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Converted, Record, array_or_nan, record
 from tominpmp.checks import (
+    HUGE,
+    TINY,
     array,
     choice,
     instance,
@@ -157,7 +159,8 @@ class LimitKind:
         """
         bounds = array_or_nan(value)
         few = bounds.ndim <= (joint is None)
-        if not few or np.any(np.isnan(bounds)) or np.any(bounds <= 0.0):
+        known = (TINY <= bounds) & ((bounds <= HUGE) | (bounds == np.inf))
+        if not few or not np.all(known):
             raise wrong(value, key, f"positive numbers [{self.unit}]")
         return bounds if joint is None else float(bounds)
 

@@ -148,6 +148,13 @@ def test_the_cache_of_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
         (lambda: tm.Scene(range(10**12)), "a scene holds obstacles"),
         (lambda: tm.Sphere("x" * 256, radius=1.0), "name of at most 255"),
         (lambda: tm.JointGoal(range(10**12)), "goal.q is range"),
+        # Squares and reciprocals of numbers are numbers, too.
+        (lambda: tm.Payload(1e308, "tip"), "payload.mass is 1e.308"),
+        (lambda: tm.Box("x", size=(1e308, 1, 1)), "size along x is 1e.308"),
+        (lambda: tm.Cylinder("x", radius=1, length=1e308), "length is 1e.308"),
+        (lambda: tm.load_robot("planar3r", velocity=1e-308), "joint1 got 1e-308"),
+        (lambda: tm.MotionLimits(acceleration=1e-308), "acceleration is 1e-308"),
+        (lambda: tm.MotionLimits(jerk=1e308), "jerk is 1e.308"),
     ],
 )
 def test_values_that_went_astray(make: Callable[[], Any], word: str) -> None:
@@ -205,7 +212,7 @@ def test_random_wrong_calls(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_an_endless_period_is_one_row_and_the_end(world: World, tmp_path: Path) -> None:
-    for dt in (1e300, 1e9, 99.0):
+    for dt in (1e100, 1e9, 99.0):
         path = tmp_path / "a.csv"
         export(world.trajectory, path, dt=dt)
         assert tm.load_motion(path).t.size == 2

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record, array_or_nan, number_or_nan, real_array
-from tominpmp.checks import FLAG, by_joint, in_order, wrong
+from tominpmp.checks import FLAG, TINY, by_joint, in_order, wrong
 from tominpmp.description.tree import JointDescription, Mimic
 from tominpmp.exceptions import (
     JointNotFound,
@@ -219,7 +219,7 @@ def _fault(option: str, row: Mapping[str, Any]) -> str:
             f"has the lower limit {low:g} and the upper limit {high:g}, expected the "
             "lower one to be less"
         )
-    if value < 0.0 or (speed and value == 0.0) or (math.isinf(value) and not speed):
+    if value < 0.0 or (speed and value < TINY) or (math.isinf(value) and not speed):
         expected = "a number greater than zero" if speed else "a finite number from 0"
         return f"got {value:g}, expected {expected}"
     return ""
