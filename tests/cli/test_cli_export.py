@@ -120,6 +120,18 @@ def test_wrong_options_are_told_before_planning(
     assert planner.problem is None
 
 
+def test_sensitivities_to_arrival_times_are_refused_before_planning(
+    run: Run, planner: Planner, free: None
+) -> None:
+    segment = "[[segments]]\narrival = [1.0, 2.0]\n[segments.goal]\n"
+    text = Path("free.toml").read_text().replace("[goal]\n", segment)
+    Path("timed.toml").write_text(text)
+    result = run("plan", "timed.toml", "--sensitivities", "s.png")
+    assert result.exit_code == 2
+    assert "segment 1 has arrival times" in result.stderr
+    assert planner.problem is None
+
+
 # Judging
 
 

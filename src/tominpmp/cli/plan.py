@@ -77,6 +77,10 @@ def run_plan(
                 f"weight of {chosen.energy_weight:g}; expected only one of the two",
                 "sensitivities",
             )
+        if args.sensitivities is not None:
+            from tominpmp.sensitivities.analysis import refuse_arrival_times
+
+            refuse_arrival_times(problem)
         if args.save_scenario is not None:
             save_scenario(args.save_scenario, problem, chosen)
         limit = chosen.max_planning_time

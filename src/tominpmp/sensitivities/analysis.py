@@ -101,8 +101,12 @@ def analyse(problem: Problem, trajectory: Trajectory | Samples) -> Sensitivities
     return Sensitivities(T, records, share * dual.predicted_gain, base)
 
 
-def _moving(problem: Problem, motion: Trajectory) -> tuple[Problem, Trajectory]:
-    """A motion of several segments without its dwells, and the problem it solves."""
+def refuse_arrival_times(problem: Problem) -> None:
+    """Check that no segment has arrival times, to which sensitivities are not known.
+
+    Raises:
+        ProblemError: If a segment has arrival times.
+    """
     for number, segment in enumerate(problem.segments, 1):
         if segment.arrival is not None:
             raise ProblemError(
@@ -110,6 +114,11 @@ def _moving(problem: Problem, motion: Trajectory) -> tuple[Problem, Trajectory]:
                 "arrival times are not known",
                 f"segments[{number - 1}].arrival",
             )
+
+
+def _moving(problem: Problem, motion: Trajectory) -> tuple[Problem, Trajectory]:
+    """A motion of several segments without its dwells, and the problem it solves."""
+    refuse_arrival_times(problem)
     motion = with_segments(problem, motion, Tolerances())
     return without_dwells(problem.alternative_of(motion), motion)
 
