@@ -248,9 +248,14 @@ class CertifiedDescent:
         return faster if faster.confirmed else best
 
     def _show(self, record: IterationRecord) -> Status | None:
-        """Show a record to the plan; a status ends the iteration."""
+        """Show a record to the plan; a status ends the iteration.
+
+        Where rows join as it ends, it goes on until a motion keeps them: all that was
+        gained would be lost otherwise.
+        """
         status = self.state(record)
-        return status or (Status.ITERATION_LIMIT if self.spent else None)
+        over = self.spent and record.violation <= self.state.options.feasibility
+        return status or (Status.ITERATION_LIMIT if over else None)
 
     def _concluded(self, best: Candidate, findings: Findings) -> Candidate:
         """The motion with its certified status, and a remark on the predicted gain."""
