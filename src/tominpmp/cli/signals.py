@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 # Exit code of a process that a signal has ended, less the number of the signal.
 SIGNALLED = 128
+# The terminal was closed; None on Windows, which has no such signal.
+HANGUP = getattr(signal, "SIGHUP", None)
 # Clears the line of progress, and shows the cursor.
 CLEARED = b"\r\x1b[K\x1b[?25h"
 
@@ -53,7 +55,7 @@ class Signals:
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         """Handle a signal."""
-        if number == signal.SIGHUP:
+        if number == HANGUP:
             _leave_closed_terminal()
         self.number = number if self.number is None else self.number
         if self._writing and not self._insisted:
@@ -109,7 +111,7 @@ def take(handler: Callable[[int, FrameType | None], None]) -> dict[int, Any]:
     """
     former: dict[int, Any] = {}
     if threading.current_thread() is threading.main_thread():
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        for number in filter(None, (signal.SIGINT, signal.SIGTERM, HANGUP)):
             if signal.getsignal(number) not in (signal.SIG_IGN, None):
                 former[number] = signal.signal(number, handler)
     return former
