@@ -138,7 +138,8 @@ def _by_color(body: Body) -> list[tuple[Trimesh, Color]]:
     shares = np.round(colors / 255.0, 2)
     shown, which = np.unique(shares, axis=0, return_inverse=True)
     if len(shown) > MOST_COLORS:
-        shown, which = np.mean(colors / 255.0, axis=0)[None], np.zeros_like(which)
+        shown = np.mean(colors / 255.0, axis=0)[None]
+        which = np.zeros_like(which)
     return [
         (Trimesh(surface.vertices, surface.faces[which.ravel() == k]), tuple(color))
         for k, color in enumerate(shown.tolist())

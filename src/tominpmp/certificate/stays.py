@@ -59,7 +59,8 @@ def without_dwells(problem: Problem, motion: Trajectory) -> tuple[Problem, Traje
     dwells = ends - arrivals
     if motion.segment_ends is None or not any(dwells):
         return problem, motion
-    slack, times = SAME * motion.duration, motion.t[:, None]
+    slack = SAME * motion.duration
+    times = motion.t[:, None]
     dwelling = (times > arrivals + slack) & (times <= ends + slack)
     keep = ~np.any(dwelling, axis=1)
     t = motion.t - (times >= ends - slack) @ dwells

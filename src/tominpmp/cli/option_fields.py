@@ -201,7 +201,8 @@ def _marked(
     declared = {item.name: item for item in fields(kind)}  # type: ignore[arg-type]
     for name, (metavar, text) in texts.items():
         item = declared[name]
-        hint, more = _hint(kind, item), item.metadata
+        hint = _hint(kind, item)
+        more = item.metadata
         completer = more.get("completer", COMPLETIONS.get(name))
         kind.__annotations__[name] = Annotated[
             hint,
@@ -239,7 +240,9 @@ def fields_of(
         ending: Suffix of the names of the fields; other fields are left out.
         base: Base class, whose fields are options, too.
     """
-    texts, declared, described = {}, [], attribute_texts(kind)
+    described = attribute_texts(kind)
+    texts = {}
+    declared = []
     for item in fields(kind):
         hint = _hint(kind, item)
         typed, metavar, choices = _typed(hint)

@@ -100,7 +100,8 @@ def write_files(
         ScenarioError: If the motion cannot be written, with the place where it was
             saved instead.
     """
-    judgement, written = None, {} if motion is None else {"motion": str(motion)}
+    judgement = None
+    written = {} if motion is None else {"motion": str(motion)}
     try:
         if motion is not None:
             judgement = _export(solution, options, motion)

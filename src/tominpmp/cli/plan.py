@@ -66,7 +66,8 @@ def run_plan(
     from tominpmp.files.scenario import save_scenario
     from tominpmp.planner.planning import plan
 
-    signals, console = present(), error_console()
+    signals = present()
+    console = error_console()
     progress = Progress(console, quiet=args.quiet, verbose=args.verbose)
     with logged(args.verbose, console), progress:
         progress.phase(f"loading {robot}")

@@ -416,7 +416,8 @@ def _typed_problem(name: str, args: ProblemOptions) -> Problem:
     scene = _obstacles(args, robot)
     q_start = positions(args.start, "--start", robot, degrees=args.degrees)
     v_start = velocities(args, "start_velocity", robot)
-    goal, more = _goal(args, robot, q_start), _changes(args, robot, {})
+    goal = _goal(args, robot, q_start)
+    more = _changes(args, robot, {})
     try:
         return Problem(robot, q_start, goal, scene, v_start=v_start, **more)
     except ProblemError as error:

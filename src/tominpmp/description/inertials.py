@@ -51,8 +51,8 @@ def warn_of_inertia(model: pin.Model, description: UrdfDescription) -> None:
         if (fault := _missing(model, joint, shaped) or _impossible(model, joint))
     ]
     if faults:
-        path, told = description.path, listed(faults)
-        warn_caller(f"{path}: {told}: mend the <inertial> elements")
+        found = f"{description.path}: {listed(faults)}"
+        warn_caller(f"{found}: mend the <inertial> elements")
 
 
 def listed(faults: Sequence[str]) -> str:

@@ -184,7 +184,8 @@ def read_srdf(
         RobotLoadError: If the file is not an SRDF file, the robot has none of the links
             that it names, or a group lacks its name or contains itself.
     """
-    text, path = given_text(source), Path("<text of an SRDF file>")
+    text = given_text(source)
+    path = Path("<text of an SRDF file>")
     if text is None:
         path = checked_path(source, "srdf", RobotLoadError).absolute()
     root = read_xml(path) if text is None else parse_xml(text, path)
@@ -289,7 +290,8 @@ class _SrdfReader:
         states: dict[tuple[str, str], dict[str, float]] = {}
         for element in self.root.iter("group_state"):
             name = context.text(element, "name", "group_state")
-            key, where = (element.get("group", ""), name), f"group_state {name}"
+            key = element.get("group", ""), name
+            where = f"group_state {name}"
             state = states.setdefault(key, {})
             for joint in element.iter("joint"):
                 joint_name = context.text(joint, "name", where)

@@ -337,7 +337,8 @@ def joined(
 
 def _renamed(joint: JointDescription, part: str) -> JointDescription:
     """A joint with all its names prefixed with the name of a part."""
-    mimic, ends = joint.mimic, ("name", "parent", "child")
+    mimic = joint.mimic
+    ends = ("name", "parent", "child")
     names: dict[str, Any] = {key: f"{part}/{getattr(joint, key)}" for key in ends}
     if mimic is not None:
         mimic = replace(mimic, leader=f"{part}/{mimic.leader}")

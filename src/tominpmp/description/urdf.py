@@ -138,7 +138,8 @@ def misspellings(element: Element, where: str) -> list[str]:
 
     Other names belong to other programs.
     """
-    form, faults = FORMS[element.tag], []
+    form = FORMS[element.tag]
+    faults = []
     children = (*form.needs, *form.parts, *form.optional, *form.several)
     for child in element:
         known = _closest_match(child.tag, children)
@@ -243,7 +244,8 @@ class _UrdfReader:
         links = tuple(self._link(link) for link in robot.links)
         pairs = zip(robot.joints, root.findall("joint"), strict=True)
         joints = tuple(self._joint(*pair) for pair in pairs)
-        gravity, own = None, root.find("tominpmp")
+        gravity = None
+        own = root.find("tominpmp")
         if own is not None and "gravity" in own.attrib:
             gravity = context.numbers(own, "gravity", "robot", (0.0, 0.0, 0.0))
         _check_tree([link.name for link in links], joints, context)
@@ -527,7 +529,8 @@ class _UrdfReader:
         Controllers may enforce the soft limits of a ``<safety_controller>``; they are
         not read here.
         """
-        path, unread = self.context.path, "; ".join(self.unread[:MOST_NAMED])
+        path = self.context.path
+        unread = "; ".join(self.unread[:MOST_NAMED])
         warn_of_empty_shapes(self.empty_shapes, path)
         warn_of_missing_visuals(self.missing_visuals, path)
         if unread:

@@ -227,14 +227,17 @@ class TourSearch:
             Pairs of a motion, None for a place where the arm is already, and the places
             that it reaches; None if one of the places is not reached.
         """
-        legs, table, nodes = self.legs, self.table, [node for node, _ in route]
-        stops, motions = [0], list[tuple[Solution | None, list[int]]]()
+        legs, table = self.legs, self.table
+        nodes = [node for node, _ in route]
+        stops = [0]
+        motions: list[tuple[Solution | None, list[int]]] = []
         for place in range(1, len(nodes)):
             final = place == len(nodes) - 1
             if table.rests[nodes[place]] or final or place - stops[-1] >= MOST_TOGETHER:
                 stops.append(place)
         for first, last in pairwise(stops):
-            places, stretch = [*range(first + 1, last + 1)], slice(first, last + 1)
+            places = [*range(first + 1, last + 1)]
+            stretch = slice(first, last + 1)
             if len(places) > 1:
                 passing = legs.passing(nodes[stretch], q[stretch])
                 if passing is not None:
