@@ -164,7 +164,7 @@ def test_positions_alone_are_joined_by_lines(planar3r: Robot) -> None:
     q = np.array([START, [0.6, 1.7, -1.7], [0.6, 1.5, -1.7]])
     nothing = np.full(q.shape, np.nan)
     samples = Samples(planar3r.joint_names, t, q, nothing, nothing, nothing)
-    joined = join(samples, planar3r, interpolation="controller")
+    joined = join(replace(samples, interpolation="controller"), planar3r)
     assert joined.manner == "linear"
     assert "0.4 rad/s of joint joint2 at 0.5 s" in str(joined)
     state = joined.trajectory([0.25, 0.75])
@@ -189,7 +189,7 @@ def test_interpolation_can_be_chosen(
     lacking = replace(load_motion(path), v=np.full(jumping.q.shape, np.nan))
     for interpolation in ("controller", "cubic"):
         with pytest.raises(ScenarioError, match="lacks velocities, which"):
-            join(lacking, planar3r, path, interpolation=interpolation)  # type: ignore[arg-type]
+            join(replace(lacking, interpolation=interpolation), planar3r, path)
 
 
 def test_late_first_point_is_reached_from_the_start(planar3r: Robot) -> None:

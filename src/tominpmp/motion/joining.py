@@ -21,7 +21,7 @@ from tominpmp.checks import instance
 from tominpmp.dynamics import STANDSTILL, RobotDynamics, torques_of
 from tominpmp.exceptions import ProblemError, ScenarioError
 from tominpmp.kinematics import prismatic_joints
-from tominpmp.motion.samples import Interpolation, Samples, check_interpolation
+from tominpmp.motion.samples import Interpolation, Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.robot.robot import Robot
 
@@ -74,7 +74,6 @@ def join(
     *,
     start: Array | None = None,
     start_velocity: Array | None = None,
-    interpolation: Interpolation | None = None,
 ) -> Joined:
     """Make a trajectory of a robot from samples.
 
@@ -93,18 +92,15 @@ def join(
             (n,) [rad or m].
         start_velocity: Velocities at time 0, shape (n,) [rad/s or m/s]; None for a
             start at rest.
-        interpolation: The interpolation; None for the interpolation of the samples.
 
     Returns:
         The trajectory, from time 0, and its interpolation.
 
     Raises:
-        ProblemError: If the interpolation is unknown.
         ScenarioError: If the samples are not of this robot, do not begin at 0, or lack
             the derivatives that the interpolation needs.
     """
-    chosen = samples.interpolation if interpolation is None else interpolation
-    check_interpolation(chosen)
+    chosen = samples.interpolation
     columns = _columns(samples, robot, path)
     parts = (samples.q, samples.v, samples.a, samples.u)
     rows = _Rows(robot, samples.t, *(part[:, columns] for part in parts))

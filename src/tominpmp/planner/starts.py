@@ -98,12 +98,11 @@ def usual_starts(system: ProblemFunctions, options: Options) -> tuple[int, int]:
     """
     moving = any(part.problem.scene.moving for part in system.segments)
     usual = 1
-    if options.objective == "time":
+    if options.objective == "time" and not system.parts:
         if system.final_configuration is None:
             many = system.in_free_space and system.n > FEW_JOINTS
             usual = LONE_FRAME_STARTS if many else FRAME_STARTS
         usual = max(usual, MOVING_STARTS) if moving else usual
-        usual = 1 if system.parts else usual
     swings = torques_may_lead(system)
     rescues = FEW_JOINTS_RESCUE_STARTS if swings else RESCUE_STARTS
     return usual, max(usual, MOVING_RESCUE_STARTS if moving else rescues)
