@@ -215,5 +215,5 @@ def check_period(dt: float | None) -> None:
     least = MIN_STEP / BILLION
     if dt is not None and not least <= dt < float("inf"):
         raise OptionsError(
-            f"--dt is {dt}, expected a time of {least:g} s or more", "dt"
+            f"--dt is {dt}, expected a positive time, {least:g} s at least", "dt"
         )

@@ -147,7 +147,7 @@ class GoalOnJoints(Record, Goal):
     def angles(self, robot: Robot) -> BoolArray:
         """Joints that are angles: those declared so, and those without limits."""
         declared = () if isinstance(self.wrap, bool) else self.wrap
-        known = np.array(robot.joint_names)
+        known = np.array(instance(robot, Robot, "robot").joint_names)
         revolute = known[~prismatic_joints(robot)].tolist()
         known_joints(declared, revolute)
         angles = np.isin(known, declared)

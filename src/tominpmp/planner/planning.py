@@ -52,7 +52,7 @@ from tominpmp.planner.smoothing import smooth
 from tominpmp.planner.standing import standing
 from tominpmp.planner.starts import starts
 from tominpmp.planner.thorough import thorough_search
-from tominpmp.planner.work import Schedule, carry_out, use_fallback
+from tominpmp.planner.work import Schedule, run, use_fallback
 from tominpmp.problem.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
@@ -106,13 +106,19 @@ def plan(
         )
     former = None if start is None else motion_of(problem, start)
     state = PlanState(problem, search_options(options))
-    status = None
+    status, candidate = None, None
     with state.deadline.in_force():
         try:
             barrier = find_barrier(problem, options.tolerances.contact)
             if barrier is not None:
                 return without_motion(state, requested, Status.INFEASIBLE, str(barrier))
-            status = carry_out(state, full_schedule(state, former))
+            schedule = full_schedule(state, former)
+            while status is None and not state.satisfied:
+                candidate = run(state, schedule.send(candidate))
+                status = state.ended
+            schedule.close()
+        except StopIteration:
+            pass
         except (Stop, KeyboardInterrupt) as stop:
             status = state.stopped(stop)
         solution = _finish(state, options, status)

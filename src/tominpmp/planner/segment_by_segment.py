@@ -18,7 +18,7 @@ from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate, KeptIterate
 from tominpmp.planner.descent import descend, guess_of
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.planner.work import Schedule, Work, as_candidate, carry_out
+from tominpmp.planner.work import Schedule, Work, as_candidate, run
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import spans_of
 from tominpmp.problem.sequence import joined
@@ -135,8 +135,13 @@ def _alone(
     )
     alone = PlanState(problem, options, stop_requested=lambda: state.deadline.due)
     with alone.deadline.in_force():
+        candidate, works = None, schedule(alone, problem)
         try:
-            carry_out(alone, schedule(alone, problem))
+            while alone.ended is None and not alone.satisfied:
+                candidate = run(alone, works.send(candidate))
+            works.close()
+        except StopIteration:
+            pass
         except Stop as stop:
             alone.stopped(stop)
     return alone.incumbent

@@ -115,27 +115,6 @@ def run(state: PlanState, work: Work) -> Candidate | None:
     return candidate
 
 
-def carry_out(state: PlanState, schedule: Schedule[None]) -> Status | None:
-    """Carry out the work of a schedule, until it is exhausted or planning ends.
-
-    Returns:
-        How planning was stopped; None if the schedule is exhausted or any motion will
-        do.
-
-    Raises:
-        Stop: If planning is to end while the schedule makes its next work.
-    """
-    candidate, status = None, None
-    try:
-        while status is None and not state.satisfied:
-            candidate = run(state, schedule.send(candidate))
-            status = state.ended
-    except StopIteration:
-        return None
-    schedule.close()
-    return status
-
-
 def make_and_repair(state: PlanState, work: Work) -> Candidate:
     """Make a candidate and replay it; repair and repeat if the replay breaks limits.
 
