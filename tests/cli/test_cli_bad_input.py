@@ -149,7 +149,7 @@ BAD = {
         "max_planning_time is 0.0, expected a positive number",
     ),
     "dt": ("plan planar3r --start start --goal 1,1,1 --dt nan", "--dt is nan"),
-    "short dt": ("plan planar3r --start start --goal 1,1,1 --dt 1e-12", "1e-07 s at least"),
+    "short dt": ("plan planar3r --start start --goal 1,1,1 --dt 1e-12", "1e-07 s at"),
     "ending": (
         "plan planar3r --start start --goal 1,1,1 -o motion.txt",
         "--output: 'motion.txt' must end in .csv or .npz",
