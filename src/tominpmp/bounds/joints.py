@@ -116,14 +116,17 @@ def joint_bounds(
         turning: Joints that may end any number of turns away, shape (n,).
     """
     bounds = []
-    each = zip(joints, lower.tolist(), upper.tolist(), ends.T, turning, strict=True)
-    for joint, least, most, (v0, v1), turns in each:
-        T, way = _least(joint, least, most, (float(v0), float(v1)))
-        # A joint at rest takes the nearest turn; one that moves may go on.
-        for side in (TURN, -TURN) if turns and np.any([v0, v1]) else ():
+    ranges = zip(lower.tolist(), upper.tolist(), strict=True)
+    pairs = zip(*ends.tolist(), strict=True)
+    # A joint at rest takes the nearest turn; one that moves may go on.
+    moving = turning & np.any(ends != 0.0, axis=0)
+    each = zip(joints, ranges, pairs, moving.tolist(), strict=True)
+    for joint, (least, most), velocities, goes_on in each:
+        T, way = _least(joint, least, most, velocities)
+        for side in (TURN, -TURN) if goes_on else ():
             for k in itertools.count(1):
                 further = least + k * side, most + k * side
-                other = _least(joint, *further, (float(v0), float(v1)))
+                other = _least(joint, *further, velocities)
                 if other[0] >= T:
                     break  # beyond its braking distance, a joint only takes longer
                 T, way = other

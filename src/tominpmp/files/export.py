@@ -191,13 +191,15 @@ def read_motion(
     read = _chosen(READERS, path)
     if interpolation is not None:
         check_interpolation(interpolation)
-    path, message = checked_path(path), None
+    path = checked_path(path)
+    message = None
     largest = MAX_MESSAGE if is_message(path) else MAX_BYTES
     try:
-        found = read(read_bytes(path, largest), path)
+        content = read(read_bytes(path, largest), path)
         if is_message(path):
-            found, message = read_message(Field(found, path)), found
-        samples = _checked(found, path)
+            message = content
+            content = read_message(Field(message, path))
+        samples = _checked(content, path)
     except ProblemError as error:  # the content is not valid samples
         raise ScenarioError(f"{path}: {error}", path, error.field) from error
     if interpolation is not None:

@@ -6,7 +6,6 @@ a guess must be feasible only at its ends.
 
 from __future__ import annotations
 
-import copy
 import itertools
 from collections.abc import Iterator
 from dataclasses import replace
@@ -19,7 +18,6 @@ from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.constrained import position_constraints
 from tominpmp.initial_guess.guess import RESTING, Guess, initial_guesses
 from tominpmp.initial_guess.path_velocity import waiting_guesses
-from tominpmp.problem.problem import Problem
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 
@@ -120,10 +118,8 @@ def first_unreached(
 
 def _rest_to_rest(part: ProblemFunctions, q: Array) -> ProblemFunctions:
     """The functions of a segment from a configuration, beginning and ending at rest."""
-    problem: Problem = copy.copy(part.problem)
-    goal = problem.goal.stopped
-    object.__setattr__(problem, "q_start", q)
-    object.__setattr__(problem, "goal", goal)
-    object.__setattr__(problem, "v_start", np.zeros_like(q))
-    problem.__dict__["checker"] = part.problem.checker
+    phase = part.problem
+    _ = phase.checker  # the copy shares it
+    rest = np.zeros_like(q)
+    problem = phase._altered(q_start=q, v_start=rest, goal=phase.goal.stopped)
     return replace(part, problem=problem)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -227,11 +226,10 @@ class ProblemFunctions:
             limits = system.motion_limits
             if not limits.continuous:
                 return system
-            problem = copy.copy(system.problem)
             kinds = kinds_of(limits).items()
             smooth: dict[str, Any] = {k: None for k, kind in kinds if kind.smooth}
             loose = replace(limits, **smooth)
-            object.__setattr__(problem, "motion_limits", loose)
+            problem = system.problem._altered(motion_limits=loose)
             return replace(system, problem=problem)
 
         return self._each(loosened)

@@ -388,7 +388,8 @@ def _planned(task: BatchTask, settings: Settings, start: Start | None) -> Outcom
             text, reason = _written(problem, options, path.parents[1])
             if text:
                 about = f"{task.name}\n{start and start[0]}\n{text}"
-                digest = _digest(about.encode(), *_contents(problem))
+                whole = repr([about, *_contents(problem)])
+                digest = hashlib.sha256(whole.encode()).hexdigest()
                 former = _former(path, digest)
                 if former is not None:
                     return former.outcome(problem, options)
@@ -457,14 +458,6 @@ def _content(file: str) -> bytes:
 @lru_cache(1000)
 def _content_at(file: str, *_: int) -> bytes:
     return hashlib.sha256(Path(file).read_bytes()).digest()
-
-
-def _digest(*parts: bytes) -> str:
-    """Digest of parts of any length."""
-    digest = hashlib.sha256()
-    for part in parts:
-        digest.update(hashlib.sha256(part).digest())
-    return digest.hexdigest()
 
 
 def _former(path: Path, digest: str) -> Entry | None:
