@@ -16,6 +16,7 @@ from tominpmp.arrays import Array
 from tominpmp.constraints.base import States
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.least_squares import least_squares, row_by_row
+from tominpmp.problem.joint_limits import joint_limits
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 if TYPE_CHECKING:
@@ -71,6 +72,32 @@ def speed_used(problem: Problem, q: Array, v: Array) -> Array:
         if item.order == 1 and item.curable and item.window is None:
             used = np.maximum(used, item.measures(states) / item.largest)
     return np.asarray(used)
+
+
+def keeps_limits(system: ProblemFunctions, T: float, at: States) -> bool:
+    """Whether samples of a motion keep all limits and constraints but clearances.
+
+    Where jerks or torque rates are limited, the motion is taken for one from rest to
+    rest whose accelerations rise and fall at a constant rate.
+
+    Args:
+        system: Functions of the problem.
+        T: Duration of the motion [s].
+        at: States at the samples.
+    """
+    q, v, a, inverse = at.q, at.v, at.a, system.motor_dynamics.inverse
+    u = inverse(q, v, a)
+    rates = {"j": 8.0 * a / T, "du": 8.0 * (u - inverse(q, v, 0.0 * a)) / T}
+    for item in joint_limits(system.problem.robot, system.motion_limits):
+        rate = rates.get(item.kind.quantity)
+        beyond = item.beyond(q, v, a, u) if rate is None else item.outside(rate)
+        if np.any(beyond > CLOSE * item.scale):
+            return False
+    for each in system.problem.ready_constraints:
+        value, (lower, upper) = each.evaluate(at), each.bounds(len(q))
+        if np.any(np.maximum(lower - value, value - upper) > CLOSE):
+            return False
+    return True
 
 
 def _speed(constraint: PathConstraint, q: Array, first: Array) -> float:

@@ -13,12 +13,16 @@ from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 from tominpmp.arrays import Array
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.dynamics import directions
-from tominpmp.initial_guess.constrained import feasible_paths, line_keeps_positions
+from tominpmp.initial_guess.constrained import (
+    feasible_paths,
+    keeps_limits,
+    line_keeps_positions,
+)
 from tominpmp.initial_guess.inverse_kinematics import all_blocked, find_configurations
 from tominpmp.initial_guess.pace import load_time_scale, time_scale
 from tominpmp.initial_guess.path import RoundedPath
 from tominpmp.initial_guess.rrt import is_free, is_free_line, sample_paths
-from tominpmp.initial_guess.timing import time_path
+from tominpmp.initial_guess.timing import between_velocities, time_path
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -39,6 +43,8 @@ DURATION_FACTOR = 2.0
 RESTS = 0.5
 # Name of the guess that stays at the start.
 RESTING = "at rest"
+# Name of guesses with the velocities of moving ends.
+MOVING = "moving"
 # Name of guesses along paths around obstacles.
 SAMPLED = "sampled path"
 # Name of guesses through random configurations.
@@ -71,8 +77,8 @@ class Guess:
         blocked: Whether all configurations found for the goal are in collision.
         inner_ends: Times at which the segments before the last one end [s], without
             their dwells, shape (k - 1,).
-        solved: Whether the guess is a former motion that meets the goals of all
-            segments.
+        solved: Whether the guess is a motion that meets the goals of all segments, with
+            their velocities.
     """
 
     name: str
@@ -171,6 +177,45 @@ def path_guess(system: ProblemFunctions, corners: Array, name: str = SAMPLED) ->
     path = RoundedPath.through(corners, system.problem.robot.limits.velocity)
     path = path.clear_of_obstacles(lambda q: is_free(system, q))
     return _along(system, path, name)
+
+
+def _moving_guess(system: ProblemFunctions, q_end: Array) -> Guess | None:
+    """Motion with the velocities of both ends, in the least duration that is feasible.
+
+    Feasible durations of motions that begin or end moving are separate intervals: such
+    a motion goes on, or it has to overshoot its goal or take a run-up. They are judged
+    by samples. None if both ends are at rest, no duration is feasible, or the motion
+    hits an obstacle.
+    """
+    q, v, v_end = system.problem.q_start, system.v_start, end_velocity(system, q_end)
+    if not (np.any(v) or np.any(v_end)):
+        return None
+    ends, top = (q, v, q_end, v_end), system.problem.robot.limits.velocity
+    way, mean = q_end - q, 0.5 * (v + v_end)
+    least = max(float(np.max(np.abs(way) / top)), 1e-3)
+    # The short intervals are near the durations of constant accelerations.
+    direct = np.divide(way, mean, out=np.zeros_like(way), where=mean != 0.0)
+    durations = least * np.geomspace(1.001, 1e7, SAMPLES)
+    durations = np.sort(np.append(durations, direct[direct > durations[0]]))
+    shares = np.linspace(1e-9, 1.0 - 1e-9, 17)  # accelerations begin and end in jumps
+    for T in durations.tolist():
+        if keeps_limits(system, T, between_velocities(ends, top, T, T * shares)):
+            at = between_velocities(ends, top, T, np.linspace(0.0, T, SAMPLES))
+            clear = system.in_free_space or all(is_free(system, q) for q in at.q[::10])
+            return Guess(MOVING, at.t, at.q, True, solved=True) if clear else None
+    return None
+
+
+def end_velocity(system: ProblemFunctions, q_end: Array) -> Array:
+    """Velocity at the end that the goal asks for, nearest to that at the start, (n,).
+
+    Args:
+        system: Functions of the problem.
+        q_end: Final configuration, shape (n,).
+    """
+    goal, v = system.problem.goal, system.v_start
+    missing, _, by_v = goal.motion_residual(system.kinematics, q_end, v)
+    return np.asarray(v - np.linalg.pinv(by_v) @ missing)
 
 
 def _along(system: ProblemFunctions, path: RoundedPath, name: str) -> Guess:
@@ -299,17 +344,19 @@ def _guesses(
     lines = [(line_guess(system, q), q) for q in ends]
     lines.sort(key=lambda line: (not line[0].keeps, _pace(line[0])))
     straight, ends = zip(*lines, strict=True)
+    moving = filter(None, (_moving_guess(system, q) for q in ends))
+    direct = (*sorted(moving, key=_pace), *straight)
     # A guess at rest at the start, with the given duration or that of the fastest line.
     times = np.array([0.0, duration or straight[0].duration])
     rest = Guess(RESTING, times, np.tile(problem.q_start, (2, 1)), False)
     if system.in_free_space:
-        yield from straight[:FEW_LINES]
+        yield from direct[:FEW_LINES]
         # The initial guess of the paper, which does not even reach the goal: the linear
         # programs choose the final configuration.
         yield from [rest] if final is None else []
-        yield from straight[FEW_LINES:]
+        yield from direct[FEW_LINES:]
     else:
-        yield from [straight[0], rest] if final is None else straight
+        yield from [direct[0], rest] if final is None else direct
     if system.clearance is not None:
         line = np.stack([problem.q_start, ends[0]])
         clear = is_free_line(system, *line)
@@ -321,8 +368,8 @@ def _guesses(
             yield from sampled_guesses(
                 system, ends, rng, known=known, deadline=deadline, enough=enough
             )
-    if not system.in_free_space:
-        yield from straight[1:]
+    if not system.in_free_space and final is None:
+        yield from direct[1:]
     limits = problem.robot.limits
     low = np.maximum(limits.position_lower, problem.q_start - np.pi)
     high = np.minimum(limits.position_upper, problem.q_start + np.pi)

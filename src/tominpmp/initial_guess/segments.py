@@ -1,7 +1,8 @@
-"""Initial guesses for motions of several segments, which stop at each goal.
+"""Initial guesses for motions of several segments.
 
-Each segment begins where the previous one ends. The optimiser need not keep the stops:
-a guess must be feasible only at its ends.
+Each segment begins where the previous one ends. It stops at its goal if it begins at
+rest and the goal gives no velocity. The optimiser need not keep the stops: a guess must
+be feasible only at its ends.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from tominpmp.arrays import Array
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.constrained import position_constraints
-from tominpmp.initial_guess.guess import RESTING, Guess, initial_guesses
+from tominpmp.initial_guess.guess import RESTING, Guess, end_velocity, initial_guesses
 from tominpmp.initial_guess.path_velocity import waiting_guesses
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -50,9 +51,9 @@ def _guess(
 ) -> Guess | None:
     """The guess of a number, from 0; None if a goal cannot be reached."""
     pieces: list[Guess] = []
-    q = system.problem.q_start
+    q, v = system.problem.q_start, system.v_start
     for place, part in enumerate(system.parts):
-        single = _rest_to_rest(part, q).passing(q[None])
+        single = _alone(part, q, v).passing(q[None])
         if part.problem.scene.moving:
             guesses = waiting_guesses(single, number + 2, rng, duration, deadline)
         else:
@@ -68,6 +69,7 @@ def _guess(
         pieces.append(first[-1])
         final = single.problem.goal.configuration
         q = first[-1].q[-1] if final is None else final
+        v = end_velocity(single, q)
     t, positions, begin = [np.zeros(1)], [pieces[0].q[:1]], 0.0
     for guess in pieces:
         t.append(begin + guess.t[1:])
@@ -107,7 +109,7 @@ def first_unreached(
     """
     q = system.problem.q_start
     for number, part in enumerate(system.parts):
-        single = _rest_to_rest(part, q).passing(q[None])
+        single = _alone(part, q, np.zeros_like(q)).passing(q[None])
         ahead = constraints_after(system, number)
         guess = next(initial_guesses(single, 1, rng, beyond=ahead), None)
         if guess is None:
@@ -116,10 +118,10 @@ def first_unreached(
     raise ProblemError("segments: no guess of a motion through their goals", "segments")
 
 
-def _rest_to_rest(part: ProblemFunctions, q: Array) -> ProblemFunctions:
-    """The functions of a segment from a configuration, beginning and ending at rest."""
+def _alone(part: ProblemFunctions, q: Array, v: Array) -> ProblemFunctions:
+    """The functions of a segment from a state; from rest, it stops at a via point."""
     phase = part.problem
     _ = phase.checker  # the copy shares it
-    rest = np.zeros_like(q)
-    problem = phase._altered(q_start=q, v_start=rest, goal=phase.goal.stopped)
+    goal = phase.goal if np.any(v) else phase.goal.stopped
+    problem = phase._altered(q_start=q, v_start=v, goal=goal)
     return replace(part, problem=problem)

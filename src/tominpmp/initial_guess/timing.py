@@ -6,15 +6,20 @@ controllable x is computed backwards from the end, and a forward pass follows it
 that the constraints are not linear in (s'', x); they are therefore evaluated on a table
 of x. Dry friction is a torque that depends only on the direction of a joint along the
 path.
+
+A motion that begins or ends moving does not follow a path that is at rest there: each
+joint then has a timing of its own, and all have the same duration.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.constraints.base import States
 from tominpmp.initial_guess.constrained import path_speeds
 from tominpmp.initial_guess.path import RoundedPath
 from tominpmp.problem.controls import control_bounds
@@ -181,3 +186,37 @@ def _refine(last: int, table: Array, brake: Array, target: float, step: float) -
     if not (np.isfinite(f1) and f1 > 0.0 >= f0):
         return float(x0)
     return float(x0 + (x1 - x0) * (-f0) / (f1 - f0))
+
+
+def between_velocities(
+    ends: Sequence[Array], top: Array, T: float, times: Array
+) -> States:
+    """Motion from velocities to velocities with the least peak acceleration per joint.
+
+    A joint changes its speed, cruises if it reaches its speed limit, and changes its
+    speed again. It overshoots its goal, or takes a run-up, where it has to.
+
+    Args:
+        ends: Positions and velocities at the start, then those at the end, (n,) each.
+        top: Speed limits, shape (n,).
+        T: Duration [s], in which the speed limits admit the displacements.
+        times: Times of the motion [s], shape (m,).
+
+    Returns:
+        The states at these times; where an acceleration jumps, the one before.
+    """
+    q, v, q_end, v_end = ends
+    way, mean = q_end - q, 0.5 * (v + v_end)
+    # What constant accelerations would lack of the displacement.
+    lack = way - T * mean
+    wide = np.copysign(np.hypot(lack, 0.5 * T * (v_end - v)), lack)
+    peak = np.clip(mean + (lack + wide) / T, -top, top)
+    first, last = peak - v, peak - v_end
+    # The inverse of the acceleration; zero where the velocity is constant.
+    slow = 2.0 * (peak * T - way) / np.maximum(first**2 + last**2, 1e-300)
+    a = np.divide(1.0, slow, out=np.zeros_like(slow), where=slow != 0.0)
+    begins = np.stack([0.0 * first, first * slow, T - last * slow])
+    since = np.maximum(times[:, None] - begins[:, None], 0.0)
+    each = (0.5 * since**2, since, np.sign(since))
+    second, once, now = (a * (ahead - up - down) for ahead, up, down in each)
+    return States(times, q + times[:, None] * v + second, v + once, now)

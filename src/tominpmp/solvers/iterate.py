@@ -187,7 +187,8 @@ class Outcome:
         actual: Actual reduction of the merit [s].
         ratio: Actual reduction divided by the predicted one, for the full step.
         accepted: Whether the step was accepted.
-        settled: Whether little progress is predicted, or was made lately.
+        settled: Whether little progress is predicted, or was made lately, and slowing
+            down removes the violations that remain.
     """
 
     trial: Trial

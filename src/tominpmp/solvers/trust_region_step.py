@@ -177,11 +177,16 @@ class TrustRegionStep:
         little = objective.tolerance * max(value, SHORTEST)
         slow = len(state.gains) == WINDOW and sum(state.gains) < little
         settled = slow or outcome.predicted < QUIET * little
-        if settled and not objective.restorable(loop.program, state):
+        done = settled and objective.restorable(loop.program, state)
+        if done and loop.best is None:
+            # Slowing down does not help a motion that begins or ends moving.
+            slower = objective.restored(loop.program, state)
+            done = slower.violation <= objective.feasibility
+        if settled and not done:
             # The weight of the violated constraint may be below its multiplier.
             weights = WEIGHT_GROWTH * state.weights
             state = replace(state, weights=weights, raises=state.raises + 1, gains=())
-        loop.advance(state, replace(outcome, settled=settled))
+        loop.advance(state, replace(outcome, settled=done))
 
     def _propose(self, loop: Loop) -> _Proposal | None:
         """Build the subproblem of an iteration and solve it.

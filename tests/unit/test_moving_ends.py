@@ -1,0 +1,192 @@
+"""Motions that begin or end moving: their initial guesses, and their plans."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tominpmp as tm
+from tominpmp.initial_guess.guess import MOVING, end_velocity, initial_guesses
+from tominpmp.initial_guess.segments import segmented_guesses
+from tominpmp.initial_guess.timing import between_velocities
+from tominpmp.transcription.problem_functions import ProblemFunctions
+
+UR5 = tm.load_robot("ur5")
+START = np.array([0.0, -1.2, 1.2, -1.5, -1.5, 0.0])
+ALONG = np.array([1.0, 0.3, -0.4, 0.2, 0.5, 0.8])
+SPEED = 1.5  # rad/s of the first joint
+
+RAIL = """<robot name="rail"><link name="base"/>
+<link name="cart"><inertial><mass value="2"/>
+<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+<joint name="x" type="prismatic"><parent link="base"/><child link="cart"/>
+<axis xyz="1 0 0"/><limit lower="-100" upper="100" effort="{}" velocity="{}"/>
+</joint></robot>"""
+
+
+def rail(acceleration: float, top: float) -> tm.Robot:
+    return tm.load_robot(RAIL.format(2.0 * acceleration, top))
+
+
+def moving_on(share: float, **changes) -> tm.Problem:
+    """A UR5 that may go on at the velocity of its start."""
+    v, goal = SPEED * ALONG, START + share * ALONG
+    return tm.Problem(UR5, START, tm.JointGoal(goal, v=v), v_start=v, **changes)
+
+
+def first_guess(problem: tm.Problem):
+    system = ProblemFunctions.of(problem)
+    return next(initial_guesses(system, 1, np.random.default_rng(0)))
+
+
+def via_points(*, given: tuple[float | None, ...]) -> tm.Problem:
+    """A UR5 whose first joint passes two via points; velocities [rad/s], or None."""
+
+    def segment(way: float, v: float | None) -> tm.Segment:
+        first = np.eye(6)[0]
+        v_end = None if v is None else v * first
+        return tm.Segment(tm.JointGoal(START + way * first, v=v_end))
+
+    ends = zip((0.6, 0.75, 1.35), (*given, None), strict=True)
+    return tm.Problem(UR5, START, segments=[segment(*end) for end in ends])
+
+
+# -- motions between velocities --------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_motion_between_velocities_meets_its_ends_and_speed_limits(seed):
+    rng = np.random.default_rng(seed)
+    top = rng.uniform(1.0, 3.0, 5)
+    (q, q_end), (v, v_end) = rng.normal(size=(2, 5)), rng.uniform(-1, 1, (2, 5)) * top
+    T = 1.01 * float(np.max(np.abs(q_end - q) / top)) * rng.choice([1.0, 2.0, 9.0])
+    t = np.linspace(0.0, T, 2001)
+    at = between_velocities((q, v, q_end, v_end), top, T, t)
+    assert at.q[[0, -1]] == pytest.approx(np.stack([q, q_end]), abs=1e-9)
+    assert at.v[[0, -1]] == pytest.approx(np.stack([v, v_end]), abs=1e-9)
+    assert np.all(np.abs(at.v) <= top + 1e-9)
+    most = np.abs(at.a).max(axis=0)
+    steps = np.diff(at.q, axis=0) / t[1] - 0.5 * (at.v[1:] + at.v[:-1])
+    assert np.all(np.abs(steps) <= most * t[1])
+    # A joint has one acceleration, in both directions.
+    assert np.all(np.isclose(np.abs(at.a), most) | (at.a == 0.0))
+
+
+def test_known_motions_between_velocities():
+    """From rest to rest, at constant velocity, at constant acceleration."""
+    q, v = np.zeros(3), np.array([0.0, 0.5, 1.0])
+    q_end, v_end = np.array([1.0, 1.0, 1.0]), np.array([0.0, 0.5, 0.0])
+    t = np.linspace(0.05, 1.95, 20)
+    at = between_velocities((q, v, q_end, v_end), np.full(3, np.inf), 2.0, t)
+    assert np.abs(at.a).max(axis=0) == pytest.approx([1.0, 0.0, 0.5])
+    assert at.v[:, 1] == pytest.approx(0.5)
+
+
+def test_a_motion_that_cannot_stop_in_time_overshoots():
+    ends = np.array([[0.0], [2.0], [0.5], [0.0]])
+    at = between_velocities(ends, np.full(1, 3.0), 4.0, np.linspace(0.0, 4.0, 99))
+    assert at.q.max() > 0.6 and at.v.min() < 0.0
+
+
+# -- guesses ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("share", [0.1, 0.2, 0.4])
+def test_the_guess_goes_on_where_it_can(share):
+    """Its duration is in the short interval of feasible durations."""
+    guess = first_guess(moving_on(share))
+    assert guess.name == MOVING
+    assert guess.duration < share / SPEED
+    v = np.gradient(guess.q, guess.t, axis=0)
+    assert v[[0, -1]] == pytest.approx(np.tile(SPEED * ALONG, (2, 1)), abs=0.1)
+
+
+def test_a_motion_at_rest_at_both_ends_has_no_moving_guess():
+    problem = tm.Problem(UR5, START, tm.JointGoal(START + 0.2 * ALONG))
+    system = ProblemFunctions.of(problem)
+    guesses = list(initial_guesses(system, 3, np.random.default_rng(0)))
+    assert MOVING not in {guess.name for guess in guesses}
+
+
+def test_the_guess_keeps_limits_of_accelerations_jerks_and_tools():
+    kinematics = ProblemFunctions.of(moving_on(0.4)).kinematics
+    free = first_guess(moving_on(0.4)).duration
+    at_ends = [
+        np.linalg.norm(kinematics.motion(q, SPEED * ALONG, "tool0").velocity)
+        for q in (START, START + 0.4 * ALONG)
+    ]
+    limits = (
+        {"motion_limits": tm.MotionLimits(acceleration=2.0)},
+        {"motion_limits": tm.MotionLimits(jerk=40.0)},
+        {"motion_limits": tm.MotionLimits(effort_rate=200.0)},
+        {"constraints": [tm.ToolSpeed("tool0", 1.02 * max(at_ends))]},
+    )
+    for more in limits:
+        assert first_guess(moving_on(0.4, **more)).duration > 1.01 * free
+
+
+def test_a_guess_that_hits_an_obstacle_is_left_out():
+    system = ProblemFunctions.of(moving_on(0.4))
+    middle = system.kinematics.placement(START + 0.2 * ALONG, "tool0").translation
+    for place, name in ((middle, "straight line"), (middle + 5.0, MOVING)):
+        scene = tm.Scene([tm.Sphere("ball", radius=0.02, position=place)])
+        assert first_guess(moving_on(0.4, scene=scene)).name == name
+
+
+def test_the_velocity_at_a_tool_goal_is_nearest_to_that_at_the_start():
+    kinematics = ProblemFunctions.of(moving_on(0.1)).kinematics
+    jacobian = kinematics.jacobian(START, "tool0")[:3]
+    place, v = kinematics.placement(START, "tool0").translation, SPEED * ALONG
+    goal = tm.PositionGoal("tool0", place, v=jacobian @ v)
+    system = ProblemFunctions.of(tm.Problem(UR5, START - 0.2 * ALONG, goal, v_start=v))
+    assert end_velocity(system, START) == pytest.approx(v)
+    system = ProblemFunctions.of(tm.Problem(UR5, START - 0.2 * ALONG, goal))
+    least = end_velocity(system, START)
+    assert jacobian @ least == pytest.approx(jacobian @ v)
+    assert np.linalg.norm(least) < np.linalg.norm(v)
+
+
+@pytest.mark.parametrize("given", [(SPEED, SPEED), (SPEED, None)])
+def test_guesses_pass_via_points_between_moving_goals(given):
+    system = ProblemFunctions.of(via_points(given=given))
+    guess = next(segmented_guesses(system, 1, np.random.default_rng(0)))
+    assert guess.durations[1] < 0.12
+
+
+# -- plans -----------------------------------------------------------------------------
+
+
+def test_an_arm_that_may_go_on_takes_no_run_up():
+    """The plan was 17 times as long: it stopped, went back, and took a run-up."""
+    solution = tm.plan(moving_on(0.1), effort="quick")
+    assert solution.success and solution.T < 0.1 / SPEED
+    assert solution.T == pytest.approx(solution.lower_bound.T, rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("given", "most"), [((SPEED, SPEED), 1.13), ((SPEED, None), 1.11)]
+)
+def test_via_points_passed_at_given_velocities_need_no_stop(given, most):
+    """The plans took 2.12 s and 1.75 s."""
+    solution = tm.plan(via_points(given=given), effort="quick")
+    assert solution.success and solution.T < most
+
+
+@pytest.mark.parametrize(
+    ("v", "acceleration", "top"), [(3.0, 0.36, 3.1), (1.0, 0.04, 1.1), (1.0, 0.1, 1.1)]
+)
+@pytest.mark.parametrize("effort", ["quick", "standard"])
+def test_a_weak_rail_overshoots_or_takes_a_run_up(v, acceleration, top, effort):
+    """No motion was found, as the last violation of 3e-6 was left to slowing down."""
+    way = 0.55 * v**2 / (2.0 * acceleration)
+    least = v / acceleration + 2.0 * np.sqrt(
+        (v**2 / 2 / acceleration - way) / acceleration
+    )
+    robot = rail(acceleration, top)
+    problems = (
+        tm.Problem(robot, [0.0], tm.JointGoal([way]), v_start=[v]),
+        tm.Problem(robot, [way], tm.JointGoal([0.0], v=[-v])),
+    )
+    for problem in problems:
+        solution = tm.plan(problem, effort=effort)
+        assert solution.success and solution.T == pytest.approx(least, rel=2e-3)
