@@ -172,6 +172,24 @@ def test_via_points_passed_at_given_velocities_need_no_stop(given, most):
     assert solution.success and solution.T < most
 
 
+@pytest.fixture(scope="module")
+def whole() -> tm.Solution:
+    problem = tm.Problem(
+        tm.load_robot("planar3r"), [0.5, 1.7, -1.7], tm.JointGoal([1.0, 1.0, -1.0])
+    )
+    return tm.plan(problem, effort="quick")
+
+
+@pytest.mark.parametrize("shares", [(0.5, 0.55), (0.4, 0.6), (0.3, 0.4)])
+def test_a_part_of_a_fast_motion_takes_no_longer_than_it_does_there(whole, shares):
+    """The plans between two of its states took 6 to 26 times as long."""
+    first, last = (whole.trajectory(share * whole.T) for share in shares)
+    goal = tm.JointGoal(last.q, v=last.v, wrap=False)
+    problem = tm.Problem(whole.problem.robot, first.q, goal, v_start=first.v)
+    part = tm.plan(problem, effort="quick")
+    assert part.success and part.T < 1.001 * (shares[1] - shares[0]) * whole.T
+
+
 @pytest.mark.parametrize(
     ("v", "acceleration", "top"), [(3.0, 0.36, 3.1), (1.0, 0.04, 1.1), (1.0, 0.1, 1.1)]
 )

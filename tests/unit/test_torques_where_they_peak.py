@@ -24,7 +24,7 @@ def there_and_back() -> tm.Solution:
     arm = make_arm(rod(4.0, 0.6), rod(2.0, 0.5), effort=EFFORT, friction=(0.6, 0.4))
     start, goal = [0.0, 0.0], tm.JointGoal([0.6, -0.5])
     problem = tm.Problem(arm, start, goal, v_start=[-1.5, 1.0], self_collision=False)
-    return tm.plan(problem, intervals=12, control="linear", refine=None, effort="quick")
+    return tm.plan(problem, intervals=13, control="linear", refine=None, effort="quick")
 
 
 def test_torques_keep_their_limits_beside_turns(there_and_back: tm.Solution) -> None:

@@ -74,11 +74,12 @@ def speed_used(problem: Problem, q: Array, v: Array) -> Array:
     return np.asarray(used)
 
 
-def keeps_limits(system: ProblemFunctions, T: float, at: States) -> bool:
-    """Whether samples of a motion keep all limits and constraints but clearances.
+def largest_excess(system: ProblemFunctions, T: float, at: States) -> float:
+    """Largest excess of a motion over its limits and constraints, but clearances.
 
-    Where jerks or torque rates are limited, the motion is taken for one from rest to
-    rest whose accelerations rise and fall at a constant rate.
+    It is judged by samples, as a share of a limit, and zero within all limits. Where
+    jerks or torque rates are limited, the motion is taken for one from rest to rest
+    whose accelerations rise and fall at a constant rate.
 
     Args:
         system: Functions of the problem.
@@ -87,17 +88,19 @@ def keeps_limits(system: ProblemFunctions, T: float, at: States) -> bool:
     """
     q, v, a, inverse = at.q, at.v, at.a, system.motor_dynamics.inverse
     u = inverse(q, v, a)
-    rates = {"j": 8.0 * a / T, "du": 8.0 * (u - inverse(q, v, 0.0 * a)) / T}
+    worst, rates = (
+        [0.0],
+        {"j": 8.0 * a / T, "du": 8.0 * (u - inverse(q, v, 0.0 * a)) / T},
+    )
     for item in joint_limits(system.problem.robot, system.motion_limits):
         rate = rates.get(item.kind.quantity)
         beyond = item.beyond(q, v, a, u) if rate is None else item.outside(rate)
-        if np.any(beyond > CLOSE * item.scale):
-            return False
+        share = beyond[:, item.joints] / item.scale[item.joints]
+        worst.append(float(np.max(share, initial=0.0)))
     for each in system.problem.ready_constraints:
         value, (lower, upper) = each.evaluate(at), each.bounds(len(q))
-        if np.any(np.maximum(lower - value, value - upper) > CLOSE):
-            return False
-    return True
+        worst.append(float(np.max(np.maximum(lower - value, value - upper))))
+    return max(worst)
 
 
 def _speed(constraint: PathConstraint, q: Array, first: Array) -> float:

@@ -14,8 +14,9 @@ from tominpmp.arrays import Array
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.dynamics import directions
 from tominpmp.initial_guess.constrained import (
+    CLOSE,
     feasible_paths,
-    keeps_limits,
+    largest_excess,
     line_keeps_positions,
 )
 from tominpmp.initial_guess.inverse_kinematics import all_blocked, find_configurations
@@ -180,12 +181,12 @@ def path_guess(system: ProblemFunctions, corners: Array, name: str = SAMPLED) ->
 
 
 def _moving_guess(system: ProblemFunctions, q_end: Array) -> Guess | None:
-    """Motion with the velocities of both ends, in the least duration that is feasible.
+    """Motion with the velocities of both ends, in the least feasible duration.
 
     Feasible durations of motions that begin or end moving are separate intervals: such
     a motion goes on, or it has to overshoot its goal or take a run-up. They are judged
-    by samples. None if both ends are at rest, no duration is feasible, or the motion
-    hits an obstacle.
+    by samples. As faster motions exist than those tried, a minimum of the excess below
+    100 % counts as an interval. None if both ends rest, or the motion hits an obstacle.
     """
     q, v, v_end = system.problem.q_start, system.v_start, end_velocity(system, q_end)
     if not (np.any(v) or np.any(v_end)):
@@ -198,12 +199,16 @@ def _moving_guess(system: ProblemFunctions, q_end: Array) -> Guess | None:
     durations = least * np.geomspace(1.001, 1e7, SAMPLES)
     durations = np.sort(np.append(durations, direct[direct > durations[0]]))
     shares = np.linspace(1e-9, 1.0 - 1e-9, 17)  # accelerations begin and end in jumps
+    best = np.inf, 0.0
     for T in durations.tolist():
-        if keeps_limits(system, T, between_velocities(ends, top, T, T * shares)):
-            at = between_velocities(ends, top, T, np.linspace(0.0, T, SAMPLES))
-            clear = system.in_free_space or all(is_free(system, q) for q in at.q[::10])
-            return Guess(MOVING, at.t, at.q, True, solved=True) if clear else None
-    return None
+        at = between_velocities(ends, top, T, T * shares)
+        excess = largest_excess(system, T, at)
+        best = min(best, (excess, T))
+        if best[0] <= CLOSE or best[0] < min(excess, 1.0):
+            break
+    at = between_velocities(ends, top, best[1], np.linspace(0.0, best[1], SAMPLES))
+    clear = system.in_free_space or all(is_free(system, q) for q in at.q[::10])
+    return Guess(MOVING, at.t, at.q, True, solved=True) if clear else None
 
 
 def end_velocity(system: ProblemFunctions, q_end: Array) -> Array:
