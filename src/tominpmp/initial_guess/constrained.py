@@ -88,10 +88,9 @@ def largest_excess(system: ProblemFunctions, T: float, at: States) -> float:
     """
     q, v, a, inverse = at.q, at.v, at.a, system.motor_dynamics.inverse
     u = inverse(q, v, a)
-    worst, rates = (
-        [0.0],
-        {"j": 8.0 * a / T, "du": 8.0 * (u - inverse(q, v, 0.0 * a)) / T},
-    )
+    inertial = u - inverse(q, v, 0.0 * a)
+    rates = {"j": 8.0 * a / T, "du": 8.0 * inertial / T}
+    worst = [0.0]
     for item in joint_limits(system.problem.robot, system.motion_limits):
         rate = rates.get(item.kind.quantity)
         beyond = item.beyond(q, v, a, u) if rate is None else item.outside(rate)

@@ -207,7 +207,7 @@ def between_velocities(
     """
     q, v, q_end, v_end = ends
     way, mean = q_end - q, 0.5 * (v + v_end)
-    # What constant accelerations would lack of the displacement.
+    # Displacement beyond that of constant accelerations.
     lack = way - T * mean
     wide = np.copysign(np.hypot(lack, 0.5 * T * (v_end - v)), lack)
     peak = np.clip(mean + (lack + wide) / T, -top, top)
