@@ -46,6 +46,9 @@ MOST_ROWS = 200_000
 # Ratio of the first step of a piece to the last step of the piece before.
 GROWTH = 1.5
 LSODA_STEPS = 20_000
+# Events closer to the end of a piece are neglected: no solver can step over the rest
+# [spacings of floating-point numbers].
+NEGLECTED = 100.0
 # Largest number of evaluations before an integration is given up.
 MAX_EVALUATIONS = 500_000
 # Number of evaluations between checks of the deadline.
@@ -388,6 +391,8 @@ class Integration:
                     continue
                 curve = solver.dense_output()
                 t = plant.changes(solver.t_old, t, curve)
+                if end - t < NEGLECTED * np.spacing(end):
+                    t = end
                 behind = int(np.searchsorted(ticks, t, side="right"))
                 rows[done:behind] = curve(ticks[done:behind]).T
                 ways[passed:] = plant.way
