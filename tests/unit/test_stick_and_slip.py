@@ -255,6 +255,19 @@ def test_a_mass_stops_and_stays(integrator: str) -> None:
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_a_wrist_may_stop_within_rounding_before_the_end(integrator: str) -> None:
+    """No solver can step over such a rest, and the replays did not reach the end."""
+    robot = make_arm(Link(0.02, inertia=LIGHT), effort=20.0, friction=1.0)
+    stop = 1.6 * LIGHT / 21.0
+    u, zero = np.array([[1.0], [-20.0], [-20.0]]), np.zeros((3, 1))
+    problem = tm.Problem(robot, [0.0], tm.JointGoal([0.0]), v_start=[1.6])
+    for spacings in range(-5, 50):
+        end = 1.0 + stop + spacings * np.spacing(1.0)
+        motion = tm.Trajectory(robot.joint_names, [0.0, 1.0, end], zero, zero, u)  # type: ignore[arg-type]
+        assert replay(problem, motion, integrator=integrator).complete  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_a_mass_turns_where_friction_cannot_hold_it(integrator: str) -> None:
     robot = make_arm(slide(MASS), effort=10.0, friction=FRICTION)
     t, q, v = pushed(robot, [-5.0], 1.0, integrator, v=[1.0]).T
