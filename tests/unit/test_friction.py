@@ -396,3 +396,15 @@ def test_scenarios_keep_the_friction(tmp_path: Path) -> None:
     tm.save_scenario(path, problem)
     assert "friction" in path.read_text(encoding="utf-8")
     assert tm.load_scenario(path).problem.robot == robot
+
+
+def test_rows_beside_reversals_do_not_join_without_end() -> None:
+    """Reversals moved on at each step, and the plan took all of its time for 0.504 s."""
+    robot = tm.load_robot("ur5", limits="urdf", friction=5.0)
+    robot = robot.with_changes(velocity=4.0 * robot.limits.velocity)
+    start, end = [1.7, -0.9, 1.2, -0.8, 1.7, -1.6], [-1.2, -2.1, -1.9, 3.0, -0.7, 0.3]
+    goal = tm.JointGoal(end, wrap=False)
+    problem = tm.Problem(robot, start, goal, self_collision=False)
+    solution = tm.plan(problem, max_planning_time=math.inf)
+    assert solution.success and solution.T < 0.41
+    assert len(solution.history) < 120

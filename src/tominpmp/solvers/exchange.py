@@ -34,10 +34,14 @@ FAR = 1e-2
 # Iterations that an exchange adds to the iteration limit, and how often it does.
 ITERATIONS, EXTENSIONS = 25, 12
 # Least trust-region radius, as a share of the initial one, after rows have joined. If
-# the motion was nearly optimal without them, it is the largest radius instead, and
+# the motion is nearly optimal without them, it is the largest radius instead, and
 # SMALLEST the least: a step uses the whole trust region for unknowns that the duration
 # leaves free, and the violations that it causes grow with the square of the radius.
 LEAST_RADIUS, SMALLEST = 0.1, 0.01
+# A motion is nearly optimal if its duration has changed by at most this share since
+# rows last joined. Each of these joins halves the radius: reversals of joints with dry
+# friction would otherwise move on, and with them the rows that are missing.
+SETTLED = 1e-4
 
 Revise = Callable[[NonlinearProgram, Array], tuple[NonlinearProgram, Array] | None]
 
@@ -73,7 +77,10 @@ class RowExchange:
         level: Reduction of the merit in an iteration, as a share of the duration, below
             which an exchange is due; with 0 it is due only at the end of the iteration.
         extensions: How often rows have joined and extended the iteration limit.
-        joined_at: Duration when rows last joined [s]; None before.
+        recent: Whether rows have joined since the last check.
+        joined_at: Duration when rows last joined [s]; infinite before.
+        radius: Least trust-region radius after rows have joined, or the largest one for
+            a nearly optimal motion.
         longest: Motions with a longer duration are not checked [s].
         small_violation: At the end of the iteration, violations of missing rows up to
             this are removed by slowing the motion down instead; 0 for never.
@@ -83,7 +90,9 @@ class RowExchange:
 
     level: float = FIRST_LEVEL
     extensions: int = 0
-    joined_at: float | None = None
+    recent: bool = False
+    joined_at: float = math.inf
+    radius: float = LEAST_RADIUS
     longest: float = LONGEST
     small_violation: float = 0.0
     revise: Revise = with_missing_rows
@@ -109,10 +118,12 @@ class RowExchange:
 
     def _rows_settled(self, loop: Loop) -> bool:
         """Whether the violations of the rows that joined last are removed."""
-        if self.joined_at is None or loop.state.violation > NEARLY_KEPT:
-            return False
-        changed = abs(loop.state.duration - self.joined_at)
-        return changed <= UNMOVED * self.joined_at
+        kept = self.recent and loop.state.violation <= NEARLY_KEPT
+        return kept and self._changed(loop) <= UNMOVED
+
+    def _changed(self, loop: Loop) -> float:
+        """Change of the duration since rows last joined, as a share of it."""
+        return abs(self.joined_at / loop.state.duration - 1.0)
 
     def join(
         self, loop: Loop, status: Status | None
@@ -126,7 +137,7 @@ class RowExchange:
         Returns:
             The exchange from now on, and the new status: None to continue.
         """
-        exchange = replace(self, level=LEVEL_FACTOR * self.level, joined_at=None)
+        exchange = replace(self, level=LEVEL_FACTOR * self.level, recent=False)
         changed, reached = self.revise(loop.program, loop.state.z), loop.state
         if changed is None and status is not None:
             loop.end(status)
@@ -140,11 +151,16 @@ class RowExchange:
             return exchange, Status.ITERATION_LIMIT if settled else status
         loop.program, z = changed
         joined = loop.state.on(loop.program, z)
-        radius = max(joined.radius, LEAST_RADIUS)
-        if self.level == 0.0:
-            radius = min(max(math.sqrt(joined.violation), SMALLEST), LEAST_RADIUS)
+        settled, limit = self._changed(loop) <= SETTLED, self.radius
+        if settled:
+            limit *= 0.5
+        radius = max(joined.radius, limit)
+        if settled or self.level == 0.0:
+            radius = min(max(math.sqrt(joined.violation), SMALLEST), limit)
         loop.state, loop.best = replace(joined, radius=radius, gains=()), None
-        exchange = replace(exchange, joined_at=loop.state.duration)
+        exchange = replace(
+            exchange, recent=True, joined_at=joined.duration, radius=limit
+        )
         if self.extensions < EXTENSIONS:
             exchange = replace(exchange, extensions=self.extensions + 1)
             loop.extended_limit = len(loop.history) + ITERATIONS

@@ -71,7 +71,7 @@ RATES_INSPECTED = (
 # Number of steps in each interval between which velocities are compared for reversals.
 REVERSAL_STEPS = 8
 # Torques are inspected at this distance from a reversal, in shares of the interval.
-REVERSAL_OFFSET = 0.02
+REVERSAL_OFFSET = 0.005
 
 
 def exchanged(
