@@ -1,8 +1,7 @@
 """Paths of guesses that satisfy the constraints on positions along the motion.
 
-A straight line in joint space neither keeps a tool upright nor its path short. Its
-configurations are therefore shifted, as little as possible, until the constraints on
-positions hold, or until a tool with a speed limit moves on a straight line.
+A straight line in joint space does not keep a tool upright. Its configurations are
+therefore shifted, as little as possible, until the constraints on positions hold.
 """
 
 from __future__ import annotations
@@ -24,9 +23,6 @@ if TYPE_CHECKING:
 
 # Number of configurations of a path that are shifted, and of least-squares steps.
 PLACES, STEPS = 24, 12
-# Shares of straightness of the path of a tool, in the order of the trials: not every
-# arm reaches all points of the straight line.
-STRAIGHT = (1.0, 0.7, 0.4)
 # Tolerance of a shifted configuration: violations as shares of their scale, distances
 # of frames as shares of the reach.
 CLOSE = 1e-4
@@ -126,8 +122,8 @@ def position_constraints(problem: Problem) -> list[PathConstraint]:
     return [item for item in constraints if item.order == 0 and item.window is None]
 
 
-def feasible_paths(system: ProblemFunctions, q_end: Array, keeps: bool) -> list[Array]:
-    """Paths from the start to a configuration that satisfy constraints on the way.
+def feasible_path(system: ProblemFunctions, q_end: Array, keeps: bool) -> Array | None:
+    """A path from the start to a configuration that satisfies constraints on the way.
 
     Args:
         system: Functions of the problem.
@@ -135,28 +131,13 @@ def feasible_paths(system: ProblemFunctions, q_end: Array, keeps: bool) -> list[
         keeps: Whether the straight line satisfies the constraints on positions.
 
     Returns:
-        Corners of each path, shape (m, n): a path that satisfies the constraints on
-        positions, if the straight line violates them or a frame has to follow a curve;
-        and a path on which tools with a speed limit move straight, if no frame has to
-        follow a curve. The list is empty if there are no such constraints, or no path
-        was found.
+        Corners of the path, shape (m, n); None if no path was found, or if the straight
+        line satisfies the constraints on positions and no frame has to follow a curve.
     """
-    problem = system.problem
-    held = position_constraints(problem)
-    line = np.linspace(problem.q_start, q_end, PLACES + 1)
-    paths: list[Array | None] = []
+    held = position_constraints(system.problem)
+    line = np.linspace(system.problem.q_start, q_end, PLACES + 1)
     guided = _guided(system, line, held)
-    if guided or not keeps:
-        paths.append(_shifted(system, line, guided, held))
-    always = [item for item in problem.ready_constraints if item.window is None]
-    fast = [item.top_speed[0] for item in always if item.top_speed is not None]
-    for straight in STRAIGHT if fast and not guided else ():
-        points = _straight(system, line, fast, straight)
-        path = _shifted(system, line, points, held)
-        paths.append(path)
-        if path is not None:
-            break
-    return [path for path in paths if path is not None]
+    return _shifted(system, line, guided, held) if guided or not keeps else None
 
 
 def _guided(
@@ -183,24 +164,6 @@ def line_keeps_positions(system: ProblemFunctions, q_end: Array) -> bool:
         for item in position_constraints(system.problem)
         for q in path
     )
-
-
-def _straight(
-    system: ProblemFunctions, line: Array, frames: Sequence[str], straight: float
-) -> dict[str, Array]:
-    """Points of straight tool paths, by frame, shape (m, 3) [m].
-
-    They are means of the straight line, weighted by ``straight``, and of the path of
-    the tool along the straight line in joint space.
-    """
-    shares = np.linspace(0.0, 1.0, len(line))[:, None]
-    points: dict[str, Array] = {}
-    for frame in frames:
-        places = [system.kinematics.placement(q, frame).translation for q in line]
-        bent = np.array(places)
-        even = bent[0] + shares * (bent[-1] - bent[0])
-        points[frame] = bent + straight * (even - bent)
-    return points
 
 
 def _shifted(

@@ -15,7 +15,7 @@ from tominpmp.constraints.path import PathConstraint
 from tominpmp.dynamics import directions
 from tominpmp.initial_guess.constrained import (
     CLOSE,
-    feasible_paths,
+    feasible_path,
     largest_excess,
     line_keeps_positions,
 )
@@ -146,16 +146,17 @@ def straight_guess(
 
 
 def line_guess(system: ProblemFunctions, q_end: Array) -> Guess:
-    """The straight line, or the fastest path near it that satisfies constraints.
+    """The straight line, or a path near it that satisfies constraints.
 
-    If the straight line satisfies the constraints on positions, the fastest of the line
-    and these paths is taken.
+    If the straight line satisfies the constraints on positions, the faster of both is
+    taken.
     """
     keeps = line_keeps_positions(system, q_end)
-    paths = feasible_paths(system, q_end, keeps)
-    guesses = [along_guess(system, path, WITHIN_CONSTRAINTS) for path in paths]
-    if keeps or not guesses:
-        guesses.insert(0, replace(straight_guess(system, q_end), keeps=keeps))
+    path, guesses = feasible_path(system, q_end, keeps), list[Guess]()
+    if keeps or path is None:
+        guesses.append(replace(straight_guess(system, q_end), keeps=keeps))
+    if path is not None:
+        guesses.append(along_guess(system, path, WITHIN_CONSTRAINTS))
     return min(guesses, key=_pace)
 
 
