@@ -13,7 +13,7 @@ from tests.sample_arms import make_arm, slide
 from tests.schedules import carried_out, loop_with
 from tominpmp.initial_guess.guess import initial_guesses, straight_guess
 from tominpmp.planner.automatic_options import resolve_options
-from tominpmp.planner.coarse_search import PATIENCE, CoarseSearch
+from tominpmp.planner.coarse_search import CoarseSearch
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -64,41 +64,6 @@ def loop(search, records, rows=10):
         rows=np.zeros(rows), trajectory=lambda z: program.trajectory(iterate.z)
     )
     return loop_with(records, program=there, best=None, state=iterate)
-
-
-def test_a_start_ends_where_it_is_stuck_and_far_from_any_motion(judged):
-    search, say = judged
-    far = record(search, violation=0.1)
-    assert say(far, 1, 10) is None
-    assert say(replace(far, radius=1e-3), 1, 10) is Status.STALLED
-    assert say(record(search, radius=1e-3), 1, 10) is None
-
-
-@pytest.fixture
-def judged(coarse, monkeypatch):
-    """The status that a record is given, by the numbers of records and of rows."""
-    search, _ = coarse
-    known, rule = search.known, search._drop_early()
-
-    def say(record, count, rows):
-        looked_at = loop(search, [record] * count, rows)
-        monkeypatch.setattr(search, "known", [])
-        status = rule(looked_at)
-        monkeypatch.setattr(search, "known", known)
-        return status
-
-    return search, say
-
-
-def test_rows_that_join_a_start_get_iterations_of_their_own(judged):
-    """It was dropped in the very iteration that the rows had joined."""
-    search, say = judged
-    far = record(search, violation=0.1)
-    assert [say(far, count, 10) for count in (1, PATIENCE)] == [None, None]
-    assert say(far, PATIENCE + 1, 10) is Status.STALLED
-    most = 2 * PATIENCE
-    assert [say(far, count, 12) for count in (PATIENCE, most - 1)] == [None, None]
-    assert say(far, most, 12) is Status.STALLED
 
 
 def test_a_start_ends_that_will_be_no_faster_than_one_before(monkeypatch):

@@ -66,10 +66,6 @@ TORQUE_INTERVALS, TORQUE_VARIABLES = 80, 640
 # Discretisation loss of a coarse grid, as a share of T: for motions that torque limits
 # rule, and for motions that speed limits rule.
 TORQUE_LOSS, SPEED_LOSS = 0.06, 0.01
-# A start that is not nearly feasible is dropped PATIENCE iterations after rows have
-# last joined its program, or once its trust-region radius is below STUCK.
-PATIENCE = 12
-STUCK = 0.02
 # Extrapolated gain of all remaining iterations, in multiples of the last gain.
 REMAINING = 3.0
 # Least predicted gain over the incumbent for which a coarse motion is finished, as a
@@ -353,17 +349,11 @@ class CoarseSearch:
         return rough
 
     def _drop_early(self) -> Rule:
-        """Stop rule that drops a start whose motion is known, slow or infeasible."""
-        rows = joined = 0
+        """Stop rule that drops a start whose motion is known or slow."""
 
         def rule(loop: Loop) -> Status | None:
-            nonlocal rows, joined
-            count, record = len(loop.history), loop.history[-1]
-            if loop.program.rows.size != rows:
-                joined, rows = count, loop.program.rows.size
-            if record.violation > NEARLY:
-                over = count - joined >= PATIENCE or record.radius < STUCK
-                return loop.drop() if over else None
+            if loop.history[-1].violation > NEARLY:
+                return None
             known = bool(self.known) and self._is_known(self._shape_at(loop))
             return loop.drop() if known or self._is_slower(loop) else None
 
