@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -18,6 +20,7 @@ from tominpmp.planner.work import _slowed_down, make_and_repair, use_fallback
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.stopping import Deadline, Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
+from tominpmp.verification.limit_violations import LimitViolation
 
 # What "auto" comes to.
 RESOLVED = {"method": "inverse", "lp_solver": "piqp"}
@@ -106,6 +109,21 @@ def test_a_fallback_that_does_not_hold_is_infeasible(monkeypatch):
     monkeypatch.setattr(Candidate, "verified", lambda self, *_: self)
     use_fallback(state, tm.Status.FEASIBLE)
     assert state.candidates[-1].status is tm.Status.INFEASIBLE
+
+
+def test_a_motion_whose_links_touch_is_replayed_once(monkeypatch):
+    """It was replayed at four lower speeds, too, after the end of the planning time."""
+    state, known, replays = with_coarse_fallback(), Candidate.verified, []
+    touch = LimitViolation("clearance", "a and b", 0.1, 0.01, "m", 0.01, True)
+
+    def touching(*given):
+        replays.append(known(*given))
+        found = replace(replays[-1].verification, ok=False, violations=(touch,))
+        return replace(replays[-1], verification=found)
+
+    monkeypatch.setattr(Candidate, "verified", touching)
+    use_fallback(state, tm.Status.TIME_LIMIT)
+    assert len(replays) == 1 + len(state.first_guesses)
 
 
 def test_starts_that_all_end_without_a_motion_leave_a_guess_slowed_down():

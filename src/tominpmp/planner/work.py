@@ -306,6 +306,7 @@ def _scaled(fallback: Fallback, candidate: Candidate, options: Options) -> Candi
         motion = slow.program.trajectory(z)
         candidate = replace(candidate, trajectory=motion, layout=None, feasible=True)
         candidate = candidate.verified(problem, options)
-        if candidate.confirmed:
+        # On the same path, links touch at any speed, unless obstacles move.
+        if candidate.confirmed or (candidate.touches and not problem.checker.moving):
             break
     return candidate
