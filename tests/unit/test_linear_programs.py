@@ -101,15 +101,8 @@ def test_resolving_equals_solving_afresh(name):
     solver = installed(name)
     assert solver.solve(p).optimal
     shift = 0.02 * rng.normal(size=p.row_lower.size)
-    again = solver.resolve(p.row_lower + shift, p.row_upper + shift)
-    fresh = program(
-        p.cost,
-        p.matrix.toarray(),
-        p.row_lower + shift,
-        p.row_upper + shift,
-        p.lower,
-        p.upper,
-    )
+    fresh = replace(p, row_lower=p.row_lower + shift, row_upper=p.row_upper + shift)
+    again = solver.resolve(fresh)
     assert again.optimal
     assert p.cost @ again.x == pytest.approx(reference(fresh).fun, abs=1e-5)
 
@@ -172,10 +165,9 @@ def test_many_columns_without_a_basis_are_no_work_for_pivots(monkeypatch):
     inside = (first.x > p.lower + 1e-7) & (first.x < p.upper - 1e-7)
     np.testing.assert_allclose(slope[inside], 0.0, atol=1e-7)
     shift = np.random.default_rng(8).normal(scale=0.05, size=60)
-    again = solver.resolve(p.row_lower + shift, p.row_upper + shift)
-    cold = make_solver("piqp").solve(
-        replace(p, row_lower=p.row_lower + shift, row_upper=p.row_upper + shift)
-    )
+    shifted = replace(p, row_lower=p.row_lower + shift, row_upper=p.row_upper + shift)
+    again = solver.resolve(shifted)
+    cold = make_solver("piqp").solve(shifted)
     assert again.optimal
     assert 0 < again.iterations < 40
     assert p.cost @ again.x == pytest.approx(p.cost @ cold.x, abs=1e-5)
@@ -246,7 +238,8 @@ def test_curved_programs_of_huge_coefficients_are_left_to_no_simplex(largest):
     assert cost @ found.x == pytest.approx(cost @ exact.x, abs=1e-4)
     # What follows from it does not try stages again.
     begun = found.iterations
-    again = solver.resolve(0.9 * flat.row_lower, 0.9 * flat.row_upper)
+    lower, upper = 0.9 * flat.row_lower, 0.9 * flat.row_upper
+    again = solver.resolve(replace(curved, row_lower=lower, row_upper=upper))
     assert again.optimal and again.iterations <= begun
     assert solver.solve(curved).iterations < 60
 

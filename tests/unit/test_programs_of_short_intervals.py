@@ -41,7 +41,7 @@ def second_differences(sharpest: float) -> LinearProgram:
 def test_interior_points_solve_them_without_the_simplex_method(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def never(self: PiqpSolver, begin: float, spent: int) -> None:
+    def never(self: PiqpSolver, program: LinearProgram, spent: int) -> None:
         raise AssertionError("left to the simplex method")
 
     program = second_differences(1e10)
@@ -52,7 +52,7 @@ def test_interior_points_solve_them_without_the_simplex_method(
     assert found.optimal
     assert found.iterations < PIQP_ITERATIONS
     assert program.cost @ found.x == pytest.approx(program.cost @ exact.x, abs=1e-4)
-    again = solver.resolve(program.row_lower, program.row_upper)
+    again = solver.resolve(program)
     assert program.cost @ again.x == pytest.approx(program.cost @ found.x, abs=1e-5)
 
 

@@ -148,7 +148,9 @@ def test_programs_that_are_hard_for_interior_points_go_to_the_simplex_method(
     found = solver.solve(p)
     assert found.optimal
     assert p.cost @ found.x == pytest.approx(reference(p).fun, abs=1e-7)
-    again = solver.resolve(p.row_lower - 0.01, p.row_upper + 0.01)
+    again = solver.resolve(
+        replace(p, row_lower=p.row_lower - 0.01, row_upper=p.row_upper + 0.01)
+    )
     assert again.optimal
     assert p.cost @ again.x <= p.cost @ found.x + 1e-9
     # The next program is tried by interior points again.

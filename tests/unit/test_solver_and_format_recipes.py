@@ -6,7 +6,6 @@ to be in the recipes.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO
 
@@ -32,7 +31,6 @@ class ScipySolver(LpSolver):
     """SciPy's ``linprog``."""
 
     def solve(self, program: LinearProgram) -> LpSolution:
-        self.program = program
         p, rows = program, program.matrix.tocsr()
         equal = p.row_lower == p.row_upper
         high = ~equal & np.isfinite(p.row_upper)
@@ -45,17 +43,12 @@ class ScipySolver(LpSolver):
         )
         if found.x is None:
             none = np.zeros(p.row_lower.size)
-            return LpSolution(False, np.zeros(p.cost.size), none, 0, 0.0)
+            return LpSolution(False, np.zeros(p.cost.size), none, 0)
         duals = np.zeros(p.row_lower.size)
         duals[high] = -found.ineqlin.marginals[: np.count_nonzero(high)]
         duals[low] += found.ineqlin.marginals[np.count_nonzero(high) :]
         duals[equal] = -found.eqlin.marginals
-        return LpSolution(found.status == 0, found.x, duals, found.nit, 0.0)
-
-    def resolve(self, row_lower: np.ndarray, row_upper: np.ndarray) -> LpSolution:
-        return self.solve(
-            replace(self.program, row_lower=row_lower, row_upper=row_upper)
-        )
+        return LpSolution(found.status == 0, found.x, duals, found.nit)
 
 
 def test_a_solver_of_linear_programs_of_ones_own(planar3r: tm.Robot) -> None:

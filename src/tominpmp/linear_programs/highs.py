@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 import highspy
 import numpy as np
 
-from tominpmp.arrays import Array
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.linear_programs.solver import MANY_COLUMNS, LpSolver
 from tominpmp.stopping import check, due, seconds_left
@@ -64,14 +62,14 @@ class HighsSolver(LpSolver):
                 return found
         return self._run()
 
-    def resolve(self, row_lower: Array, row_upper: Array) -> LpSolution:
+    def resolve(self, program: LinearProgram) -> LpSolution:
         """Solve again: as the basis remains dual feasible, a few pivots suffice."""
-        indices = np.arange(row_lower.size, dtype=np.int32)
-        self._highs.changeRowsBounds(row_lower.size, indices, row_lower, row_upper)
+        lower, upper = program.row_lower, program.row_upper
+        indices = np.arange(lower.size, dtype=np.int32)
+        self._highs.changeRowsBounds(lower.size, indices, lower, upper)
         return self._run()
 
     def _run(self, method: str = "simplex") -> LpSolution:
-        begin = time.perf_counter()
         self._highs.setOptionValue("solver", method)
         # The time limit of HiGHS counts all runs of the same object.
         limit = self._highs.getRunTime() + seconds_left()
@@ -86,7 +84,6 @@ class HighsSolver(LpSolver):
             np.array(solution.col_value),
             -np.array(solution.row_dual),
             max(int(info.simplex_iteration_count), 0),
-            time.perf_counter() - begin,
         )
 
 

@@ -143,18 +143,17 @@ class PiqpSolver(LpSolver):
         self._scale: Array = np.zeros(0)
         self._equal: BoolArray = np.zeros(0, dtype=bool)
         self._pace, self._stages_fail = 0.0, False
-        self._program: LinearProgram | None = None
         self._simplex: HighsSolver | None = None
 
     def solve(self, program: LinearProgram) -> LpSolution:
         """Solve a program; the interior-point method has no warm start."""
         begin = time.perf_counter()
-        self._program, self._simplex = program, None
+        self._simplex = None
         self._set_up(program)
-        solution = self._run(begin)
+        solution = self._run(program, begin)
         if solution.optimal:
             return solution
-        return self._solve_by_simplex(begin, solution.iterations)
+        return self._solve_by_simplex(program, solution.iterations)
 
     def _set_up(self, program: LinearProgram) -> None:
         self._equal = equal = program.row_lower == program.row_upper
@@ -182,46 +181,37 @@ class PiqpSolver(LpSolver):
             np.minimum(program.upper, HUGE),
         )
 
-    def resolve(self, row_lower: Array, row_upper: Array) -> LpSolution:
+    def resolve(self, program: LinearProgram) -> LpSolution:
         """Solve again with other row bounds; the symbolic factorisation is kept."""
         begin = time.perf_counter()
         if self._simplex is not None:
-            return self._simplex.resolve(row_lower, row_upper)
-        equal, program = self._equal, self._program
-        assert program is not None  # noqa: S101
-        self._program = replace(program, row_lower=row_lower, row_upper=row_upper)
+            return self._simplex.resolve(program)
+        equal, lower, upper = self._equal, program.row_lower, program.row_upper
         self._solver.update(
-            b=self._scale * row_lower[equal] if equal.any() else None,
-            h_l=np.maximum(row_lower[~equal], -HUGE),
-            h_u=np.minimum(row_upper[~equal], HUGE),
+            b=self._scale * lower[equal] if equal.any() else None,
+            h_l=np.maximum(lower[~equal], -HUGE),
+            h_u=np.minimum(upper[~equal], HUGE),
         )
-        return self._run(begin)
+        return self._run(program, begin)
 
-    def _run(self, begin: float) -> LpSolution:
-        assert self._program is not None  # noqa: S101
+    def _run(self, program: LinearProgram, begin: float) -> LpSolution:
         spent = self._try(begin, self._termination.residual)
         if not self._solved and self._solver.settings.kkt_solver == STAGED:
             # Without pivoting between stages, coefficients of 1e9 next to others of 1
             # may lead to NaN or wrong numbers. Other programs of the same motion have
             # such coefficients, too.
             self._stages_fail = True
-            self._set_up(self._program)
+            self._set_up(program)
             spent += self._try(begin, self._termination.residual)
             self._stages_fail = self._solved
-        if not self._solved and (self._exact or self._program.cost.size > MANY_COLUMNS):
+        if not self._solved and (self._exact or program.cost.size > MANY_COLUMNS):
             spent += self._try(begin, RESIDUAL, refined=True)
         result = self._solver.result
         duals = np.zeros(self._equal.size)
         duals[self._equal] = self._scale * result.y
         duals[~self._equal] = result.z_u - result.z_l
-        return LpSolution(
-            self._solved,
-            np.array(result.x),
-            duals,
-            spent,
-            time.perf_counter() - begin,
-            curved=True,
-        )
+        x = np.array(result.x)
+        return LpSolution(self._solved, x, duals, spent, curved=True)
 
     def _try(self, begin: float, residual: float, *, refined: bool = False) -> int:
         """Run PIQP; returns the number of iterations."""
@@ -251,13 +241,11 @@ class PiqpSolver(LpSolver):
         """Whether the last run has converged to the requested residual."""
         return bool(self._solver.result.info.status == piqp.PIQP_SOLVED)
 
-    def _solve_by_simplex(self, begin: float, spent: int) -> LpSolution:
+    def _solve_by_simplex(self, program: LinearProgram, spent: int) -> LpSolution:
         """Solve the program, and later changes of its bounds, by the simplex method."""
-        self._simplex, program = HighsSolver(), self._program
-        assert program is not None  # noqa: S101
+        self._simplex = HighsSolver()
         solution = self._simplex.solve(program)
-        iterations, seconds = spent + solution.iterations, time.perf_counter() - begin
-        return replace(solution, iterations=iterations, seconds=seconds)
+        return replace(solution, iterations=spent + solution.iterations)
 
     def _limit(self) -> None:
         """Limit the iterations by the remaining time, as PIQP has no time limit."""

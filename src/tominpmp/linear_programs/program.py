@@ -56,7 +56,6 @@ class LpSolution:
         row_duals: Multipliers of the rows, shape (m,): sensitivity of the optimum to
             the active bound, positive at an upper bound, negative at a lower one.
         iterations: Simplex pivots or interior-point iterations.
-        seconds: Time taken [s].
         curved: Whether the solver took the curvature, if there is any, into account.
     """
 
@@ -64,5 +63,4 @@ class LpSolution:
     x: Array
     row_duals: Array
     iterations: int
-    seconds: float
     curved: bool = False

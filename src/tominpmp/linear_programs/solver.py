@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 
-from tominpmp.arrays import Array
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
 
 # Value that stands for infinite bounds in solvers without an infinity.
@@ -26,6 +25,6 @@ class LpSolver(ABC):
     def solve(self, program: LinearProgram) -> LpSolution:
         """Solve a program, warm started from the last one if the method allows it."""
 
-    @abstractmethod
-    def resolve(self, row_lower: Array, row_upper: Array) -> LpSolution:
-        """Solve the last program again with other row bounds."""
+    def resolve(self, program: LinearProgram) -> LpSolution:
+        """Solve the last program again, of which only the row bounds have changed."""
+        return self.solve(program)

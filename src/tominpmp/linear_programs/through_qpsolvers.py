@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
-from tominpmp.arrays import Array
 from tominpmp.linear_programs.highs import HighsSolver
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.linear_programs.solver import HUGE, LpSolver
@@ -30,21 +28,17 @@ class QpsolversSolver(LpSolver):
 
     def __init__(self, name: str) -> None:
         self.name = name
-        self._program: LinearProgram | None = None
 
     def solve(self, program: LinearProgram) -> LpSolution:
         """Solve a program from scratch; if that fails, by the simplex method."""
-        self._program = program
-        solution = self.resolve(program.row_lower, program.row_upper)
+        solution = self.resolve(program)
         return solution if solution.optimal else HighsSolver().solve(program)
 
-    def resolve(self, row_lower: Array, row_upper: Array) -> LpSolution:
+    def resolve(self, program: LinearProgram) -> LpSolution:
         """Solve the last program from scratch with other row bounds."""
-        assert self._program is not None  # noqa: S101
         import qpsolvers  # the import takes longer than most plans
 
-        begin = time.perf_counter()
-        program, name = self._program, self.name
+        row_lower, row_upper = program.row_lower, program.row_upper
         rows, size = program.matrix.tocsr(), program.cost.size
         equal = row_lower == row_upper
         high = ~equal & (row_upper < HUGE)
@@ -61,9 +55,9 @@ class QpsolversSolver(LpSolver):
         )
         left = seconds_left()
         settings: dict[str, Any] = {}
-        if name in TIME_LIMITS and np.isfinite(left):
-            settings[TIME_LIMITS[name]] = left
-        solution = qpsolvers.solve_problem(problem, solver=name, **settings)
+        if self.name in TIME_LIMITS and np.isfinite(left):
+            settings[TIME_LIMITS[self.name]] = left
+        solution = qpsolvers.solve_problem(problem, solver=self.name, **settings)
         check()
         duals = np.zeros(row_lower.size)
         if solution.found and solution.z is not None:
@@ -73,5 +67,4 @@ class QpsolversSolver(LpSolver):
         if solution.found and solution.y is not None and equal.any():
             duals[equal] = solution.y
         x = np.zeros(size) if solution.x is None else solution.x
-        seconds = time.perf_counter() - begin
-        return LpSolution(bool(solution.found), x, duals, 0, seconds, curved=True)
+        return LpSolution(bool(solution.found), x, duals, 0, curved=True)

@@ -94,7 +94,7 @@ class FixedStep:
         steps = torques.fixed_steps(z, self.control_step, self.time_step)
         linearization = nlp.linearize(z, state.values, steps)
         program = _build_program(state, linearization, steps)
-        solution = loop.count(self.lp.solve(program))
+        solution = loop.solved(self.lp.solve, program)
         if not solution.optimal:
             loop.advance(replace(state, radius=0.0), None)
             return

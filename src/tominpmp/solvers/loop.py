@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.linear_programs.program import LpSolution
+from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.solvers.iterate import Iterate, Outcome, SlpResult
 from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Stop, grace
@@ -152,11 +152,15 @@ class Loop:
     extended_limit: int = 0
     dropped: bool = False
     _begin: float = field(default_factory=time.perf_counter)
-    _solved: list[LpSolution] = field(default_factory=list)
+    _solved: list[tuple[int, float]] = field(default_factory=list)
 
-    def count(self, solution: LpSolution) -> LpSolution:
-        """Count a solved program in the record of this iteration; returns it."""
-        self._solved.append(solution)
+    def solved(
+        self, solve: Callable[[LinearProgram], LpSolution], program: LinearProgram
+    ) -> LpSolution:
+        """Solve a program, and count it in the record of this iteration."""
+        begin = time.perf_counter()
+        solution = solve(program)
+        self._solved.append((solution.iterations, time.perf_counter() - begin))
         return solution
 
     def advance(self, state: Iterate, outcome: Outcome | None) -> None:
@@ -175,8 +179,8 @@ class Loop:
             radius=state.radius,
             accepted=outcome is not None and outcome.accepted,
             programs=len(self._solved),
-            pivots=sum(solution.iterations for solution in self._solved),
-            program_seconds=sum(solution.seconds for solution in self._solved),
+            pivots=sum(iterations for iterations, _ in self._solved),
+            program_seconds=sum(seconds for _, seconds in self._solved),
             seconds=time.perf_counter() - self._begin,
         )
         self._solved = []

@@ -14,7 +14,7 @@ is always feasible.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -69,13 +69,11 @@ class Subproblem:
         out[self.rows] = solution.row_duals[: self.rows.size]
         return out
 
-    def corrected(self, error: Array) -> tuple[Array, Array]:
-        """Row bounds corrected by a second-order error of the rows, shape (r,)."""
-        lower, upper = self.program.row_lower.copy(), self.program.row_upper.copy()
-        count = self.rows.size
-        lower[:count] -= error
-        upper[:count] -= error
-        return lower, upper
+    def corrected(self, error: Array) -> LinearProgram:
+        """The program, its row bounds corrected by a second-order error, shape (r,)."""
+        lower, upper = self.program.row_lower, self.program.row_upper
+        shift = np.pad(error, (0, lower.size - error.size))
+        return replace(self.program, row_lower=lower - shift, row_upper=upper - shift)
 
 
 def build_subproblem(

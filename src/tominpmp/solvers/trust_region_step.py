@@ -213,19 +213,20 @@ class TrustRegionStep:
         selecting = values
         linearization = nlp.linearize(z, selecting, steps)
         model = objective.model(nlp, state, steps, linearization).with_curvature(root)
+
+        def solved() -> tuple[Subproblem, LpSolution]:
+            program = build_subproblem(state, model, linearization, steps, accuracy)
+            return program, loop.solved(lp.solve, program.program)
+
         for additions in range(1 + ADDITIONS):
             check()
-            program = build_subproblem(state, model, linearization, steps, accuracy)
-            solution = loop.count(self.lp.solve(program.program))
+            program, solution = solved()
             if unknown and solution.optimal:
                 root = nlp.curvature(z, program.multipliers(solution))
                 unknown = False
                 if root is not None:
                     model = model.with_curvature(root)
-                    program = build_subproblem(
-                        state, model, linearization, steps, accuracy
-                    )
-                    solution = loop.count(self.lp.solve(program.program))
+                    program, solution = solved()
             if not solution.optimal:
                 return None
             step = program.step(solution)
@@ -272,7 +273,7 @@ class TrustRegionStep:
                 break
             linear = values[program.rows] + program.change(trial.z - z)
             error = trial.values[program.rows] - linear
-            again = loop.count(self.lp.resolve(*program.corrected(error)))
+            again = loop.solved(self.lp.resolve, program.corrected(error))
             if not again.optimal:
                 break
             trial = tried(program.step(again))
