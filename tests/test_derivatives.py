@@ -17,7 +17,7 @@ from rollout_derivatives import differentiate_rollout
 
 import tominpmp as tm
 from tominpmp.motion_limits import EffortCurve, MotionLimits
-from tominpmp.transcription import adjoint, bspline
+from tominpmp.transcription import bspline
 from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.base import Transcription
 from tominpmp.transcription.bspline import BSplineTranscription
@@ -215,9 +215,10 @@ def with_more(program: NonlinearProgram) -> NonlinearProgram:
 @pytest.fixture
 def everything(monkeypatch: pytest.MonkeyPatch) -> None:
     """All distances are exact, and all of them are rows, however large they are."""
-    monkeypatch.setattr(bspline, "MAX_ATTENTION", 10.0)
     monkeypatch.setattr(bspline, "ATTENTION", 10.0)
-    monkeypatch.setattr(adjoint, "NEAR", 10.0)
+    for kind in (BSplineTranscription, AdjointTranscription):
+        monkeypatch.setattr(kind, "cutoff", 10.0)
+        monkeypatch.setattr(kind, "moving_attention", 10.0)
 
 
 def build(

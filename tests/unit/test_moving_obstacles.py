@@ -11,7 +11,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import tominpmp as tm
-from tominpmp.transcription import adjoint, bspline
 from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
@@ -273,8 +272,9 @@ KINDS = ("inverse", "free lengths", "collocation", "adjoint", "bspline")
 @pytest.mark.parametrize("kind", KINDS)
 def test_derivatives_of_clearance_rows(kind, name, monkeypatch):
     # All rows are exact, and all are there, however far the obstacle is.
-    monkeypatch.setattr(bspline, "MAX_ATTENTION", 10.0)
-    monkeypatch.setattr(adjoint, "NEAR", 10.0)
+    for scheme in (BSplineTranscription, AdjointTranscription):
+        monkeypatch.setattr(scheme, "cutoff", 10.0)
+        monkeypatch.setattr(scheme, "moving_attention", 10.0)
     problem = tm.Problem(
         tm.load_robot("planar3r"), START, tm.JointGoal(END), tm.Scene([obstacle(name)])
     )

@@ -56,6 +56,7 @@ class AdjointTranscription(TorqueTranscription):
 
     bounded = frozenset({"u"})
     by_component = True
+    moving_attention = NEAR
 
     def __init__(
         self,
@@ -67,6 +68,7 @@ class AdjointTranscription(TorqueTranscription):
         signs: Signs | None = None,
     ) -> None:
         super().__init__(system, shares, duration, signs)
+        self.size = self.intervals * self._n + self._m
         self.substeps = substeps
         self.centre: tuple[Array, SteppedMotion] | None = None
         self._start = np.concatenate([system.problem.q_start, system.v_start])
@@ -74,11 +76,6 @@ class AdjointTranscription(TorqueTranscription):
         self._last: tuple[Array, SteppedMotion] | None = None
 
     # -- unknowns ----------------------------------------------------------------------
-
-    @property
-    def size(self) -> int:
-        """Number of unknowns."""
-        return self._N * self._n + self._m
 
     def pack(self, u: Array, eta: Array) -> Array:
         """Stack torques and lengths into z.
@@ -190,7 +187,7 @@ class AdjointTranscription(TorqueTranscription):
             partials: Partial derivatives of values there.
             rows: Index of the sum to which each value is added.
         """
-        n, N, interval = self._n, self._N, at.interval[partials.at]
+        n, N, interval = self._n, self.intervals, at.interval[partials.at]
         seeds, direct = self.by_states(motion, at, partials)
         step, share = motion.steps(at)
         step, weights = step[partials.at], stage_weights(share[partials.at])
@@ -225,12 +222,7 @@ class AdjointTranscription(TorqueTranscription):
 
         Other distances are left out, as their derivatives are costly.
         """
-        return NEAR
-
-    @property
-    def moving_attention(self) -> float:
-        """This clearance for moving obstacles."""
-        return NEAR
+        return self.moving_attention
 
     # -- the rest of the interface -----------------------------------------------------
 

@@ -179,6 +179,7 @@ class Transcription(ABC, Generic[M]):
     Attributes:
         system: The functions of the problem.
         shares: Lengths of the intervals by the last unknowns, shape (N, m).
+        intervals: Number N of intervals.
         bounded: Fields of the joint limits that bounds of the unknowns keep.
         by_component: Whether one elastic variable relaxes one component of a constraint
             at all instants (the paper's maximum over time); otherwise it relaxes all
@@ -188,20 +189,30 @@ class Transcription(ABC, Generic[M]):
         highest_order: Highest order of constraints that motions can keep: 3 where
             accelerations are continuous.
         segment_ends: Number of intervals up to the end of each segment.
+        size: Number of unknowns.
+        moving_attention: Margin within which steps of any size can make gradual
+            constraints active that depend on time; see :meth:`attention`.
+        cutoff: Margin above which the values of gradual constraints are not exact.
     """
 
-    system: ProblemFunctions
-    shares: Array
     bounded: frozenset[str] = frozenset()
     by_component: bool = False
     inspected: tuple[tuple[float, ...], ...] = ()
     highest_order: int = 2
-    segment_ends: tuple[int, ...]
+    size: int
+    moving_attention: float = np.inf
+    cutoff: float = np.inf
 
-    @property
-    @abstractmethod
-    def size(self) -> int:
-        """Number of unknowns."""
+    def __init__(
+        self,
+        system: ProblemFunctions,
+        shares: Array,
+        segment_ends: tuple[int, ...] = (),
+    ) -> None:
+        self.system, self.shares = system, shares
+        self.segment_ends = segment_ends or (len(shares),)
+        self.intervals, self._m = map(int, shares.shape)
+        self._n = system.n
 
     @property
     def segments(self) -> list[tuple[int, int]]:
@@ -216,11 +227,6 @@ class Transcription(ABC, Generic[M]):
         for end, segment in zip(self.segment_ends, segments, strict=False):
             out[end:] += segment.dwell
         return out
-
-    @property
-    def intervals(self) -> int:
-        """Number N of intervals."""
-        return int(self.shares.shape[0])
 
     @property
     def cost(self) -> Array:
@@ -303,16 +309,6 @@ class Transcription(ABC, Generic[M]):
 
     def attention(self, steps: StepBounds) -> float:
         """Margin within which steps of a box can make gradual constraints active."""
-        return np.inf
-
-    @property
-    def moving_attention(self) -> float:
-        """This margin for constraints that depend on time and steps of any size."""
-        return np.inf
-
-    @property
-    def cutoff(self) -> float:
-        """Margin above which the values of gradual constraints are not exact."""
         return np.inf
 
     @abstractmethod

@@ -96,12 +96,15 @@ class BSplineTranscription(Transcription[SplineMotion]):
             one order below the highest may jump: the acceleration for degree 3.
         knots_by_durations: Derivatives of the knots by the durations, shape (K, m).
         point_map: Map from the unknowns to the control points.
+        point_unknowns: Number of unknowns without the durations.
         acceleration_range: Acceleration that the full torque range of each joint gives,
             shape (n,), the unit of the controls; ones until it is taken from a motion.
     """
 
     inspected: tuple[tuple[float, ...], ...] = INSPECTED
     highest_order = 3
+    moving_attention = MAX_ATTENTION
+    cutoff = MAX_ATTENTION
 
     def __init__(
         self,
@@ -112,14 +115,14 @@ class BSplineTranscription(Transcription[SplineMotion]):
         *,
         breaks: tuple[int, ...] = (),
     ) -> None:
-        self.system, self.shares, self.degree = system, shares, degree
-        self.segment_ends = segment_ends or (len(shares),)
-        self.breaks = breaks
-        self._n, self._m = system.n, int(shares.shape[1])
+        super().__init__(system, shares, segment_ends)
+        self.degree, self.breaks = degree, breaks
         self._base = system.problem.q_start
         self.acceleration_range = np.ones(self._n)
         self.knots_by_durations = clamped(shares, degree, breaks)
         self.point_map = self._eliminated()
+        self.point_unknowns = int(self.point_map.column.max()) + 1
+        self.size = self.point_unknowns + self._m
         # With a single duration the proportions of the knots are constant.
         self._knots = KnotVector(shares[:, 0], degree, breaks) if self._m == 1 else None
 
@@ -157,16 +160,6 @@ class BSplineTranscription(Transcription[SplineMotion]):
         free, moved = int(column.max()) + 1, np.count_nonzero(column >= 0)
         by_eta, moving = slopes.reshape(-1, self._m), bool(np.any(slopes))
         return ControlPointMap(columns, offset.ravel(), by_eta, moved == free, moving)
-
-    @cached_property
-    def point_unknowns(self) -> int:
-        """Number of unknowns without the durations."""
-        return int(self.point_map.column.max()) + 1
-
-    @property
-    def size(self) -> int:
-        """Number of unknowns."""
-        return self.point_unknowns + self._m
 
     def _from_base(self, z: Array) -> Array:
         """Control points relative to the start, shape (M, n)."""
@@ -336,17 +329,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
     def attention(self, steps: StepBounds) -> float:
         """Clearance that a step of the control points can use up, over the reach."""
         radius = float(np.max(steps.upper[: self.point_unknowns], initial=0.0))
-        return min(ATTENTION * radius, MAX_ATTENTION)
-
-    @property
-    def cutoff(self) -> float:
-        """Largest clearance that is exact, over the reach."""
-        return MAX_ATTENTION
-
-    @property
-    def moving_attention(self) -> float:
-        """Clearance to moving obstacles that a change of time alone can use up."""
-        return MAX_ATTENTION
+        return min(ATTENTION * radius, self.cutoff)
 
     # -- the rest of the interface -----------------------------------------------------
 

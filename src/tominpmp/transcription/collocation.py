@@ -45,6 +45,8 @@ class CollocationTranscription(TorqueTranscription):
     """
 
     bounded = frozenset({"q", "u"})
+    # Clearance to moving obstacles that a change of time alone can use up.
+    moving_attention = ATTENTION
 
     def __init__(
         self,
@@ -54,6 +56,9 @@ class CollocationTranscription(TorqueTranscription):
         signs: Signs | None = None,
     ) -> None:
         super().__init__(system, shares, duration, signs)
+        self.size = (
+            (self.intervals + 1) * 2 * self._n + self.intervals * self._n + self._m
+        )
         velocity = SPEED_FACTOR / duration * system.step_scale
         self.scale = np.concatenate([system.step_scale, velocity])
         self._columns = self._interval_columns()
@@ -61,7 +66,7 @@ class CollocationTranscription(TorqueTranscription):
         self._low = np.concatenate([limits.position_lower, -limits.velocity])
         self._high = np.concatenate([limits.position_upper, limits.velocity])
         # States that the problem fixes at the ends; NaN for unknown states.
-        self._given = np.full((self._N + 1, 2 * self._n), np.nan)
+        self._given = np.full((self.intervals + 1, 2 * self._n), np.nan)
         self._given[0] = np.concatenate([system.problem.q_start, system.v_start])
         if system.final_configuration is not None:
             self._given[-1, : self._n] = system.final_configuration
@@ -69,11 +74,6 @@ class CollocationTranscription(TorqueTranscription):
             self._given[-1, self._n :] = system.final_velocity
 
     # -- unknowns ----------------------------------------------------------------------
-
-    @property
-    def size(self) -> int:
-        """Number of unknowns."""
-        return (self._N + 1) * 2 * self._n + self._N * self._n + self._m
 
     def pack(self, x: Array, u: Array, eta: Array) -> Array:
         """Stack states, torques and lengths into z.
@@ -122,7 +122,7 @@ class CollocationTranscription(TorqueTranscription):
         Returns:
             Shapes (N + 1, 2n), (N, n) and (N,).
         """
-        x = z[: self._torques.start].reshape(self._N + 1, 2 * self._n)
+        x = z[: self._torques.start].reshape(self.intervals + 1, 2 * self._n)
         return x, self.torques(z), self.lengths(z)
 
     def steps(self, z: Array, radius: float) -> tuple[Array, Array]:
@@ -171,7 +171,7 @@ class CollocationTranscription(TorqueTranscription):
         For accelerations, which jump at the nodes, both ends of the intervals.
         """
         if field == "v":
-            return Instants.spread(self._N, (float(NODES[0]),))
+            return Instants.spread(self.intervals, (float(NODES[0]),))
         return super().instants(order, field)
 
     def pull_back(
@@ -192,18 +192,13 @@ class CollocationTranscription(TorqueTranscription):
 
     def attention(self, steps: StepBounds) -> float:
         """Clearance that a step of the states can use up, over the reach."""
-        states = steps.upper[: (self._N + 1) * 2 * self._n]
-        boxes = states.reshape(self._N + 1, -1)[:, : self._n]
+        states = steps.upper[: (self.intervals + 1) * 2 * self._n]
+        boxes = states.reshape(self.intervals + 1, -1)[:, : self._n]
         return ATTENTION * float(np.max(boxes / self.system.step_scale, initial=0.0))
-
-    @property
-    def moving_attention(self) -> float:
-        """Clearance to moving obstacles that a change of time alone can use up."""
-        return ATTENTION
 
     def _interval_columns(self) -> IntArray:
         """Indices of the unknowns on which each interval depends, (N, 5n + m)."""
-        N, n = self._N, self._n
+        N, n = self.intervals, self._n
         states = (N + 1) * 2 * n
         k = np.arange(N)[:, None]
         ends = k * 2 * n + np.arange(4 * n)

@@ -49,10 +49,8 @@ class TorqueTranscription(Transcription[SteppedMotion]):
         duration: float,
         signs: Signs | None,
     ) -> None:
-        self.system, self.shares, self.duration = system, shares, duration
-        self.signs, self.segment_ends = signs, (len(shares),)
-        self._N, self._m = int(shares.shape[0]), int(shares.shape[1])
-        self._n = system.n
+        super().__init__(system, shares)
+        self.duration, self.signs = duration, signs
 
     @abstractmethod
     def with_signs(self, duration: float, signs: Signs) -> TorqueTranscription:
@@ -62,11 +60,11 @@ class TorqueTranscription(Transcription[SteppedMotion]):
     def _torques(self) -> slice:
         """Slice of the torque shares in the unknowns."""
         end = self.size - self._m
-        return slice(end - self._N * self._n, end)
+        return slice(end - self.intervals * self._n, end)
 
     def shares_at(self, z: Array) -> Array:
         """Torques as shares of their limits, shape (N, n)."""
-        return z[self._torques].reshape(self._N, self._n)
+        return z[self._torques].reshape(self.intervals, self._n)
 
     def torques(self, z: Array) -> Array:
         """Torques without dry friction, shape (N, n) [N m or N]."""
@@ -81,7 +79,7 @@ class TorqueTranscription(Transcription[SteppedMotion]):
     def torque_bounds(self) -> tuple[Array, Array]:
         """Bounds of the torque shares, shape (N, n) each."""
         if self.signs is None:
-            ones = np.ones((self._N, self._n))
+            ones = np.ones((self.intervals, self._n))
             return -ones, ones
         return self.signs.lower, self.signs.upper
 
@@ -122,7 +120,7 @@ class TorqueTranscription(Transcription[SteppedMotion]):
 
     def instants(self, order: int, field: str) -> Instants:
         """Nodes; both ends of the intervals for accelerations, which jump there."""
-        return Instants.spread(self._N, (0.0, 1.0) if order >= 2 else (1.0,))
+        return Instants.spread(self.intervals, (0.0, 1.0) if order >= 2 else (1.0,))
 
     def states(self, motion: SteppedMotion, at: Instants, order: int) -> States:
         """States at instants."""
@@ -160,7 +158,9 @@ class TorqueTranscription(Transcription[SteppedMotion]):
 
     def variation(self, z: Array) -> Variation:
         """Jumps of the torques between intervals, in full ranges."""
-        steps = sp.diags([-0.5, 0.5], [0, 1], shape=(self._N - 1, self._N))
+        steps = sp.diags(
+            [-0.5, 0.5], [0, 1], shape=(self.intervals - 1, self.intervals)
+        )
         pick = sp.identity(self._n, format="csr")[driven_joints(self.system)]
         jumps = sp.kron(steps, pick)
         count, before = jumps.shape[0], self._torques.start
