@@ -110,8 +110,7 @@ def integrate(
     def rates(x: Array, torque: Array) -> ForwardJacobians:
         nonlocal cost
         cost += len(x)
-        found = differentiate_rates(dynamics, x, torque, mode)
-        return ForwardJacobians(found.f, found.f_x, found.f_u)
+        return ForwardJacobians(*differentiate_rates(dynamics, x, torque, mode)[:3])
 
     if not np.all(np.isfinite(guess)):
         return None, cost

@@ -115,6 +115,7 @@ class ArcProgram:
         limits: The constraints that can become rows, by the kind of limit.
         arcs: Structure of the arcs, with their initial lengths and torques.
         steps: Number of integration steps of each arc, shape (K,).
+        size: Number of unknowns.
         follows: Whether torques follow from held joints on the steps, shape (M, n).
         modes: Modes of the joints on the steps, see
             :func:`~tominpmp.exact.held_joints.differentiate_rates`, shape (M, n).
@@ -133,6 +134,7 @@ class ArcProgram:
         }
         if system.clearance is not None:
             self.limits[CLEARANCE] = system.clearance
+        self.size = arcs.count + int(arcs.free.sum())
         self.duration = arcs.duration
         self.arc_of_step = np.repeat(np.arange(arcs.count), steps)
         self.watched = WatchedLimits(*np.zeros((5, 0), dtype=np.int64))
@@ -149,11 +151,6 @@ class ArcProgram:
         self._last: tuple[Array, Shot | None] | None = None
         self._base: tuple[Array, Shot] | None = None
         self._speed = SPEED_FACTOR / self.duration * system.step_scale
-
-    @property
-    def size(self) -> int:
-        """Number of unknowns."""
-        return self.arcs.count + int(self.arcs.free.sum())
 
     def watch(self, watched: WatchedLimits) -> None:
         """Replace the limits that are rows."""

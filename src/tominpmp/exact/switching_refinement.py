@@ -153,7 +153,7 @@ def exact_switches(
     search = Search(smooth, progress, budget, limit)
     _search(search, options, without_friction(smooth, plan))
     for motion in reversed(search.found):
-        arcs, iterate = _iterate(sharpen(smooth, motion, budget.share()))
+        arcs, iterate = _iterate(sharpen(motion, budget.share()))
         records = tuple(progress.records)
         result = SlpResult(Status.CONVERGED, iterate, iterate, records, arcs)
         exact = Candidate.of(attempt.name, attempt.initial, result)

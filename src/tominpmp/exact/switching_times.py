@@ -259,10 +259,10 @@ def _independent(rows: Array) -> Array:
 
 
 def polish(
-    system: ProblemFunctions, optimised: OptimisedArcs, budget: Budget, total: int
+    optimised: OptimisedArcs, budget: Budget, total: int
 ) -> OptimisedArcs | None:
     """Drop arcs of zero length and solve again, until no arc has zero length."""
-    found: OptimisedArcs | None = None
+    system, found = optimised.program.system, None
     for _ in range(CLEANINGS):
         last = found or optimised
         arcs = last.arcs.cleaned().saturated()
@@ -275,13 +275,9 @@ def polish(
     return found
 
 
-def improve(
-    system: ProblemFunctions,
-    optimised: OptimisedArcs,
-    budget: Budget,
-    total: int = STEPS,
-) -> OptimisedArcs:
+def improve(optimised: OptimisedArcs, budget: Budget, total: int) -> OptimisedArcs:
     """Change the structure of optimised arcs until no change gains time."""
+    system = optimised.program.system
     for _ in range(CHANGES):
         T, arcs = optimised.duration, optimised.arcs
         least = PROMISE * T
@@ -292,7 +288,7 @@ def improve(
         for change in reversed(changes):
             arcs = arcs.divided(change.arc, change.shares, change.edits)
         found = solve_lengths(system, arcs, optimised.states, budget, total)
-        better = None if found is None else polish(system, found, budget, total)
+        better = None if found is None else polish(found, budget, total)
         if better is None or not better.feasible:
             break
         if better.duration >= T * (1.0 - PROGRESS):
@@ -319,16 +315,14 @@ def refine_arcs(
     for rough in (arcs, arcs.with_free_torques()):
         found = solve_lengths(system, rough, states, budget, FEWER_STEPS)
         if found is not None and found.feasible:
-            polished = polish(system, found, budget, FEWER_STEPS)
+            polished = polish(found, budget, FEWER_STEPS)
             if polished is not None and polished.feasible:
                 found = polished
-            return improve(system, found, budget, FEWER_STEPS)
+            return improve(found, budget, FEWER_STEPS)
     return None
 
 
-def sharpen(
-    system: ProblemFunctions, optimised: OptimisedArcs, budget: Budget
-) -> OptimisedArcs:
+def sharpen(optimised: OptimisedArcs, budget: Budget) -> OptimisedArcs:
     """Halve the integration steps until the duration converges.
 
     This needs a small part of the budget; if less is left, a reserve is granted.
@@ -337,14 +331,14 @@ def sharpen(
     reserve = Budget(max(budget.remaining, EVALUATIONS // 4))
     while total < MOST_STEPS:
         total *= 2
-        finer = polish(system, optimised, reserve, total)
+        finer = polish(optimised, reserve, total)
         if finer is None or not finer.feasible:
             break
         change = abs(finer.duration / optimised.duration - 1.0)
         if change > ACCURACY and total <= CHANGED_STEPS:
             # The motion violated a limit between the coarser steps, at which an arc may
             # have to be inserted.
-            finer = improve(system, finer, reserve, total)
+            finer = improve(finer, reserve, total)
         optimised = finer
         if change < ACCURACY:
             break
