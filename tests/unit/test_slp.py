@@ -48,7 +48,7 @@ class Program:
 
     def linearize(self, z, values, steps):
         rows = np.arange(self.rows.size)
-        return Linearization(rows, sp.csr_matrix(np.array(self.jacobian(z))))
+        return Linearization(rows, sp.csr_matrix(np.array(self.jacobian(z))), steps)
 
     def curvature(self, z, multipliers):
         return None
@@ -109,7 +109,7 @@ def of_step(program, state, radius):
     steps = program.step_bounds(state.z, radius)
     linearization = program.linearize(state.z, state.values, steps)
     model = Model(lambda z, _: program.cost @ z, program.cost)
-    return build_subproblem(state, model, linearization, steps)
+    return build_subproblem(state, model, linearization)
 
 
 @pytest.mark.parametrize("lp", ["highs", "piqp"])
@@ -278,9 +278,7 @@ def test_the_model_of_the_squares_is_exact():
     begun, _ = trust_regions(Options(), make_solver("piqp"))
     state = begun.start(program, least, z)
     steps = program.step_bounds(z, 1.0)
-    model = least.model(
-        program, state, steps, program.linearize(z, state.values, steps)
-    )
+    model = least.model(program, state, program.linearize(z, state.values, steps))
     curvature = replace(model, proximal=None).curvature_term(step)
     change = model.value(z + step, state.values) - model.value(z, state.values)
     assert model.gradient @ step + curvature == pytest.approx(change, rel=1e-12)

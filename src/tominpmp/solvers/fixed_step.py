@@ -33,7 +33,7 @@ from tominpmp.solvers.stop import Iterations, exhausted, first_of
 from tominpmp.status import Status
 from tominpmp.stopping import check
 from tominpmp.transcription.adjoint import AdjointTranscription
-from tominpmp.transcription.base import Linearization, StepBounds
+from tominpmp.transcription.base import Linearization
 from tominpmp.transcription.program import NonlinearProgram
 
 # Weight of the elastic variables, as a multiple of T. It is far above the multipliers,
@@ -93,7 +93,7 @@ class FixedStep:
         assert isinstance(torques, AdjointTranscription)  # noqa: S101
         steps = torques.fixed_steps(z, self.control_step, self.time_step)
         linearization = nlp.linearize(z, state.values, steps)
-        program = _build_program(state, linearization, steps)
+        program = _build_program(state, linearization)
         solution = loop.solved(self.lp.solve, program)
         if not solution.optimal:
             loop.advance(replace(state, radius=0.0), None)
@@ -107,17 +107,14 @@ class FixedStep:
         loop.advance(state, Outcome(Trial(z, values, merit), 0.0, 0.0, 0.0, True))
 
 
-def _build_program(
-    state: Iterate, linearization: Linearization, steps: StepBounds
-) -> LinearProgram:
+def _build_program(state: Iterate, linearization: Linearization) -> LinearProgram:
     """The linear program (14)-(15), with elastic variables for each constraint.
 
     Args:
         state: The iterate, with the weights of the elastic variables.
-        linearization: Jacobian of the rows of the program.
-        steps: Box for the step.
+        linearization: Jacobian of the rows of the program, with the box for the step.
     """
-    rows, chosen = state.rows, linearization.rows
+    rows, (chosen, matrix, steps) = state.rows, linearization
     here, group = state.values[chosen], rows.group[chosen]
     low, high = rows.lower[chosen] - here, rows.upper[chosen] - here
     # A pair of elastic variables, upwards and downwards, for each equation, and one for
@@ -135,7 +132,7 @@ def _build_program(
     keys = np.concatenate([np.arange(size), size + used, size + 2 * rows.size + used])
     return LinearProgram(
         np.concatenate([state.cost, weights, weights]),
-        sp.hstack([linearization.matrix, -under, under], format="csc"),
+        sp.hstack([matrix, -under, under], format="csc"),
         low,
         high,
         np.concatenate([steps.lower, np.zeros(2 * count)]),

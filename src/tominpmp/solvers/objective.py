@@ -61,19 +61,15 @@ class Objective(ABC):
 
     @abstractmethod
     def model(
-        self,
-        program: NonlinearProgram,
-        state: Iterate,
-        steps: StepBounds,
-        linearization: Linearization,
+        self, program: NonlinearProgram, state: Iterate, linearization: Linearization
     ) -> Model:
         """Convex model of the objective near an iterate, with regularisation.
 
         Args:
             program: The program.
             state: The iterate.
-            steps: Box for the step.
-            linearization: Jacobian of the rows that may become active.
+            linearization: Jacobian of the rows that may become active, with the box for
+                the step.
         """
 
     def within(self, program: NonlinearProgram, steps: StepBounds) -> StepBounds:
@@ -197,11 +193,7 @@ class MinimumTime(Objective):
         return float(program.cost @ z)
 
     def model(
-        self,
-        program: NonlinearProgram,
-        state: Iterate,
-        steps: StepBounds,
-        linearization: Linearization,
+        self, program: NonlinearProgram, state: Iterate, linearization: Linearization
     ) -> Model:
         """Model of the duration and the jumps, with a proximal term if needed.
 
@@ -219,7 +211,8 @@ class MinimumTime(Objective):
                 variation=jumps,
                 weight=weight,
             )
-        reach = np.maximum(-steps.lower, steps.upper)
+        lower, upper = linearization.steps
+        reach = np.maximum(-lower, upper)
         moving = (reach > 0.0) & (cost == 0.0)
         proximal = np.zeros(cost.size)
         share = 2.0 * PROXIMAL * state.duration / max(int(moving.sum()), 1)

@@ -84,11 +84,7 @@ class QuietTorques(Objective):
         return 0.5 * float(residuals @ residuals)
 
     def model(
-        self,
-        program: NonlinearProgram,
-        state: Iterate,
-        steps: StepBounds,
-        linearization: Linearization,
+        self, program: NonlinearProgram, state: Iterate, linearization: Linearization
     ) -> Model:
         """Gauss-Newton model: squares of residuals linearised at the iterate."""
         z, times = state.z, self.times

@@ -24,8 +24,7 @@ from tominpmp.linear_programs.compressed import Compressed, sorted_in
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.solvers.iterate import NEGLIGIBLE, Iterate
 from tominpmp.solvers.model import Model
-from tominpmp.transcription.base import Linearization, StepBounds
-from tominpmp.transcription.rows import Rows
+from tominpmp.transcription.base import Linearization
 
 # Keys of rows and columns that do not come from the transcription begin here.
 _KEY_BLOCK = 10_000_000
@@ -77,28 +76,22 @@ class Subproblem:
 
 
 def build_subproblem(
-    state: Iterate,
-    model: Model,
-    linearization: Linearization,
-    steps: StepBounds,
-    accuracy: float = 1e-6,
+    state: Iterate, model: Model, linearization: Linearization, accuracy: float = 1e-6
 ) -> Subproblem:
     """Build the program at an iterate.
 
     Args:
         state: The iterate.
         model: Model of the objective near the iterate.
-        linearization: Jacobian of the rows that may become active.
-        steps: Box for the step.
+        linearization: Jacobian of the rows that may become active, with the box for the
+            step.
         accuracy: Duality gap below which the program counts as solved [s].
     """
-    values, rows = state.values, state.rows
+    rows, steps = state.rows, linearization.steps
     moving = steps.upper - steps.lower > 0.0
     free = np.flatnonzero(moving)
-    chosen, body, low, high = _rows_within_reach(
-        rows, values, linearization, steps, moving
-    )
-    violation = rows.group_violation(values)
+    chosen, body, low, high = _rows_within_reach(state, linearization, moving)
+    violation = rows.group_violation(state.values)
     slack_groups = np.flatnonzero(violation > NEGLIGIBLE)
     every_row, count = body, chosen.size
     # Costs, bounds and keys of the columns, and bounds and keys of the rows, by blocks.
@@ -118,7 +111,7 @@ def build_subproblem(
         keys = _KEY_BLOCK + np.arange(2 * k)
         columns.append((weights, np.zeros(2 * k), most, keys))
         bounds.append((-differences, -differences, keys[:k]))
-    elastic = _elastic_columns(rows, values, chosen, violation, slack_groups, count)
+    elastic = _elastic_columns(state, chosen, violation, slack_groups, count)
     weights = state.weights[rows.group_kind[slack_groups]]
     most = np.maximum(violation[slack_groups] * (1.0 + 1e-9), LEAST_ROOM)
     keys = 2 * _KEY_BLOCK + slack_groups
@@ -159,11 +152,7 @@ def _curvature(model: Model, free: IntArray, size: int) -> sp.csc_matrix | None:
 
 
 def _rows_within_reach(
-    rows: Rows,
-    values: Array,
-    linearization: Linearization,
-    steps: StepBounds,
-    moving: BoolArray,
+    state: Iterate, linearization: Linearization, moving: BoolArray
 ) -> tuple[IntArray, Compressed, Array, Array]:
     """Rows that may reach a bound within the box for the step; others are left out.
 
@@ -172,27 +161,27 @@ def _rows_within_reach(
         change, and their bounds minus their values. Bounds that are out of reach are
         infinite, which helps the solver.
     """
-    matrix = Compressed.of(linearization.matrix)
-    change = matrix.reach(np.maximum(np.abs(steps.lower), np.abs(steps.upper)))
-    here = values[linearization.rows]
-    low, high = rows.lower[linearization.rows], rows.upper[linearization.rows]
+    every, matrix, (lower, upper) = linearization
+    body = Compressed.of(matrix)
+    change = body.reach(np.maximum(np.abs(lower), np.abs(upper)))
+    rows, here = state.rows, state.values[every]
+    low, high = rows.lower[every], rows.upper[every]
     keep = (here + change >= high) | (here - change <= low)
     here, low, high, change = here[keep], low[keep], high[keep], change[keep]
     low = np.where(here - change > low, -np.inf, low) - here
     high = np.where(here + change < high, np.inf, high) - here
-    return linearization.rows[keep], matrix.chosen(moving, keep), low, high
+    return every[keep], body.chosen(moving, keep), low, high
 
 
 def _elastic_columns(
-    rows: Rows,
-    values: Array,
+    state: Iterate,
     chosen: IntArray,
     violation: Array,
     slack_groups: IntArray,
     count: int,
 ) -> Compressed:
     """Coefficients of the elastic variables in the chosen rows."""
-    here = values[chosen]
+    rows, here = state.rows, state.values[chosen]
     low, high = rows.lower[chosen], rows.upper[chosen]
     group = rows.group[chosen]
     column = np.full(violation.size, -1)

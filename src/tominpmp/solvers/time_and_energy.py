@@ -316,14 +316,11 @@ class TimeAndEnergy(Objective):
         return float(program.cost @ z) + self.weight * energy(z)
 
     def model(
-        self,
-        program: NonlinearProgram,
-        state: Iterate,
-        steps: StepBounds,
-        linearization: Linearization,
+        self, program: NonlinearProgram, state: Iterate, linearization: Linearization
     ) -> Model:
         """The duration, and a convex model of the energy."""
-        model, k = self._energy(program).model(state.z, steps), self.weight
+        k, steps = self.weight, linearization.steps
+        model = self._energy(program).model(state.z, steps)
         proximal = None if model.proximal is None else np.sqrt(k) * model.proximal
         return Model(
             lambda z, values: self.value(program, z, values),

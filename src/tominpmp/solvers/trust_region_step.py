@@ -212,10 +212,10 @@ class TrustRegionStep:
         unknown = lp.curved and root is None  # no multipliers yet, or no curvature
         selecting = values
         linearization = nlp.linearize(z, selecting, steps)
-        model = objective.model(nlp, state, steps, linearization).with_curvature(root)
+        model = objective.model(nlp, state, linearization).with_curvature(root)
 
         def solved() -> tuple[Subproblem, LpSolution]:
-            program = build_subproblem(state, model, linearization, steps, accuracy)
+            program = build_subproblem(state, model, linearization, accuracy)
             return program, loop.solved(lp.solve, program.program)
 
         for additions in range(1 + ADDITIONS):

@@ -35,18 +35,6 @@ NOT_INTEGRATED = 1e3
 LENGTH_STEP = 0.3
 
 
-class Linearization(NamedTuple):
-    """Jacobian of the rows that enter a linear program.
-
-    Attributes:
-        rows: Indices of the rows that can become active in the step, shape (k,).
-        matrix: Their Jacobian, shape (k, size).
-    """
-
-    rows: IntArray
-    matrix: sp.csr_matrix
-
-
 class StepBounds(NamedTuple):
     """Box for the step of one linear program.
 
@@ -57,6 +45,20 @@ class StepBounds(NamedTuple):
 
     lower: Array
     upper: Array
+
+
+class Linearization(NamedTuple):
+    """Jacobian of the rows that enter a linear program.
+
+    Attributes:
+        rows: Indices of the rows that can become active in the step, shape (k,).
+        matrix: Their Jacobian, shape (k, size).
+        steps: Box for the step.
+    """
+
+    rows: IntArray
+    matrix: sp.csr_matrix
+    steps: StepBounds
 
 
 class Variation(NamedTuple):

@@ -171,13 +171,13 @@ class NonlinearProgram:
             # There are no states to linearise at; a program without rows shortens the
             # motion, until it can be integrated.
             no_rows = np.zeros(0, dtype=np.int64)
-            return Linearization(no_rows, sp.csr_matrix((0, self.size)))
+            return Linearization(no_rows, sp.csr_matrix((0, self.size)), steps)
         chosen = self.selected(values, steps)
         parts = []
         for index, block in enumerate(self.blocks):
             mine = chosen[self.rows.kind[chosen] == index] - self.first[index]
             parts.append(block.jacobian(of, motion, mine))
-        return Linearization(chosen, sp.vstack(parts, format="csr"))
+        return Linearization(chosen, sp.vstack(parts, format="csr"), steps)
 
     def curvature(self, z: Array, multipliers: Array) -> sp.csr_matrix | None:
         """Root of the curvature of the rows whose constraints have one.
