@@ -399,7 +399,7 @@ def test_scenarios_keep_the_friction(tmp_path: Path) -> None:
 
 
 def test_rows_beside_reversals_do_not_join_without_end() -> None:
-    """Reversals moved on at each step, and the plan took all of its time for 0.504 s."""
+    """Reversals moved on at each step, and the plan took all of its time."""
     robot = tm.load_robot("ur5", limits="urdf", friction=5.0)
     robot = robot.with_changes(velocity=4.0 * robot.limits.velocity)
     start, end = [1.7, -0.9, 1.2, -0.8, 1.7, -1.6], [-1.2, -2.1, -1.9, 3.0, -0.7, 0.3]
