@@ -16,6 +16,7 @@ minimization of the functional (10) follows".
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -94,7 +95,8 @@ class FixedStep:
         steps = torques.fixed_steps(z, self.control_step, self.time_step)
         linearization = nlp.linearize(z, state.values, steps)
         program = _build_program(state, linearization)
-        solution = loop.solved(self.lp.solve, program)
+        begin = time.perf_counter()
+        solution = loop.count(self.lp.solve(program), begin)
         if not solution.optimal:
             loop.advance(replace(state, radius=0.0), None)
             return

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.linear_programs.program import LinearProgram, LpSolution
+from tominpmp.linear_programs.program import LpSolution
 from tominpmp.solvers.iterate import Iterate, Outcome, SlpResult
 from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Stop, grace
@@ -154,12 +154,8 @@ class Loop:
     _begin: float = field(default_factory=time.perf_counter)
     _solved: list[tuple[int, float]] = field(default_factory=list)
 
-    def solved(
-        self, solve: Callable[[LinearProgram], LpSolution], program: LinearProgram
-    ) -> LpSolution:
-        """Solve a program, and count it in the record of this iteration."""
-        begin = time.perf_counter()
-        solution = solve(program)
+    def count(self, solution: LpSolution, begin: float) -> LpSolution:
+        """Count a program whose solution began at a time; returns the solution."""
         self._solved.append((solution.iterations, time.perf_counter() - begin))
         return solution
 

@@ -18,6 +18,7 @@ evaluations, while a smaller trust region would cost another program.
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -213,28 +214,27 @@ class TrustRegionStep:
         selecting = values
         linearization = nlp.linearize(z, selecting, steps)
         model = objective.model(nlp, state, linearization).with_curvature(root)
-
-        def solved() -> tuple[Subproblem, LpSolution]:
-            program = build_subproblem(state, model, linearization, accuracy)
-            return program, loop.solved(lp.solve, program.program)
-
-        for additions in range(1 + ADDITIONS):
+        additions = 0
+        while True:
             check()
-            program, solution = solved()
-            if unknown and solution.optimal:
-                root = nlp.curvature(z, program.multipliers(solution))
-                unknown = False
-                if root is not None:
-                    model = model.with_curvature(root)
-                    program, solution = solved()
+            program = build_subproblem(state, model, linearization, accuracy)
+            begin = time.perf_counter()
+            solution = loop.count(lp.solve(program.program), begin)
             if not solution.optimal:
                 return None
+            if unknown:
+                unknown = False
+                root = nlp.curvature(z, program.multipliers(solution))
+                if root is not None:
+                    model = model.with_curvature(root)
+                    continue
             step = program.step(solution)
             reached = nlp.evaluate(z + step, room)
             broken = nlp.rows.violation(reached) > MISSED
             broken[linearization.rows] = False
             if additions == ADDITIONS or not np.any(broken):
                 break
+            additions += 1
             selecting = np.where(broken, reached, selecting)
             linearization = nlp.linearize(z, selecting, steps)
         promised = values.copy()
@@ -273,7 +273,8 @@ class TrustRegionStep:
                 break
             linear = values[program.rows] + program.change(trial.z - z)
             error = trial.values[program.rows] - linear
-            again = loop.solved(self.lp.resolve, program.corrected(error))
+            begin = time.perf_counter()
+            again = loop.count(self.lp.resolve(program.corrected(error)), begin)
             if not again.optimal:
                 break
             trial = tried(program.step(again))
