@@ -142,10 +142,10 @@ def straight_guess(
     start = system.problem.q_start
     if not np.any(np.abs(q_end - start) > 1e-12):
         return _untimed_guess(system, np.linspace(start, q_end, SAMPLES), name)
-    return along_guess(system, np.stack([start, q_end]), name)
+    return _along_corners(system, np.stack([start, q_end]), name)
 
 
-def line_guess(system: ProblemFunctions, q_end: Array) -> Guess:
+def _line_guess(system: ProblemFunctions, q_end: Array) -> Guess:
     """The straight line, or a path near it that satisfies constraints.
 
     If the straight line satisfies the constraints on positions, the faster of both is
@@ -156,7 +156,7 @@ def line_guess(system: ProblemFunctions, q_end: Array) -> Guess:
     if keeps or path is None:
         guesses.append(replace(straight_guess(system, q_end), keeps=keeps))
     if path is not None:
-        guesses.append(along_guess(system, path, WITHIN_CONSTRAINTS))
+        guesses.append(_along_corners(system, path, WITHIN_CONSTRAINTS))
     return min(guesses, key=_pace)
 
 
@@ -164,7 +164,7 @@ def _pace(guess: Guess) -> float:
     return guess.duration if guess.timed else np.inf
 
 
-def along_guess(system: ProblemFunctions, corners: Array, name: str) -> Guess:
+def _along_corners(system: ProblemFunctions, corners: Array, name: str) -> Guess:
     """Path along corners, shape (m, n), in minimum time if it can be timed."""
     velocity = system.problem.robot.limits.velocity
     return _along(system, RoundedPath.through(corners, velocity), name)
@@ -241,7 +241,7 @@ def _paced(
     return Guess(name, slower * factor * times, q, timed and factor == 1.0)
 
 
-def via_guess(system: ProblemFunctions, via: Array, q_end: Array) -> Guess:
+def _via_guess(system: ProblemFunctions, via: Array, q_end: Array) -> Guess:
     """Quadratic Bézier curve through a via point halfway, from rest to rest."""
     start, s = system.problem.q_start, _quintic()
     # Passes the configuration at s = 1/2.
@@ -347,7 +347,7 @@ def _guesses(
     system = system.passing(np.stack(ends))
     problem = system.problem
     final = problem.goal.configuration
-    lines = [(line_guess(system, q), q) for q in ends]
+    lines = [(_line_guess(system, q), q) for q in ends]
     lines.sort(key=lambda line: (not line[0].keeps, _pace(line[0])))
     straight, ends = zip(*lines, strict=True)
     moving = filter(None, (_moving_guess(system, q) for q in ends))
@@ -381,7 +381,7 @@ def _guesses(
     high = np.minimum(limits.position_upper, problem.q_start + np.pi)
     while True:
         end = ends[int(rng.integers(len(ends)))]
-        yield via_guess(system, rng.uniform(low, high), end)
+        yield _via_guess(system, rng.uniform(low, high), end)
 
 
 def sampled_guesses(
