@@ -26,6 +26,9 @@ BRIEF = 80
 # Longest message [characters]: it may list the joints of a large robot.
 LONGEST = 3000
 
+# Largest number of faults that a message names.
+MOST_NAMED = 5
+
 # It formats only the first items, so that a list of millions costs nothing.
 _repr = reprlib.Repr()
 _repr.maxlevel, _repr.maxother = 4, 10 * BRIEF
@@ -39,6 +42,12 @@ logging.getLogger(LIBRARY).addHandler(logging.NullHandler())
 def shortened(text: str, most: int = BRIEF) -> str:
     """Cut a text that has more than ``most`` characters."""
     return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
+def enumerated(items: Sequence[object]) -> str:
+    """The first items in words, and the number of the others."""
+    rest = f"; and {len(items) - MOST_NAMED} more" if len(items) > MOST_NAMED else ""
+    return "; ".join(map(str, items[:MOST_NAMED])) + rest
 
 
 def brief(value: object, most: int = BRIEF) -> str:

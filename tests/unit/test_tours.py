@@ -125,6 +125,15 @@ def test_visits_and_the_whole_cycle_agree(tour: tm.Tour) -> None:
     assert np.max(np.abs(state.a)) <= 6.0 + 1e-9
 
 
+def test_samples_that_break_limits_between_them_are_told_of(
+    tour: tm.Tour, tmp_path: Path
+) -> None:
+    tour.export(tmp_path / "nodes.yaml")  # a warning would be an error
+    told = r"on segment 1 .*, joint joint1 is .* beyond its acceleration limit"
+    with pytest.warns(tm.TominpmpWarning, match=told):
+        tour.export(tmp_path / "samples.yaml", dt=0.1)
+
+
 def test_the_whole_cycle_is_verified_and_written(tour: tm.Tour, tmp_path: Path) -> None:
     motion = tour.trajectory
     assert motion is not None

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tominpmp.arrays import Array
 from tominpmp.description.joint_table import KINEMATIC, JointTable, example_values
 from tominpmp.description.tree import UrdfDescription
-from tominpmp.exceptions import RobotLoadError, warn_caller
+from tominpmp.exceptions import RobotLoadError, enumerated, warn_caller
 
 # Moments below this share of the mass times 1 m^2 count as zero.
 POINT = 1e-9
@@ -25,8 +25,6 @@ POINT = 1e-9
 ROUNDED = 1e-2
 # Distance of joints that count as coincident, with only nominal links between them [m].
 COINCIDENT = 1e-2
-# Most joints that a warning names.
-MOST_NAMED = 5
 
 # Below these values a mass matrix counts as singular: the smallest diagonal entry [kg
 # m^2 or kg], and the smallest eigenvalue once the diagonal is scaled to one. The
@@ -57,11 +55,9 @@ def warn_of_inertia(model: pin.Model, description: UrdfDescription) -> None:
 
 def listed(faults: Sequence[str]) -> str:
     """Faults of bodies, with their consequences, in a sentence."""
-    shown = "; ".join(faults[:MOST_NAMED])
-    rest = f"; and {len(faults) - MOST_NAMED} more" if len(faults) > MOST_NAMED else ""
     return (
-        f"{shown}{rest}. The torques that their joints need come out wrong, mostly too "
-        "small, and motions too fast for the arm"
+        f"{enumerated(faults)}. The torques that their joints need come out wrong, "
+        "mostly too small, and motions too fast for the arm"
     )
 
 

@@ -21,7 +21,7 @@ from tominpmp.arrays import Array, MaybeNone
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance
 from tominpmp.description.paths import checked_path
-from tominpmp.exceptions import ProblemError
+from tominpmp.exceptions import ProblemError, enumerated
 from tominpmp.files.export import file_samples, is_message, read_motion
 from tominpmp.files.ros import Refusal, controller_refusals
 from tominpmp.files.tables import known_quantities
@@ -94,12 +94,10 @@ class ExportCheck:
             return f"{self.path} holds, joined by {self.joined}."
         parts = [f"{self.path} does not hold, joined by {self.joined}"]
         if self.violations:
-            parts.append("; ".join(map(str, self.violations)))
+            worst = sorted(self.violations, key=lambda item: -item.share)
+            parts.append(enumerated(worst))
         if self.refusals:
-            shown = "; ".join(map(str, self.refusals[:3]))
-            more = len(self.refusals) - 3
-            rest = f"; and {more} more" if more > 0 else ""
-            parts.append(f"a controller would refuse it: {shown}{rest}")
+            parts.append(f"a controller would refuse it: {enumerated(self.refusals)}")
         return ": ".join(parts) + "." + self._advice()
 
     def _advice(self) -> str:

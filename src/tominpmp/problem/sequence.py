@@ -1,4 +1,4 @@
-"""Motions one after another, as one motion of several segments."""
+"""Motions and their problems one after another, as one of several segments."""
 
 from __future__ import annotations
 
@@ -10,11 +10,35 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.problem.segments import segments_of
+from tominpmp.problem.problem import Problem
+from tominpmp.problem.segments import Segment, segments_of
 
 # Spacing of the nodes of a motion of degree 5 that is joined to others of lower degree
 # [s].
 FINE = 0.01
+
+
+def in_sequence(
+    problem: Problem, parts: Sequence[Problem], stays: Sequence[float]
+) -> Problem:
+    """The problem that is solved by the motions of several problems, when joined.
+
+    Args:
+        problem: The robot without payload, and what all parts have in common.
+        parts: The problems, each of which begins at rest where the previous one ends.
+        stays: Dwell times at the end of each part [s].
+    """
+    segments, phases = list[Segment](), list[Problem]()
+    for part, stay in zip(parts, stays, strict=True):
+        segments += part.segments or [Segment(part.goal)]
+        segments[-1] = replace(segments[-1], stop=True, dwell=stay)
+        phases += part.phases
+    return problem._altered(
+        _phases=(tuple(phases), []),
+        segments=tuple(segments),
+        q_start=parts[0].q_start,
+        goal=segments[-1].goal,
+    )
 
 
 def joined(motions: Sequence[Trajectory], stays: Sequence[float]) -> Trajectory:

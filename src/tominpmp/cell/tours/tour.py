@@ -18,11 +18,9 @@ from typing import TYPE_CHECKING, Any
 
 from tominpmp.cell.tours.station import Station, Visit
 from tominpmp.exceptions import PlanningFailed, ProblemError, brief
-from tominpmp.files.export import export
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
-from tominpmp.problem.segments import Segment
-from tominpmp.problem.sequence import joined
+from tominpmp.problem.sequence import in_sequence, joined
 from tominpmp.sensitivities.analysis import analyse
 from tominpmp.sensitivities.records import Sensitivities, Sensitivity
 from tominpmp.solution import Solution
@@ -161,7 +159,6 @@ class Tour:
     def _places(self) -> list[Sensitivity]:
         """Sensitivities to the places of the stations at which the arm stops."""
         named = {station.name: station for station in self.stations}
-        last: Station | None = None
         places, end = list[Sensitivity](), self.stays[0]
         pairs = zip(self.motions, self.motions[1:], self.stays[1:], strict=False)
         for before, after, stay in pairs:
@@ -171,11 +168,10 @@ class Tour:
             end += stay
             alone = not before.problem.segments and not after.problem.segments
             if len(visited) == 1 and alone:
-                place = _place(self.problem, last, named[visited[0]], before, after)
+                place = _place(self.problem, named[visited[0]], before, after)
                 if place is not None:
                     share = (before.T + after.T) / self.cycle_time
                     places.append(place.scaled(share))
-            last = named[visited[-1]] if visited else last
         return places
 
     def raise_if_failed(self) -> Tour:
@@ -246,9 +242,13 @@ class Tour:
     ) -> Path:
         """Write the whole cycle as CSV, NPZ or ROS message, by the ending of the path.
 
+        The file is verified like that of a solution, see
+        :meth:`~tominpmp.solution.Solution.export`.
+
         Args:
             path: File to write.
-            dt: Time between rows [s]; None writes the nodes.
+            dt: Time between rows [s]; None takes the control period of the plan, or the
+                nodes if it has none.
             with_effort: Whether ROS messages have the torques.
             message: Which ROS message, see :func:`~tominpmp.files.export.export`.
 
@@ -260,9 +260,16 @@ class Tour:
                 wrong.
             ScenarioError: If the file cannot be written.
         """
-        return export(
-            self._motion(), path, dt=dt, with_effort=with_effort, message=message
+        motion, first = self._motion(), self.motions[0]
+        parts = [item.problem for item in self.motions]
+        whole = replace(
+            first,
+            problem=in_sequence(self.problem, parts, self.stays[1:]),
+            trajectory=motion,
+            planning_time=self.planning_time,
+            verification=None,
         )
+        return whole.export(path, dt=dt, with_effort=with_effort, message=message)
 
     def table(self) -> str:
         """The visits as a table: station, arrival, stay and departure [s]."""
@@ -277,11 +284,7 @@ class Tour:
 
 
 def _place(
-    problem: Problem,
-    last: Station | None,
-    station: Station,
-    before: Solution,
-    after: Solution,
+    problem: Problem, station: Station, before: Solution, after: Solution
 ) -> Sensitivity | None:
     """Sensitivity of the two motions that meet at a station to its place.
 
@@ -289,23 +292,8 @@ def _place(
     """
     if station.goal.configuration is not None:
         return None
-    begin = Segment(
-        station.goal,
-        payload=None if last is None else last.payload,
-        may_touch=before.problem.may_touch,
-        stop=True,
-    )
-    then = Segment(
-        after.problem.goal,
-        payload=station.payload,
-        may_touch=after.problem.may_touch,
-    )
-    both = replace(
-        problem,
-        q_start=before.problem.q_start,
-        goal=then.goal,
-        segments=[begin, then],
-    )
+    to_station = before.problem._altered(goal=station.goal)
+    both = in_sequence(problem, (to_station, after.problem), (0.0, 0.0))
     try:
         whole = joined([before.trajectory, after.trajectory], (0.0, 0.0, 0.0))
         sensitivities = analyse(both, whole)
