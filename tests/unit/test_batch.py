@@ -131,6 +131,64 @@ def test_a_batch_goes_on_where_it_was(folder: Path, alone: list[tm.Outcome]) -> 
     assert not any(outcome.resumed for outcome in other)
 
 
+def test_results_are_found_wherever_a_problem_is_in_the_list(folder: Path) -> None:
+    """Scenarios that are added in front or removed shift the numbers of the others."""
+    results, given = (
+        folder / "shifted",
+        dict(zip("abcd", problems(folder), strict=False)),
+    )
+
+    def planned(names: str) -> dict[str, tuple[bool, float]]:
+        chosen = [(name, given[name]) for name in names]
+        found = list(tm.plan_many(chosen, results=results, workers=1, **QUICK))
+        data = tm.Dataset(results)
+        assert data.files == [outcome.path for outcome in found] and len(data) == len(
+            found
+        )
+        read = [(e.about["index"], e.about["name"], e.T) for e in data]
+        assert read == [(k, name, found[k].T) for k, name in enumerate(names)]
+        assert [outcome.index for outcome in found] == list(range(len(names)))
+        return {outcome.name: (outcome.resumed, outcome.T) for outcome in found}
+
+    first = planned("bcd")
+    more = planned("abcd")
+    assert more == {"a": (False, more["a"][1])} | {
+        k: (True, first[k][1]) for k in "bcd"
+    }
+    assert all(resumed for resumed, _ in planned("dc").values())
+    # Of another problem with a former name nothing is taken over.
+    given["c"] = given["a"]
+    assert {k: resumed for k, (resumed, _) in planned("cd").items()} == {
+        "c": False,
+        "d": True,
+    }
+    # Of an interrupted batch the dataset has the results that are known to be its own.
+    stream = tm.plan_many(
+        [("b", given["b"]), ("a", given["a"])], results=results, **QUICK
+    )
+    assert next(stream).resumed and len(tm.Dataset(results)) < 3
+    assert tm.Dataset(results).files[0].name.startswith("b_")
+    stream.close()
+
+
+def test_warm_starts_are_taken_over_with_the_motions_they_began_with(
+    folder: Path,
+) -> None:
+    given = dict(zip("abcdefghi", problems(folder, 9), strict=True))
+    how = {"results": folder / "warm", "warm_start": True, "workers": 1, **QUICK}
+    first = list(tm.plan_many(given, **how))
+    assert any(outcome.began_with is not None for outcome in first)
+    again = list(tm.plan_many(dict(reversed(given.items())), **how))
+    assert {o.name: o.T for o in again if o.resumed}.items() <= {
+        o.name: o.T for o in first
+    }.items()
+    for outcome in again:
+        assert outcome.began_with is None or outcome.began_with != outcome.index
+    same = list(tm.plan_many(given, **how))
+    assert all(outcome.resumed for outcome in same)
+    assert [o.began_with for o in same] == [o.began_with for o in first]
+
+
 TASK = """
 [robot]
 path = "arm.urdf"
@@ -204,7 +262,7 @@ def test_a_killed_run_loses_what_was_under_way(folder: Path) -> None:
     run.send_signal(signal.SIGKILL)
     run.wait()
     time.sleep(1.0)  # what was under way ends, or is ended
-    done = tm.Dataset(results).files
+    done = list(results.glob("*/*.npz"))
     assert 6 <= len(done) < 400
     found = tm.plan_many(problems(folder, 400), workers=1, results=results, **QUICK)
     heads = [next(found) for _ in range(len(done) - 3)]

@@ -3,8 +3,14 @@
 A file holds the problem as the text of a scenario, the motion at its nodes, and its
 bounds and verdicts. Reading it takes neither pickle nor this library: ::
 
-    with np.load("000017.npz") as file:
+    with np.load("results/3f9/pick_3f9a61c2d05b7e48.npz") as file:
         t, q, success, T = file["t"], file["q"], bool(file["success"]), float(file["T"])
+
+The name of a file follows from the name of its problem and the digest of all that the
+result depends on, so that later batches in the folder find it, wherever the problem is
+in their list. The file ``results.txt`` lists the results of the last batch, a line each
+with the number of the problem and the file: results of former batches remain in the
+folder, but are not in the dataset.
 """
 
 from __future__ import annotations
@@ -33,8 +39,8 @@ from tominpmp.problem.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import Status
 
-# Largest number of files in one folder below the folder of the results.
-MOST_FILES = 1000
+# The list of the results of the last batch, in the folder of the results.
+LIST = "results.txt"
 ARRAYS = ("t", "q", "v", "u")
 # Arrays that only some motions have.
 OPTIONAL_ARRAYS = ("a", "segment_ends")
@@ -121,10 +127,10 @@ class Outcome(Record):
         )
 
 
-def file_of(folder: Path, index: int, name: str) -> Path:
-    """The file of the result of a problem."""
+def file_of(folder: Path, name: str, digest: str) -> Path:
+    """The file of the result of a problem, by the digest of all it depends on."""
     plain = re.sub(r"[^A-Za-z0-9._-]", "_", name)[:80]
-    return folder / f"{index // MOST_FILES:05d}" / f"{index:07d}_{plain}.npz"
+    return folder / digest[:3] / f"{plain}_{digest[:16]}.npz"
 
 
 def write_outcome(
@@ -336,12 +342,22 @@ class Dataset(Record):
 
     @property
     def files(self) -> list[Path]:
-        """The files, in the order of the problems."""
-        return sorted(self.folder.glob("[0-9]*/[0-9]*.npz"))
+        """The files of the last batch, in the order of the problems."""
+        return [path for _, path in self._listed()]
+
+    def _listed(self) -> list[tuple[int | None, Path]]:
+        """The numbers of the problems and the files; all files if there is no list."""
+        try:
+            lines = (self.folder / LIST).read_text(encoding="ascii").split("\n")[:-1]
+        except FileNotFoundError:
+            return [(None, path) for path in sorted(self.folder.glob("*/*.npz"))]
+        pairs = (line.split() for line in lines)
+        listed = sorted((int(index), self.folder / file) for index, file in pairs)
+        return [(index, path) for index, path in listed if path.is_file()]
 
     def __len__(self) -> int:
         """Number of results."""
-        return len(self.files)
+        return len(self._listed())
 
     def __iter__(self) -> Iterator[Entry]:
         """Read one result after the other.
@@ -349,7 +365,11 @@ class Dataset(Record):
         Raises:
             ScenarioError: If a file is broken.
         """
-        return (Entry.read(path) for path in self.files)
+        for index, path in self._listed():
+            entry = Entry.read(path)
+            if index is not None:
+                entry.about["index"] = index
+            yield entry
 
     def samples(self, count: int) -> Iterator[tuple[Entry, Array]]:
         """Motions at the same number of instants, for learning.

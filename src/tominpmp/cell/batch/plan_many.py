@@ -27,7 +27,7 @@ from weakref import WeakSet
 import numpy as np
 
 from tominpmp.arrays import Record
-from tominpmp.cell.batch.dataset import Entry, Outcome, file_of, write_outcome
+from tominpmp.cell.batch.dataset import LIST, Entry, Outcome, file_of, write_outcome
 from tominpmp.cell.batch.executor import Executor
 from tominpmp.cell.batch.neighbours import rounds_of
 from tominpmp.checks import flag, instance, whole, wrong
@@ -105,8 +105,9 @@ def plan_many(
             finish.
         results: Folder for the results, a file each, see
             :class:`~tominpmp.cell.batch.dataset.Dataset`. Problems whose results are
-            there already are not planned again: a run that was killed loses only the
-            plans under way. Processes on other machines must see the folder.
+            there already, wherever they were in the list, are not planned again: a run
+            that was killed loses only the plans under way. Processes on other machines
+            must see the folder.
         seed: Seed of the batch. The seed of each plan is derived from it and from the
             name of the problem, or the number of a problem without a name.
         warm_start: Whether problems begin with the motion of the nearest problem that
@@ -146,6 +147,8 @@ def plan_many(
         outcomes = _in_rounds(executor, settings, tasks)
     else:
         outcomes = _outcomes(executor, settings, tasks, {})
+    if folder is not None:
+        outcomes = _listed(outcomes, folder)
     if progress is not None:
         outcomes = _watched(outcomes, progress, total)
     return _in_order(outcomes) if ordered else outcomes
@@ -238,6 +241,16 @@ def _in_order(outcomes: Iterator[Outcome]) -> Iterator[Outcome]:
         while following in waiting:
             yield waiting.pop(following)
             following += 1
+
+
+def _listed(outcomes: Iterator[Outcome], folder: Path) -> Iterator[Outcome]:
+    """Outcomes; each that has a file is listed before it is yielded."""
+    with (folder / LIST).open("w", encoding="ascii", buffering=1) as listed:
+        for outcome in outcomes:
+            if outcome.path is not None:
+                file = outcome.path.relative_to(folder).as_posix()
+                listed.write(f"{outcome.index} {file}\n")
+            yield outcome
 
 
 def _watched(
@@ -379,29 +392,40 @@ def _end_with(handing_out: int) -> None:
 def _planned(task: BatchTask, settings: Settings, start: Start | None) -> Outcome:
     """Plan a problem and store the result, unless a former run has stored it."""
     folder, text, reason, digest = settings.folder, "", "", ""
-    path = None if folder is None else file_of(folder, task.index, task.name)
     try:
         problem, options = _problem(task.source, settings.options)
         options = options.changed(settings.changes)
         options = replace(options, callback=None, processes=1, seed=task.seed)
-        if path is not None:
-            text, reason = _written(problem, options, path.parents[1])
-            if text:
-                about = f"{task.name}\n{start and start[0]}\n{text}"
-                whole = repr([about, *_contents(problem)])
-                digest = hashlib.sha256(whole.encode()).hexdigest()
-                former = _former(path, digest)
-                if former is not None:
-                    return former.outcome(problem, options)
         number, motion = (None, None) if problem.segments else start or (None, None)
+        if folder is not None:
+            text, reason = _written(problem, options, folder)
+            if text:
+                digest = _digest(task.name, text, motion, *_contents(problem))
+                former = _former(file_of(folder, task.name, digest), digest)
+                if former is not None:
+                    outcome = former.outcome(problem, options)
+                    return replace(outcome, index=task.index, began_with=number)
         solution = plan(problem, options, motion)
         outcome = Outcome.of(solution, task.index, task.name, task.seed, number)
     except TominpmpError as error:
         outcome = task.failed(BROKEN, str(error))
-    if path is None:
+    if folder is None:
         return outcome
+    # Without a scenario there is no digest, and the result is not taken over.
+    path = file_of(folder, task.name, digest or _digest(task.name, task.index))
     write_outcome(path, outcome, digest, text, reason)
     return replace(outcome, path=path)
+
+
+def _digest(*parts: object) -> str:
+    """Digest of texts, numbers, contents of files and motions."""
+    content = [
+        np.column_stack([part.t, part.q, part.v, part.u]).tobytes()
+        if isinstance(part, Trajectory)
+        else part
+        for part in parts
+    ]
+    return hashlib.sha256(repr(content).encode()).hexdigest()
 
 
 def _problem(source: Any, options: Options | None) -> tuple[Problem, Options]:
