@@ -148,3 +148,12 @@ def test_path_guess_without_the_torque_to_stand_is_not_timed():
     assert guess.duration > 0.0
     assert guess.q[:, 0].min() < 1.0  # it goes towards the corner and turns
     np.testing.assert_allclose(guess.q[-1], goal)
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_path_guess_without_length_rests(tmp_path, count):
+    """A sampled path ended where it began, and its parameter was no number."""
+    system = maze(tmp_path, wall("low", 0.0, -2.0, 0.8))
+    guess = path_guess(system, np.tile(START, (count, 1)))
+    assert not guess.timed and guess.duration > 0.0
+    np.testing.assert_array_equal(guess.q, np.tile(START, (len(guess.t), 1)))

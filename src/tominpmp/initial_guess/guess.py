@@ -139,10 +139,7 @@ def straight_guess(
     system: ProblemFunctions, q_end: Array, name: str = "straight line"
 ) -> Guess:
     """Straight line in joint space, in minimum time if it can be timed."""
-    start = system.problem.q_start
-    if not np.any(np.abs(q_end - start) > 1e-12):
-        return _untimed_guess(system, np.linspace(start, q_end, SAMPLES), name)
-    return _along_corners(system, np.stack([start, q_end]), name)
+    return _along_corners(system, np.stack([system.problem.q_start, q_end]), name)
 
 
 def _line_guess(system: ProblemFunctions, q_end: Array) -> Guess:
@@ -225,7 +222,8 @@ def end_velocity(system: ProblemFunctions, q_end: Array) -> Array:
 
 
 def _along(system: ProblemFunctions, path: RoundedPath, name: str) -> Guess:
-    timing = time_path(system, path)
+    rests = np.all(np.ptp(path.corners, axis=0) <= 1e-12)
+    timing = None if rests else time_path(system, path)
     if timing is None:
         return _untimed_guess(system, path.evaluate(_quintic())[0], name)
     times = np.linspace(0.0, timing.duration, SAMPLES)

@@ -66,6 +66,8 @@ class RoundedPath:
         """
         weights = speed_weights(velocity)
         lengths = np.max(np.abs(np.diff(corners, axis=0)) * weights, axis=1)
+        if not lengths.any():
+            lengths = np.ones_like(lengths)  # the arm rests
         kept = lengths > SHORTEST * lengths.sum()
         corners = np.vstack([corners[:-1][kept], corners[-1:]])
         s = np.concatenate([[0.0], np.cumsum(lengths[kept])]) / lengths[kept].sum()
