@@ -111,18 +111,18 @@ def _with_passages(system: ProblemFunctions, guess: Guess) -> Iterator[Guess]:
     Among moving obstacles the guess that waits therefore comes first. For constraints
     with a time window the optimiser mostly succeeds from the original guess.
     """
-    waiting = with_waiting(system, guess)
+    waiting = _with_waiting(system, guess)
     passages = [] if waiting is None or waiting is guess else [waiting]
     if not system.problem.scene.moving:
         yield from (guess, *passages)
         return
     yield from (*passages, guess)
-    slower = with_waiting(system, guess, CAUTIOUS_MARGIN)
+    slower = _with_waiting(system, guess, CAUTIOUS_MARGIN)
     if slower is not None and slower.duration > (*passages, guess)[0].duration:
         yield slower
 
 
-def with_waiting(
+def _with_waiting(
     system: ProblemFunctions, guess: Guess, caution: float = 0.0
 ) -> Guess | None:
     """Traverse the path of a guess, waiting for moving obstacles and constraints.

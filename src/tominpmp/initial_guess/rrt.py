@@ -57,10 +57,10 @@ class _BudgetSpent(Exception):
 
 def is_free(system: ProblemFunctions, q: Array) -> bool:
     """Whether a configuration, shape (n,), keeps the required clearance."""
-    return next(check_of(system)(q[None]))
+    return next(_check_of(system)(q[None]))
 
 
-def check_of(system: ProblemFunctions) -> Check:
+def _check_of(system: ProblemFunctions) -> Check:
     """The collision check of a problem, for configurations of shape (m, n)."""
     checker = system.problem.checker
 
@@ -184,7 +184,7 @@ class _Space:
         self.lower = np.maximum(low, self.ends.min(axis=0) - beyond)
         self.upper = np.minimum(high, self.ends.max(axis=0) + beyond)
         self._radian = scale / self.unit
-        self._check, self._budget, self._deadline = check_of(system), checks, deadline
+        self._check, self._budget, self._deadline = _check_of(system), checks, deadline
 
     def each_free(self, points: Array) -> Iterator[bool]:
         """Yield for each point, shape (m, n), whether it is free.
@@ -358,7 +358,7 @@ def is_free_line(system: ProblemFunctions, begin: Array, end: Array) -> bool:
     """Whether the straight line between two configurations is free."""
     length = float(np.linalg.norm((end - begin) / system.step_scale))
     shares = np.linspace(0.0, 1.0, 2 + int(length / RESOLUTION))
-    return all(check_of(system)(begin + shares[:, None] * (end - begin)))
+    return all(_check_of(system)(begin + shares[:, None] * (end - begin)))
 
 
 def alike(system: ProblemFunctions, one: Array, other: Array) -> bool:
@@ -381,7 +381,7 @@ def alike(system: ProblemFunctions, one: Array, other: Array) -> bool:
     between = [
         (one + share * (other - one)) * system.step_scale for share in (0.5, 0.25, 0.75)
     ]
-    return all(check_of(system)(np.concatenate(between)))
+    return all(_check_of(system)(np.concatenate(between)))
 
 
 def _resampled(corners: Array) -> Array:

@@ -60,7 +60,7 @@ def first_program(
         if degree is not None:
             return guess.spline_program(system, *grid, degree)
         return with_active_rows(*guess.inverse_program(system, *grid))
-    shares, ends = guess_grid(system, options, guess)
+    shares, ends = _guess_grid(system, options, guess)
     transcription: BSplineTranscription
     if degree is None:
         transcription = InverseTranscription(system, shares, guess.duration, ends)
@@ -84,7 +84,7 @@ def collocated(
 
     def halved(halvings: int) -> tuple[NonlinearProgram, Array, float]:
         finer = replace(options, intervals=2**halvings * options.intervals)
-        shares = guess_grid(system, finer, guess)[0].sum(axis=1, keepdims=True)
+        shares = _guess_grid(system, finer, guess)[0].sum(axis=1, keepdims=True)
         lifted = CollocationTranscription(system, shares, guess.duration)
         nodes = np.concatenate([[0.0], np.cumsum(shares)])
         path = guess.position(nodes * guess.duration)
@@ -104,7 +104,7 @@ def collocated(
     return program, start
 
 
-def guess_grid(
+def _guess_grid(
     system: ProblemFunctions, options: Options, guess: Guess
 ) -> tuple[Array, tuple[int, ...]]:
     """Grid for a guess.

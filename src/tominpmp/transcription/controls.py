@@ -107,7 +107,7 @@ class TorqueTranscription(Transcription[SteppedMotion]):
             return None
         known, v, shares = self.assumed(z), motion.x[:, self._n :], self.shares_at(z)
         # Friction is left out until signs are known.
-        signs = new_signs(known, v, shares) if known else first_signs(self.system, v)
+        signs = _new_signs(known, v, shares) if known else first_signs(self.system, v)
         if signs is None:
             return None
         out = z.copy()
@@ -232,7 +232,7 @@ def first_signs(system: ProblemFunctions, v: Array) -> Signs:
     return replace(signs, both=change & (system.friction > 0.0))
 
 
-def new_signs(signs: Signs, v: Array, shares: Array) -> Signs | None:
+def _new_signs(signs: Signs, v: Array, shares: Array) -> Signs | None:
     """Velocity signs on the intervals of a motion, if they affect a torque limit.
 
     Args:

@@ -129,7 +129,7 @@ def _violated(
     if constraint.usable is None:
         return MissingRows(Instants.none())
     if constraint.order >= 3:
-        return MissingRows(violated_rates(constraint, of, motion, effort_tolerance))
+        return MissingRows(_violated_rates(constraint, of, motion, effort_tolerance))
     if constraint.order >= 2:
         return violated_jumps(constraint, of, motion, effort_tolerance, block.within)
     known = block.instants(of, motion.h)
@@ -374,7 +374,7 @@ def violated_jumps(
     return MissingRows(Instants.of_pairs(pairs), values)
 
 
-def violated_rates(
+def _violated_rates(
     constraint: Constraint, of: Transcription[Any], motion: Motion, tolerance: float
 ) -> Instants:
     """Pairs of instants between which rates exceed their limits.
