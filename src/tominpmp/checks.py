@@ -15,6 +15,7 @@ calling function to accept or to refuse with its own message.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
@@ -378,7 +379,7 @@ def vector(
     expected: str,
     size: int | None = None,
     *,
-    infinite: bool = False,
+    most: float = sys.float_info.max,
 ) -> Array:
     """Check a caller's vector.
 
@@ -387,7 +388,7 @@ def vector(
         name: Its name in messages.
         expected: Description of valid values.
         size: Number of its elements; None for any number.
-        infinite: Whether elements may be infinite.
+        most: Largest size of an element; infinite if elements may be infinite.
 
     Raises:
         ProblemError: If it is not a vector, or has the wrong size or invalid elements.
@@ -398,8 +399,8 @@ def vector(
         raise wrong(value, name, expected) from error
     if array.ndim != 1 or size not in (None, array.size):
         raise ProblemError(f"{name} has shape {array.shape}, expected {expected}", name)
-    if np.any(np.isnan(array)) or not (infinite or np.all(np.isfinite(array))):
-        which = "none of them NaN" if infinite else "all finite"
+    if not np.all(np.abs(array) <= most):
+        which = "none of them NaN" if most == math.inf else "all finite"
         raise wrong(array.tolist(), name, f"{expected}, {which}")
     return array
 
@@ -443,7 +444,7 @@ PointOrNone: TypeAlias = Annotated[
 ]
 #: A corner of a box, whose coordinates may be infinite.
 Corner: TypeAlias = Annotated[
-    Converted[VectorLike, Array], partial(_point, infinite=True)
+    Converted[VectorLike, Array], partial(_point, most=math.inf)
 ]
 
 

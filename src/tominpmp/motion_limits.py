@@ -339,7 +339,8 @@ class MotionLimits(Record):
         """Complete these limits by others, of lower priority.
 
         Numbers for all joints, and arrays, set the limit of every joint; mappings only
-        of the joints in them. An infinite value removes the limit of the other source.
+        of the joints in them. An infinite value removes the limit of the other source,
+        and stays: over these others again, the result is the same.
 
         Args:
             others: Limits of lower priority; None to complete nothing.
@@ -360,10 +361,7 @@ class MotionLimits(Record):
             if own is None:
                 own = below
             elif isinstance(own, Mapping) and below is not None:
-                both = others._bounds_of(name, joint_names) | dict(own)
-                own = {k: v for k, v in both.items() if v != np.inf} or None
-            elif not isinstance(own, Mapping) and np.all(np.isinf(own)):
-                own = None
+                own = others._bounds_of(name, joint_names) | dict(own)
             values[name] = own
         scale = min(self.effort_scale, others.effort_scale)
         return kind(**values, effort_scale=scale)
@@ -411,7 +409,8 @@ class MotionLimits(Record):
         kinds = []
         for name, kind in kinds_of(self).items():
             bounds = getattr(self, name)
-            if bounds is not None and not (isinstance(bounds, Mapping) and not bounds):
+            each = bounds.values() if isinstance(bounds, Mapping) else np.ravel(bounds)
+            if bounds is not None and any(bound != np.inf for bound in each):
                 kinds.append(kind)
         return kinds
 

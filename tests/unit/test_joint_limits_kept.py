@@ -208,6 +208,7 @@ def test_limits_of_a_robot_hold_unless_the_problem_says_otherwise(
     def limits(**values: Any) -> list[list[float]]:
         given = MotionLimits(**values) if values else None
         problem = Problem(robot, start, goal, motion_limits=given)
+        assert replace(problem, margin=0.01).motion_limits == problem.motion_limits
         path = save_scenario(tmp_path / "saved.toml", problem)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

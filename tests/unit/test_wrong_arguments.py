@@ -150,6 +150,8 @@ def test_the_cache_of_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
         (lambda: tm.JointGoal(range(10**12)), "goal.q is range"),
         # Squares and reciprocals of numbers are numbers, too.
         (lambda: tm.Payload(1e308, "tip"), "payload.mass is 1e.308"),
+        (lambda: tm.Payload(1.0, "tip", com=(1e308, 0, 0)), "payload.com is .1e.308"),
+        (lambda: tm.Payload(1.0, "tip", inertia=1e308 * np.eye(3)), "payload.inertia"),
         (lambda: tm.Box("x", size=(1e308, 1, 1)), "size along x is 1e.308"),
         (lambda: tm.Cylinder("x", radius=1, length=1e308), "length is 1e.308"),
         (lambda: tm.load_robot("planar3r", velocity=1e-308), "joint1 got 1e-308"),

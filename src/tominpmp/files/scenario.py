@@ -123,7 +123,7 @@ from tominpmp.files.records import (
 from tominpmp.files.writing import toml_text, write_bytes
 from tominpmp.goals.base import Goal
 from tominpmp.goals.joints import JointGoal
-from tominpmp.motion_limits import MotionLimits, classes_of_limits, kinds_of
+from tominpmp.motion_limits import MotionLimits, classes_of_limits
 from tominpmp.options import Options
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import Segment
@@ -181,25 +181,6 @@ def _limit(name: str, item: Field, before: Mapping[str, Any]) -> Any:
         for joint, value in item.table().items()
     }
     return {**before, **own}
-
-
-def _beyond_robot(problem: Problem) -> MotionLimits | None:
-    """Motion limits that restore those of a problem if its robot's complete them.
-
-    None if they are equal to the robot's.
-    """
-    limits, others = problem.motion_limits, problem.robot.motion_limits
-    if limits == others:
-        return None
-    if limits is None or others is None:
-        return limits
-    names = problem.robot.joint_names
-    freed: dict[str, Any] = {}
-    for name in kinds_of(others, numbers=True):
-        own, below = limits.by_joint(name, names), others.by_joint(name, names)
-        if np.any(np.isinf(own) & np.isfinite(below)):
-            freed[name] = dict(zip(names, own.tolist(), strict=True))
-    return replace(limits, **freed)
 
 
 def read_scene(table: Field) -> Scene:
@@ -890,7 +871,7 @@ def scenario_text(
         ScenarioError: If a file cannot represent a value of the problem.
     """
     instance(problem, Problem, "problem")
-    start = {"q": problem.q_start}
+    start, limits = {"q": problem.q_start}, problem.motion_limits
     if np.any(problem.v_start):
         start["v"] = problem.v_start
     parts: dict[str, Any] = {
@@ -901,7 +882,7 @@ def scenario_text(
         "start": start,
         "goal": None if problem.segments else problem.goal,
         "scene": problem.scene if len(problem.scene) else None,
-        "motion_limits": _beyond_robot(problem),
+        "motion_limits": None if limits == problem.robot.motion_limits else limits,
         "constraints": problem.constraints or None,
     }
 

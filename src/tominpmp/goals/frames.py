@@ -310,7 +310,7 @@ def _checked_angles(value: Any, name: str) -> float | Array:
     """Check a caller's angle tolerances: one for all axes, or one for each axis."""
     single = is_single(value)
     row, size = ([value], 1) if single else (value, 3)
-    angles = vector(row, name, ANGLES, size, infinite=True)
+    angles = vector(row, name, ANGLES, size, most=np.inf)
     if np.any(angles < 0.0):
         raise wrong(value, name, ANGLES)
     angles = np.minimum(angles, np.pi)

@@ -13,7 +13,7 @@ from tominpmp.description.joint_table import JointLimits
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion.curves import states
 from tominpmp.motion.trajectory import State, Trajectory
-from tominpmp.motion_limits import MotionLimits
+from tominpmp.motion_limits import ACCELERATION, MotionLimits
 from tominpmp.robot.robot import datasheet_hint
 
 if TYPE_CHECKING:
@@ -130,7 +130,7 @@ def acceleration_remark(problem: Problem, trajectory: Trajectory) -> str:
     limits = problem.motion_limits
     size = f"{peak.value:.0f}" if peak.value >= 100.0 else f"{peak.value:.3g}"
     which, where = f"No acceleration limit for {peak.joint}", ""
-    if limits is None or limits.acceleration is None:
+    if limits is None or ACCELERATION not in limits._bounded:
         which, where = "No acceleration limits", f" at {peak.joint}"
     hint = datasheet_hint(problem.robot, peak.joint)
     return f"{which}: the peak is {size} {peak.unit}{where}{hint}."

@@ -25,7 +25,16 @@ from tominpmp.arrays import (
     frozen_array,
     record,
 )
-from tominpmp.checks import Point, instance, number, optional, text, wrong
+from tominpmp.checks import (
+    HUGE,
+    VectorLike,
+    instance,
+    number,
+    optional,
+    text,
+    vector,
+    wrong,
+)
 from tominpmp.description.inertials import impossible_moments
 from tominpmp.description.model import are_neighbours
 from tominpmp.description.srdf import SemanticDescription
@@ -46,6 +55,10 @@ ROUNDING = 1e-6
 Mass: TypeAlias = Annotated[
     float, partial(number, expected="a mass >= 0 [kg]", least=0.0)
 ]
+Centre: TypeAlias = Annotated[
+    Converted[VectorLike, Array],
+    partial(vector, expected="three coordinates [m]", size=3, most=HUGE),
+]
 Name: TypeAlias = Annotated[str, partial(text, expected="a name")]
 
 
@@ -56,7 +69,7 @@ def checked_inertia(value: object, name: str) -> Array:
         ProblemError: If it is not a symmetric matrix, or impossible for a rigid body.
     """
     array = array_or_nan(value)
-    shaped = array.shape == (3, 3) and bool(np.all(np.isfinite(array)))
+    shaped = array.shape == (3, 3) and bool(np.all(np.abs(array) <= HUGE))
     if not shaped or not np.allclose(array, array.T, rtol=ROUNDING, atol=1e-15):
         raise wrong(value, name, "a symmetric matrix of 3x3 numbers [kg m^2]")
     fault = impossible_moments(array)
@@ -111,7 +124,7 @@ class Payload(Record):
 
     mass: Mass
     frame: Name
-    com: Point = default((0.0, 0.0, 0.0))
+    com: Centre = default((0.0, 0.0, 0.0))
     inertia: InertiaOrNone = default(None)
     geometry: Shapes = default(())
     name: Name = "payload"
