@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from pathlib import Path
 from typing import Any
 
@@ -52,3 +53,9 @@ class Unsendable:
 
     def __reduce__(self) -> tuple[Any, ...]:
         raise TypeError("a lock is in it")
+
+
+def slept(number: int, seconds: float) -> tuple[int, float]:
+    """The arguments, after a pause."""
+    time.sleep(seconds)
+    return number, seconds

@@ -22,6 +22,7 @@ from command_line import invoke
 
 import tominpmp as tm
 from tominpmp.cell.batch.dataset import Entry
+from tominpmp.cell.batch.executor import Executor
 from tominpmp.cell.batch.neighbours import rounds_of
 from tominpmp.cell.batch.plan_many import Progress
 
@@ -169,6 +170,15 @@ def test_results_are_found_wherever_a_problem_is_in_the_list(folder: Path) -> No
     assert next(stream).resumed and len(tm.Dataset(results)) < 3
     assert tm.Dataset(results).files[0].name.startswith("b_")
     stream.close()
+
+
+def test_work_under_way_is_abandoned_without_warnings() -> None:
+    """joblib warns of tasks that it cancels, and warnings are errors in these tests."""
+    results = Executor(batch_samples.slept, 2, None).results(
+        (name, 0.2) for name in "abcdef"
+    )
+    assert next(results) in (("a", 0.2), ("b", 0.2))
+    results.close()
 
 
 def test_warm_starts_are_taken_over_with_the_motions_they_began_with(

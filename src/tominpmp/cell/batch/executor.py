@@ -7,8 +7,8 @@ The caller chooses the backend by its name or by ``joblib.parallel_config``: "lo
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Generator, Iterable, Iterator
-from contextlib import closing
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from typing import Any, TypeVar
 
@@ -59,16 +59,18 @@ class Executor:
             batch_size=1,
         )
 
-    def _run(
+    @contextmanager
+    def _running(
         self, work: Iterable[tuple[int, Any]], workers: int | None
-    ) -> Generator[tuple[int, Any], None, None]:
-        """Results as they finish, with the numbers of their work."""
+    ) -> Iterator[Iterator[tuple[int, Any]]]:
+        """Context with the results as they finish, with the numbers of their work."""
         from joblib import delayed
 
-        call = delayed(self._function)
-        stream = self._parallel(workers)(call(*item) for item in work)
+        stream = self._parallel(workers)(
+            delayed(self._function)(*item) for item in work
+        )
         try:
-            yield from stream
+            yield stream
         finally:
             with warnings.catch_warnings():
                 # The caller has abandoned the work under way.
@@ -97,7 +99,7 @@ class Executor:
                 yield number, item[1]
 
         while True:
-            with closing(self._run(handed_out(), self.workers)) as results:
+            with self._running(handed_out(), self.workers) as results:
                 try:
                     for number, result in results:
                         yield under_way.pop(number)[0], result
@@ -107,7 +109,7 @@ class Executor:
             for number in sorted(under_way):
                 label, item = under_way.pop(number)
                 # joblib would run a single worker in this process.
-                with closing(self._run([(number, item)], 2)) as alone:
+                with self._running([(number, item)], 2) as alone:
                     try:
                         yield label, next(alone)[1]
                     except BrokenProcessPool:
