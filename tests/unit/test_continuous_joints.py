@@ -91,6 +91,60 @@ def test_many_goals_keep_the_ways_in_both_directions(robot: tm.Robot) -> None:
     assert found.trajectory.q[-1, 0] == pytest.approx(-0.4, abs=1e-5)
 
 
+def endless_arm(joints: int) -> tm.Robot:
+    """Joints without limits about one axis; the first link is the longest."""
+    text = '<robot name="endless"><link name="l0"/>'
+    for i in range(1, joints + 1):
+        length, x = (0.5, 0.0) if i == 1 else (0.1, 0.5 if i == 2 else 0.1)
+        text += f'''
+        <link name="l{i}"><inertial><origin xyz="{length / 2} 0 0"/><mass value="1"/>
+          <inertia ixx=".01" iyy=".02" izz=".02" ixy="0" ixz="0" iyz="0"/></inertial>
+          <collision><origin xyz="{length / 2} 0 0"/>
+            <geometry><box size="{length} .04 .04"/></geometry></collision></link>
+        <joint name="j{i}" type="continuous"><parent link="l{i - 1}"/>
+          <child link="l{i}"/><origin xyz="{x} 0 0.05"/><axis xyz="0 0 1"/>
+          <limit velocity="3" effort="50"/></joint>'''
+    return tm.load_robot(text + "</robot>")
+
+
+POST = tm.Cylinder("post", radius=0.03, length=1.0, position=(0.3, 0.0, 0.0))
+
+
+def test_each_of_many_joints_may_go_the_other_way_round() -> None:
+    """A post bars one joint; the others have nearly half a turn to go."""
+    robot = endless_arm(5)
+    start, end = np.zeros(5), np.full(5, 3.1)
+    start[0], end[0] = -0.5, 0.5
+    problem = tm.Problem(robot, start, tm.JointGoal(end), [POST], self_collision=False)
+    found = tm.plan(problem, effort="quick")
+    assert found.success, found.message
+    assert found.trajectory.q[-1] == pytest.approx([0.5 - TURN, *end[1:]], abs=1e-4)
+
+
+@pytest.mark.parametrize("count", [4, 8])
+def test_later_segments_follow_the_way_round_of_one(count: int) -> None:
+    goals = [tm.JointGoal([0.5 + 0.1 * k]) for k in range(count)]
+    segments = [tm.Segment(goal) for goal in goals]
+    problem = tm.Problem(endless_arm(1), [-0.5], segments=segments, scene=[POST])
+    found = tm.plan(problem, effort="quick")
+    assert found.success, found.message
+    ends = [part.trajectory.q[-1, 0] for part in found.segments]
+    assert ends == pytest.approx([goal.q[0] - TURN for goal in goals], abs=1e-4)
+
+
+def test_a_joint_that_cannot_stop_goes_on_for_two_turns(robot: tm.Robot) -> None:
+    problem = tm.Problem(
+        robot,
+        [0.0, 0.1],
+        tm.JointGoal([0.5, 0.1]),
+        v_start=[2.0, 0.0],
+        motion_limits=tm.MotionLimits(acceleration=0.17),
+    )
+    found = tm.plan(problem)
+    assert found.trajectory.q[-1, 0] == pytest.approx(0.5 + 2.0 * TURN, abs=1e-4)
+    assert found.T == pytest.approx(found.lower_bound.T, rel=1e-2)
+
+
 def test_no_bound_exceeds_a_motion_that_goes_on_for_two_turns(robot: tm.Robot) -> None:
     """A joint that cannot stop earlier goes on to a later turn, which takes less."""
     limits = tm.MotionLimits(acceleration=0.17)

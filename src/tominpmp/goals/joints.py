@@ -141,7 +141,10 @@ class GoalOnJoints(Record, Goal):
             return self
         moving = (v[rows] != 0.0) | (self.final_velocity(robot.n)[rows] != 0.0)
         ends = limits.position_lower[rows], limits.position_upper[rows]
-        ways = equivalent_positions(self.q, q[rows], angles, ends, moving, most)
+        velocity = limits.velocity[rows]
+        ways = equivalent_positions(
+            self.q, q[rows], angles, ends, velocity, moving, most
+        )
         return self._with_ways(*ways)
 
     def angles(self, robot: Robot) -> BoolArray:

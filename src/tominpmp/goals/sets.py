@@ -85,6 +85,7 @@ class PassedGoal(Record, Goal):
     members = _delegated("members")
     angles = _delegated("angles")
     turns = _delegated("turns")
+    turning = _delegated("turning")
 
     def with_state(self, q: Array, v: Array) -> Goal:
         """The via point with another configuration."""
@@ -100,6 +101,11 @@ class PassedGoal(Record, Goal):
         if len(self.goal.alternatives) == 1:
             return (self,)
         return tuple(PassedGoal(goal) for goal in self.goal.alternatives)
+
+    @property
+    def choices(self) -> tuple[Goal, ...]:
+        """A via point for each choice of the inner goal."""
+        return tuple(PassedGoal(goal) for goal in self.goal.choices)
 
     def prefixed(self, prefix: str, robot: Robot) -> Goal:
         """The via point with the names of a combined robot."""

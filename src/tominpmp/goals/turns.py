@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,8 @@ TURN = 2.0 * np.pi
 # Share of a turn within which two distances count as equal: half a turn is equally far
 # in both directions, and then the caller's number is kept.
 ROUNDING = 1e-9
-# Largest number of equivalent positions of all joints together: the nearest and, for
-# most arms, one for each angle that turns in the other direction.
+# Number of equivalent positions of all joints together: more only where the nearest
+# turns, and one for each angle that turns in the other direction, are more.
 MOST_WAYS = 6
 
 
@@ -23,6 +24,7 @@ def equivalent_positions(
     near: Array,
     angles: BoolArray,
     limits: tuple[Array, Array],
+    velocity: Array,
     moving: BoolArray,
     most: int = MOST_WAYS,
 ) -> tuple[Array, ...]:
@@ -30,40 +32,42 @@ def equivalent_positions(
 
     An angle is reached by the nearest turn, and by the nearest turn in the other
     direction; by a third turn where the joint moves at the start or the end, as moving
-    on may be faster than reversing.
+    on may be faster than reversing. The joints choose independently: after the nearest
+    turns of all joints come the changes of one joint, then those of two joints, each
+    in the order of the time that the changed joints need at their speed limits.
 
     Args:
         q: Joint positions, shape (k,) [rad or m].
         near: Positions of the joints at the start, shape (k,).
         angles: Which of the joints are angles, shape (k,).
         limits: Position limits, shape (k,) each; turns beyond them are left out.
+        velocity: Speed limits, shape (k,) [rad/s or m/s].
         moving: Which of the joints move at the start or the end, shape (k,).
         most: Largest number of combinations of turns.
 
     Returns:
-        At least one vector of positions, shape (k,) each, in the order of the distance
-        that all joints together travel in addition to the nearest turns.
+        At least one vector of positions, shape (k,) each.
     """
-    ways: list[tuple[float, list[float]]] = [(0.0, [])]
     away = (near - q) / TURN
     nearest = np.sign(away) * np.maximum(np.ceil(np.abs(away) - 0.5 - ROUNDING), 0.0)
-    for i, (angle, base) in enumerate(zip(q.tolist(), nearest.tolist(), strict=True)):
-        choices = [angle]
-        if angles[i]:
-            turned = [angle + TURN * (base + more) for more in (0, -1, 1)]
-            inside = [x for x in turned if limits[0][i] <= x <= limits[1][i]]
-            inside.sort(key=lambda x: (round(abs(x - near[i]), 9), abs(x - angle)))
-            choices = inside[: 3 if moving[i] else 2] or choices
-        extra = [abs(x - near[i]) - abs(choices[0] - near[i]) for x in choices]
-        ways = [
-            (distance + more, [*before, x])
-            for distance, before in ways
-            for more, x in zip(extra, choices, strict=True)
-        ]
-        # Distances only grow with further joints: a combination that is cut off here
-        # cannot be part of one of the best.
-        ways = sorted(ways, key=lambda way: way[0])[:most]
-    return tuple(np.array(way) for _, way in ways)
+    first, changes = np.array(q), list[tuple[float, int, float]]()
+    for i in np.flatnonzero(angles).tolist():
+        turned = q[i] + TURN * (nearest[i] + np.array([0.0, -1.0, 1.0]))
+        inside = [x for x in turned.tolist() if limits[0][i] <= x <= limits[1][i]]
+        inside.sort(key=lambda x: (round(abs(x - near[i]), 9), abs(x - q[i])))
+        others = inside[1 : 3 if moving[i] else 2]
+        first[i] = (inside or [q[i]])[0]
+        changes += [(abs(x - near[i]) / velocity[i], i, x) for x in others]
+    changes.sort()
+    pairs = [pair for pair in combinations(changes, 2) if pair[0][1] != pair[1][1]]
+    pairs.sort(key=lambda pair: pair[1][0])  # the slower of both comes second
+    ways = []
+    for changed in [(), *((change,) for change in changes), *pairs][:most]:
+        way = first.copy()
+        for _, i, x in changed:
+            way[i] = x
+        ways.append(way)
+    return tuple(ways)
 
 
 def joined_turns(goals: Sequence[Any]) -> Any:

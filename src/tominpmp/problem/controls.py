@@ -8,7 +8,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from tominpmp.arrays import Array
+from tominpmp.dynamics import RobotDynamics
 from tominpmp.motion_limits import (
     ACCELERATION,
     CONTROL_ACCELERATION,
@@ -60,6 +63,27 @@ def effort_range(robot: Robot, limits: MotionLimits | None) -> tuple[Array, Arra
     if limits is not None:
         half = limits.effort_scale * half
     return 0.5 * (lower + upper), half
+
+
+def accelerations_alone(robot: Robot, limits: MotionLimits | None, q: Array) -> Array:
+    """Accelerations that the torque of each joint allows, if the other joints rest.
+
+    They are estimates: the torque that gravity leaves, over the inertia at the joint.
+
+    Args:
+        robot: The robot.
+        limits: Motion limits in addition to the limits of its description.
+        q: Configurations, shape (k, n) [rad or m].
+
+    Returns:
+        Shape (k, n) [rad/s^2 or m/s^2].
+    """
+    dynamics, rest = RobotDynamics(robot), np.zeros_like(q)
+    _, half = effort_range(robot, limits)
+    weight = np.abs(dynamics.inverse(q, rest, rest))
+    inertia = np.diagonal(dynamics.mass(q), axis1=1, axis2=2)
+    spare = np.maximum(half - weight, 0.1 * half)
+    return np.asarray(spare / np.maximum(inertia, 1e-9))
 
 
 def controls_in(robot: Robot, state: State) -> Array:

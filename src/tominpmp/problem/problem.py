@@ -21,11 +21,12 @@ from tominpmp.description.model import sticks
 from tominpmp.exceptions import ProblemError, brief, naming, warn_caller
 from tominpmp.goals.base import Goal
 from tominpmp.goals.sets import passed
+from tominpmp.goals.turns import MOST_WAYS
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits, kinds_of
 from tominpmp.notebook import card, skeletons, table
-from tominpmp.problem.controls import control_bounds
+from tominpmp.problem.controls import accelerations_alone, control_bounds
 from tominpmp.problem.segments import (
     SOME_GOAL,
     Constraints,
@@ -42,6 +43,8 @@ from tominpmp.scene.scene import Scene, SceneLike, as_scene
 # Largest number of combinations of alternative goals over several segments, which are
 # planned one by one, and of combinations of equivalent joint angles over the segments.
 MOST_ALTERNATIVES, MOST_TURNS = 256, 16
+# Farthest way that a joint is assumed to need for a change of its velocity [rad].
+FARTHEST = 1e4
 
 
 LoadedRobot: TypeAlias = Annotated[
@@ -235,8 +238,7 @@ class Problem(Record):
             passing = not self.segments[number - 1].stop
             phase._checks.admit(q_start, phase.v_start, "start", passing=passing)
         rests = goal is segment.goal
-        most = int(MOST_TURNS ** (1.0 / len(self.segments)))
-        wrapped = segment.goal.wrapped(robot, q_start, phase.v_start, most)
+        wrapped = phase._wrapped(segment.goal, later=number > 0)
         checked_goal, messages = phase._checks.goal(wrapped, rests)
         if not rests:
             checked_goal = passed(checked_goal)
@@ -263,10 +265,33 @@ class Problem(Record):
 
     def _take_goal(self, goal: Goal) -> list[str]:
         """Check a goal and keep it, with its nearest joint angles; returns warnings."""
-        wrapped = goal.wrapped(self.robot, self.q_start, self.v_start)
-        checked_goal, messages = self._checks.goal(wrapped)
+        checked_goal, messages = self._checks.goal(self._wrapped(goal))
         self._keep(goal=checked_goal)
         return messages
+
+    def _wrapped(self, goal: Goal, later: bool = False) -> Goal:
+        """A goal with the joint angles nearest to where the joints come by themselves.
+
+        That is the start; or, where a joint moves at the start or the end, the position
+        at which its velocity has changed from the one to the other.
+
+        Args:
+            goal: The goal.
+            later: Whether it is the goal of a segment after the first one: the segment
+                before may have turned any joint in either direction.
+        """
+        robot, near, v = self.robot, self.q_start, self.v_start
+        angles = np.flatnonzero(goal.angles(robot))
+        change = goal.final_velocity(robot.n) - v
+        if np.any(change[angles]):
+            a = accelerations_alone(robot, self.motion_limits, near[None])[0]
+            limits = self.motion_limits or MotionLimits()
+            a = np.minimum(a, limits.by_joint("acceleration", robot.joint_names))
+            way = (v + 0.5 * change) * np.abs(change) / np.maximum(a, 1e-9)
+            lower, upper = robot.limits.position_lower, robot.limits.position_upper
+            near = np.clip(near + np.clip(way, -FARTHEST, FARTHEST), lower, upper)
+        most = 1 + 2 * angles.size if later else max(MOST_WAYS, 1 + angles.size)
+        return goal.wrapped(robot, near, np.ones_like(v) if later else v, most)
 
     @property
     def _checks(self) -> StateChecks:
@@ -295,17 +320,43 @@ class Problem(Record):
         """
         if not self.segments:
             return tuple(self._with_goal(goal) for goal in self.goal.alternatives)
-        each = [phase.goal.alternatives for phase in self.phases]
+        goals = [phase.goal for phase in self.phases]
+        each = [(goal,) if goal.turning else goal.choices for goal in goals]
         count = math.prod(map(len, each))
-        if count == 1:
-            return (self,)
         if count > MOST_ALTERNATIVES:
             raise ProblemError(
                 f"segments: their goals can be chosen in {count} ways, expected no "
                 f"more than {MOST_ALTERNATIVES}",
                 "segments",
             )
-        return tuple(self._with_goals(goals) for goals in itertools.product(*each))
+        ways = [
+            way
+            for chosen in itertools.product(*each)
+            for way in self._turns(chosen, max(MOST_TURNS // count, 1))
+        ]
+        return tuple(map(self._with_goals, ways)) if len(ways) > 1 else (self,)
+
+    def _turns(self, goals: Sequence[Goal], most: int) -> list[list[Goal]]:
+        """Choices of equivalent joint angles for the goals of all segments.
+
+        The nearest ones come first, then those that change the way of one segment: the
+        goals of later segments follow it. The first changes of all segments come before
+        the second ones.
+        """
+        each = [goal.alternatives for goal in goals]
+        ends = [
+            np.nan_to_num([goal.joint_ranges(self.robot)[0] for goal in turns])
+            for turns in each
+        ]
+        away = [rows - rows[0] for rows in ends]
+        changes = [(i, k) for k, rows in enumerate(away) for i in range(1, len(rows))]
+        ways = [[turns[0] for turns in each]]
+        for i, k in sorted(changes)[: most - 1]:
+            off = [np.max(np.abs(rows - away[k][i]), axis=1) for rows in away[k:]]
+            later = zip(each[k:], off, strict=True)
+            then = [turns[int(np.argmin(distance))] for turns, distance in later]
+            ways.append([*ways[0][:k], *then])
+        return ways
 
     def alternative_of(self, trajectory: Trajectory) -> Problem:
         """The problem with the alternative goals that a motion meets or comes nearest.

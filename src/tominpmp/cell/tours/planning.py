@@ -37,7 +37,6 @@ from tominpmp.cell.tours.station import (
 from tominpmp.cell.tours.tour import Tour
 from tominpmp.checks import JointsLike, flag, instance, raised_as, whole, wrong
 from tominpmp.constraints.path import PathConstraint
-from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import OptionsError, ProblemError, brief, naming, warn_caller
 from tominpmp.goals.base import Goal
 from tominpmp.goals.frames import place_of
@@ -45,7 +44,7 @@ from tominpmp.goals.joints import JointGoal
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
-from tominpmp.problem.controls import effort_range
+from tominpmp.problem.controls import accelerations_alone
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import known_names
 from tominpmp.problem.state_checks import joint_vector, onto_limits
@@ -328,18 +327,12 @@ def _status(stop: BaseException) -> Status:
 def _torque_limited(problem: Problem, by_station: Sequence[Array]) -> Array:
     """Estimate of the accelerations that the torques of the joints allow, shape (n,).
 
-    It is the torque that gravity leaves, over the inertia at the joint; coupling with
-    other joints, and changes of the inertia along the motion, are neglected.
+    Changes of the inertia along the motion are neglected.
     """
-    dynamics = RobotDynamics(problem.robot)
-    _, half = effort_range(problem.robot, problem.motion_limits)
     rows = np.concatenate([problem.q_start[None], *(rows[:2] for rows in by_station)])
     rows = rows[:: max(1, len(rows) // 40)]
-    rest = np.zeros_like(rows)
-    weight = np.abs(dynamics.inverse(rows, rest, rest))
-    inertia = np.diagonal(dynamics.mass(rows), axis1=1, axis2=2)
-    spare = np.maximum(half - weight, 0.1 * half)
-    most = np.median(spare / np.maximum(inertia, 1e-9), axis=0)
+    each = accelerations_alone(problem.robot, problem.motion_limits, rows)
+    most = np.median(each, axis=0)
     return np.where(most > 0.0, most, np.inf)
 
 
