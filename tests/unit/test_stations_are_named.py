@@ -71,6 +71,44 @@ WRONG: dict[str, tuple[Any, type[Exception], str]] = {
 }
 
 
+# A configuration where the arm can hold a load, and one where it cannot.
+UPRIGHT, LYING = np.array([1.5, 0.2, -0.2]), np.array([0.5, 1.7, -1.7])
+HEAVY = tm.Payload(1.5, TIP)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "named"),
+    [
+        (
+            LYING,
+            UPRIGHT,
+            r"station 1 \('pick'\) cannot be reached: with what is carried",
+        ),
+        (UPRIGHT, LYING, r"from station 1 \('pick'\) to station 2 \('place'\): goal: "),
+    ],
+)
+def test_stations_where_a_load_cannot_be_held_are_named(
+    first: np.ndarray, second: np.ndarray, named: str
+) -> None:
+    with pytest.raises(tm.TominpmpError, match=named + r".*joint 'joint1' cannot hold"):
+        carry(UPRIGHT + 0.1, first, second).raise_if_failed()
+
+
+def test_a_load_need_not_be_held_where_it_is_not_carried() -> None:
+    tour = carry(LYING, UPRIGHT, UPRIGHT + np.array([0.05, 0.0, 0.0]))
+    assert tour.order == ("pick", "place")
+
+
+def carry(start: np.ndarray, first: np.ndarray, second: np.ndarray) -> tm.Tour:
+    """Carry the load from one configuration to another, below gravity."""
+    stations = [
+        tm.Station("pick", tm.JointGoal(first), payload=HEAVY, then="place"),
+        tm.Station("place", tm.JointGoal(second)),
+    ]
+    robot = tm.load_robot("planar3r", gravity=(0.0, -9.81, 0.0))
+    return tm.plan_tour(robot, start, stations, max_planning_time=20.0)
+
+
 @pytest.mark.parametrize("case", WRONG)
 def test_stations_have_numbers_and_names(planar: tm.Robot, case: str) -> None:
     given, kind, text = WRONG[case]

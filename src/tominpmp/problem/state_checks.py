@@ -87,8 +87,8 @@ class StateChecks:
             v, of_v = onto_limits(self.robot, "velocity", v, "goal.v")
             self.clear(q, "goal")
             self.regular_mass(q, "goal")
-            if rests:
-                self._holds_weight(q, v)
+            if rests and not np.any(v) and (fault := unheld(self.robot, q)):
+                raise ProblemError(f"goal: {fault}", "goal")
             self.admit(q, v, "goal")
             return goal.with_state(q, v) if of_q or of_v else goal, of_q + of_v
         messages = []
@@ -229,29 +229,6 @@ class StateChecks:
                 FIELDS[which],
             )
 
-    def _holds_weight(self, q: Array, v: Array) -> None:
-        """Check that the motors can hold the arm against gravity if it comes to rest.
-
-        Raises:
-            ProblemError: Naming a joint whose torque limit is too low.
-        """
-        if np.any(v) or self.robot.kinematic:
-            return
-        tau = RobotDynamics(self.robot).inverse(q[None], v[None], v[None])[0]
-        limits = self.robot.limits
-        for i, joint in enumerate(self.robot.joint_names):
-            low, high = limits.effort_lower[i], limits.effort_upper[i]
-            slack = 1e-9 * max(1.0, abs(low), abs(high))
-            if not low - slack <= tau[i] <= high + slack:
-                unit = _unit(self.robot, "effort", i)
-                dry = self.robot.friction[i] > 0.0
-                raise ProblemError(
-                    f"goal: joint {joint!r} cannot hold the arm against gravity there: "
-                    f"{tau[i]:.4g} {unit} needed, [{low:.4g}, {high:.4g}] allowed"
-                    + (" (its dry friction is not counted on)" if dry else ""),
-                    "goal",
-                )
-
     def _link_clear(self, goal: Goal) -> None:
         """Check that the link at the goal's frame has an orientation without collision.
 
@@ -289,6 +266,32 @@ class StateChecks:
                 f"outside reach by {distance - reach:.4g} m",
                 "goal",
             )
+
+
+def unheld(robot: Robot, q: Array) -> str:
+    """Why the motors cannot hold the arm at rest, in a clause; empty if they can.
+
+    The clause names a joint whose torque limit is too low.
+
+    Args:
+        robot: The robot.
+        q: The configuration, shape (n,).
+    """
+    if robot.kinematic:
+        return ""
+    rest, limits = np.zeros((1, q.size)), robot.limits
+    tau = RobotDynamics(robot).inverse(q[None], rest, rest)[0]
+    for i, joint in enumerate(robot.joint_names):
+        low, high = limits.effort_lower[i], limits.effort_upper[i]
+        slack = 1e-9 * max(1.0, abs(low), abs(high))
+        if not low - slack <= tau[i] <= high + slack:
+            unit = _unit(robot, "effort", i)
+            dry = " (its dry friction is not counted on)" if robot.friction[i] else ""
+            return (
+                f"joint {joint!r} cannot hold the arm against gravity there: "
+                f"{tau[i]:.4g} {unit} needed, [{low:.4g}, {high:.4g}] allowed{dry}"
+            )
+    return ""
 
 
 def onto_limits(

@@ -21,6 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.cell.tours.legs import LegTable
+from tominpmp.cell.tours.station import Station
 from tominpmp.goals.base import Goal
 from tominpmp.goals.frames import FrameTarget, frame_target
 from tominpmp.goals.joints import nearest_turns
@@ -28,6 +29,7 @@ from tominpmp.goals.place import Scales
 from tominpmp.kinematics import FrameMotions, RobotKinematics, times
 from tominpmp.least_squares import least_squares
 from tominpmp.problem.problem import Problem
+from tominpmp.problem.state_checks import unheld
 from tominpmp.robot.robot import Robot
 
 
@@ -132,7 +134,8 @@ class Configurations:
 
     Attributes:
         problem: Robot, obstacles and limits.
-        goals: The goals of the stations.
+        stations: The stations.
+        goals: Their goals.
         weights: Weights of the joints in the length of a displacement, shape (n,).
         leaving: By the index of a station with a payload, the problem with the payload.
     """
@@ -140,11 +143,12 @@ class Configurations:
     def __init__(
         self,
         problem: Problem,
-        goals: tuple[Goal, ...],
+        stations: Sequence[Station],
         weights: Array,
         leaving: Mapping[int, Problem],
     ) -> None:
-        self.problem, self.goals = problem, goals
+        goals = tuple(station.goal for station in stations)
+        self.problem, self.stations, self.goals = problem, stations, goals
         self.weights, self.leaving = weights, leaving
         # The alternatives of all goals in one list: their number by goal, and the index
         # of the first alternative of each goal.
@@ -213,11 +217,23 @@ class Configurations:
         """Whether configurations are admissible at a station, shape (m,).
 
         An admissible configuration is clear of collisions, also with the payload that
-        leaves the station, and keeps the constraints.
+        leaves the station, and keeps the constraints; where the arm stops, it can hold
+        this payload.
         """
         loaded = self.leaving.get(g)
         both = [self.problem] if loaded is None else [self.problem, loaded]
-        return np.array([all(_keeps(p, row) for p in both) for row in q], dtype=bool)
+        return np.array(
+            [
+                all(_keeps(p, row) for p in both) and not self._unheld(row, g)
+                for row in q
+            ],
+            dtype=bool,
+        )
+
+    def _unheld(self, q: Array, g: int) -> str:
+        """Why the arm cannot rest with the payload that leaves a station, or empty."""
+        loads = g in self.leaving and self.stations[g].stop
+        return unheld(self.leaving[g].robot, q) if loads else ""
 
     def search(self, count: int, rng: np.random.Generator) -> list[Array]:
         """Find some configurations for each station.
@@ -343,6 +359,8 @@ class Configurations:
                     f"{contact.link!r} with {contact.obstacle!r} "
                     f"({contact.distance:.3g} m)"
                 )
+        if fault := self._unheld(row, g):
+            return f"with what is carried from there, {fault}"
         return "all configurations that reach its goal break a constraint"
 
 

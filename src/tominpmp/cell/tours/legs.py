@@ -21,7 +21,7 @@ from itertools import pairwise
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.cell.tours.station import Station
+from tominpmp.cell.tours.station import Station, label_of
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.joints import JointGoal
@@ -316,14 +316,21 @@ DIRECT = (
 def carrying(
     problem: Problem, payload: Payload | None, touch: Sequence[tuple[str, str]]
 ) -> Problem:
-    """A problem with a payload, and more pairs that may touch."""
+    """A problem with a payload, and more pairs that may touch.
+
+    Start and goal are not checked: a leg has others.
+    """
     robot = problem.robot
     if payload is not None:
         robot = robot.with_payload(payload)
     known = known_names(robot, problem.scene)
     # Pairs with payloads of other legs do not apply to this leg.
     pairs = [pair for pair in touch if set(pair) <= known]
-    return replace(problem, robot=robot, may_touch=(*problem.may_touch, *pairs))
+    return problem._altered(
+        *("checker", "margins", "ready_constraints"),
+        robot=robot,
+        may_touch=(*problem.may_touch, *pairs),
+    )
 
 
 @dataclass(eq=False)
@@ -336,7 +343,7 @@ class Legs:
         options: Options of the planner for legs without a direct motion.
         table: The nodes of the tour.
         planned: Number of legs that were planned.
-        errors: Messages on legs without a motion.
+        errors: Messages on legs without a motion, with their stations.
         motions: Motions of the legs looked at so far; None for a leg without a motion.
     """
 
@@ -402,15 +409,25 @@ class Legs:
         """The motion of a leg from rest to rest; None if no motion is found."""
         if leg not in self.motions:
             check()
-            self.motions[leg] = self._solved(partial(self._problem, leg))
+            ends = self.table.station(leg[0]), self.table.station(leg[2])
+            self.motions[leg] = self._solved(partial(self._problem, leg), *ends)
         return self.motions[leg]
 
-    def _solved(self, make_problem: Callable[[], Problem]) -> Solution | None:
+    def _solved(
+        self, make_problem: Callable[[], Problem], begin: int | None, end: int | None
+    ) -> Solution | None:
         """The direct motion, or a motion planned in the remaining time.
 
         Args:
             make_problem: Makes the problem; its errors are noted.
+            begin: Index of the station where the motion begins; None for the start.
+            end: Index of the station where it ends; None for the end of the tour.
         """
+        named = [
+            other if k is None else label_of(k + 1, self.stations[k].name)
+            for k, other in ((begin, "the start"), (end, "the end"))
+        ]
+        where = f"from {named[0]} to {named[1]}: "
         try:
             problem = make_problem()
             solution = self._direct(problem)
@@ -422,12 +439,12 @@ class Legs:
             self.planned += 1
             solution = plan(problem, self.options)
         except ProblemError as error:
-            self.errors.append(str(error))
+            self.errors.append(where + str(error))
             return None
         if solution.status is Status.INTERRUPTED:
             raise Stop(True)
         if not solution.success:
-            self.errors.append(solution.message)
+            self.errors.append(where + solution.message)
             return None
         return solution
 
@@ -466,4 +483,4 @@ class Legs:
             begin, end = q[0], goals[-1]
             return replace(self.problem, q_start=begin, goal=end, segments=segments)
 
-        return self._solved(make_problem)
+        return self._solved(make_problem, indices[0], indices[-1])

@@ -126,8 +126,7 @@ class TourSearch:
             for k, station in enumerate(stations)
             if station.payload is not None
         }
-        goals = tuple(station.goal for station in stations)
-        self.configurations = Configurations(problem, goals, times.weights, leaving)
+        self.configurations = Configurations(problem, stations, times.weights, leaving)
         by_station = self.configurations.search(count, self.rng)
         for number, rows in enumerate(by_station):
             if not len(rows):
@@ -308,7 +307,7 @@ class TourSearch:
         reason = "no order of the stations keeps the rules"
         reason += " (after, then, precedence)"
         if legs.errors:
-            reason = f"of the legs, {legs.errors[-1].rstrip('.')}"
+            reason = legs.errors[-1].rstrip(".")
         text = f"{status.value} No tour was found: {reason}."
         planned = legs.planned
         return Tour(legs.problem, legs.stations, status, text, legs_planned=planned)
