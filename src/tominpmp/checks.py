@@ -442,6 +442,8 @@ Point: TypeAlias = Annotated[Converted[VectorLike, Array], _point]
 PointOrNone: TypeAlias = Annotated[
     Converted[VectorLike | None, Array | None], optional(_point)
 ]
+#: A centre of mass, whose squares are finite.
+Centre: TypeAlias = Annotated[Converted[VectorLike, Array], partial(_point, most=HUGE)]
 #: A corner of a box, whose coordinates may be infinite.
 Corner: TypeAlias = Annotated[
     Converted[VectorLike, Array], partial(_point, most=math.inf)

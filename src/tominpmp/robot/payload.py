@@ -25,16 +25,7 @@ from tominpmp.arrays import (
     frozen_array,
     record,
 )
-from tominpmp.checks import (
-    HUGE,
-    VectorLike,
-    instance,
-    number,
-    optional,
-    text,
-    vector,
-    wrong,
-)
+from tominpmp.checks import HUGE, Centre, instance, number, optional, text, wrong
 from tominpmp.description.inertials import impossible_moments
 from tominpmp.description.model import are_neighbours
 from tominpmp.description.srdf import SemanticDescription
@@ -54,10 +45,6 @@ ROUNDING = 1e-6
 
 Mass: TypeAlias = Annotated[
     float, partial(number, expected="a mass >= 0 [kg]", least=0.0)
-]
-Centre: TypeAlias = Annotated[
-    Converted[VectorLike, Array],
-    partial(vector, expected="three coordinates [m]", size=3, most=HUGE),
 ]
 Name: TypeAlias = Annotated[str, partial(text, expected="a name")]
 
