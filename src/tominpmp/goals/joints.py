@@ -140,11 +140,9 @@ class GoalOnJoints(Record, Goal):
         if not np.any(angles):
             return self
         moving = (v[rows] != 0.0) | (self.final_velocity(robot.n)[rows] != 0.0)
-        ends = limits.position_lower[rows], limits.position_upper[rows]
-        velocity = limits.velocity[rows]
-        ways = equivalent_positions(
-            self.q, q[rows], angles, ends, velocity, moving, most
-        )
+        bounds = limits.position_lower, limits.position_upper, limits.velocity
+        each = [bound[rows] for bound in bounds]
+        ways = equivalent_positions(self.q, q[rows], angles, each, moving, most)
         return self._with_ways(*ways)
 
     def angles(self, robot: Robot) -> BoolArray:

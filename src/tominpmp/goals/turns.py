@@ -11,9 +11,6 @@ import numpy as np
 from tominpmp.arrays import Array, BoolArray
 
 TURN = 2.0 * np.pi
-# Share of a turn within which two distances count as equal: half a turn is equally far
-# in both directions, and then the caller's number is kept.
-ROUNDING = 1e-9
 # Number of equivalent positions of all joints together: more only where the nearest
 # turns, and one for each angle that turns in the other direction, are more.
 MOST_WAYS = 6
@@ -23,8 +20,7 @@ def equivalent_positions(
     q: Array,
     near: Array,
     angles: BoolArray,
-    limits: tuple[Array, Array],
-    velocity: Array,
+    limits: Sequence[Array],
     moving: BoolArray,
     most: int = MOST_WAYS,
 ) -> tuple[Array, ...]:
@@ -40,20 +36,21 @@ def equivalent_positions(
         q: Joint positions, shape (k,) [rad or m].
         near: Positions of the joints at the start, shape (k,).
         angles: Which of the joints are angles, shape (k,).
-        limits: Position limits, shape (k,) each; turns beyond them are left out.
-        velocity: Speed limits, shape (k,) [rad/s or m/s].
+        limits: Lower and upper position limits, beyond which turns are left out, and
+            speed limits [rad/s or m/s], shape (k,) each.
         moving: Which of the joints move at the start or the end, shape (k,).
         most: Largest number of combinations of turns.
 
     Returns:
         At least one vector of positions, shape (k,) each.
     """
-    away = (near - q) / TURN
-    nearest = np.sign(away) * np.maximum(np.ceil(np.abs(away) - 0.5 - ROUNDING), 0.0)
+    lower, upper, velocity = limits
+    nearest = np.round((near - q) / TURN)
     first, changes = np.array(q), list[tuple[float, int, float]]()
     for i in np.flatnonzero(angles).tolist():
         turned = q[i] + TURN * (nearest[i] + np.array([0.0, -1.0, 1.0]))
-        inside = [x for x in turned.tolist() if limits[0][i] <= x <= limits[1][i]]
+        inside = [x for x in turned.tolist() if lower[i] <= x <= upper[i]]
+        # Half a turn is equally far in both directions: the caller's number is kept.
         inside.sort(key=lambda x: (round(abs(x - near[i]), 9), abs(x - q[i])))
         others = inside[1 : 3 if moving[i] else 2]
         first[i] = (inside or [q[i]])[0]

@@ -66,9 +66,10 @@ def effort_range(robot: Robot, limits: MotionLimits | None) -> tuple[Array, Arra
 
 
 def accelerations_alone(robot: Robot, limits: MotionLimits | None, q: Array) -> Array:
-    """Accelerations that the torque of each joint allows, if the other joints rest.
+    """Accelerations that limits allow each joint, if the other joints rest.
 
-    They are estimates: the torque that gravity leaves, over the inertia at the joint.
+    Where torques limit them, these are estimates: the torque that gravity leaves, over
+    the inertia at the joint.
 
     Args:
         robot: The robot.
@@ -83,7 +84,8 @@ def accelerations_alone(robot: Robot, limits: MotionLimits | None, q: Array) -> 
     weight = np.abs(dynamics.inverse(q, rest, rest))
     inertia = np.diagonal(dynamics.mass(q), axis1=1, axis2=2)
     spare = np.maximum(half - weight, 0.1 * half)
-    return np.asarray(spare / np.maximum(inertia, 1e-9))
+    most = (limits or MotionLimits()).by_joint("acceleration", robot.joint_names)
+    return np.minimum(spare / np.maximum(inertia, 1e-9), most)
 
 
 def controls_in(robot: Robot, state: State) -> Array:

@@ -285,8 +285,6 @@ class Problem(Record):
         change = goal.final_velocity(robot.n) - v
         if np.any(change[angles]):
             a = accelerations_alone(robot, self.motion_limits, near[None])[0]
-            limits = self.motion_limits or MotionLimits()
-            a = np.minimum(a, limits.by_joint("acceleration", robot.joint_names))
             way = (v + 0.5 * change) * np.abs(change) / np.maximum(a, 1e-9)
             lower, upper = robot.limits.position_lower, robot.limits.position_upper
             near = np.clip(near + np.clip(way, -FARTHEST, FARTHEST), lower, upper)

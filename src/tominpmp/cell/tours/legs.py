@@ -325,12 +325,9 @@ def carrying(
         robot = robot.with_payload(payload)
     known = known_names(robot, problem.scene)
     # Pairs with payloads of other legs do not apply to this leg.
-    pairs = [pair for pair in touch if set(pair) <= known]
-    return problem._altered(
-        *("checker", "margins", "ready_constraints"),
-        robot=robot,
-        may_touch=(*problem.may_touch, *pairs),
-    )
+    pairs = [*problem.may_touch, *(pair for pair in touch if set(pair) <= known)]
+    stale = "checker", "margins", "ready_constraints"
+    return problem._altered(*stale, robot=robot, may_touch=tuple(pairs))
 
 
 @dataclass(eq=False)
@@ -380,13 +377,12 @@ class Legs:
             self._settings[key] = carrying(self.problem, payload, touch)
         return self._settings[key]
 
-    def _problem(self, leg: Leg) -> Problem:
-        """The problem of a leg.
+    def _problem(self, leg: Leg, begin: int | None, end: int | None) -> Problem:
+        """The problem of a leg between two stations.
 
         Raises:
             ProblemError: If an end of the leg is not admissible.
         """
-        begin, end = self.table.station(leg[0]), self.table.station(leg[2])
         q_start, q_end = self.table.rows(leg)
         goal = JointGoal(q_end, wrap=False)
         return self._setting(begin, end).with_ends(q_start, goal)
@@ -410,7 +406,7 @@ class Legs:
         if leg not in self.motions:
             check()
             ends = self.table.station(leg[0]), self.table.station(leg[2])
-            self.motions[leg] = self._solved(partial(self._problem, leg), *ends)
+            self.motions[leg] = self._solved(partial(self._problem, leg, *ends), *ends)
         return self.motions[leg]
 
     def _solved(

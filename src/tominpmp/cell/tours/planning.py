@@ -136,8 +136,7 @@ class TourSearch:
                     f"stations[{number}]",
                 )
         if not exact:
-            most = np.minimum(times.acceleration, _torque_limited(problem, by_station))
-            times = replace(times, acceleration=most)
+            times = replace(times, acceleration=_accelerations(problem, by_station))
         last = [] if q_end is None else [q_end[None]]
         nodes = [problem.q_start[None], *by_station, *last]
         rests = [True, *(station.stop for station in stations), *(True for _ in last)]
@@ -323,8 +322,8 @@ def _status(stop: BaseException) -> Status:
     return Status.INTERRUPTED if requested else Status.TIME_LIMIT
 
 
-def _torque_limited(problem: Problem, by_station: Sequence[Array]) -> Array:
-    """Estimate of the accelerations that the torques of the joints allow, shape (n,).
+def _accelerations(problem: Problem, by_station: Sequence[Array]) -> Array:
+    """Estimate of the accelerations that the limits of the joints allow, shape (n,).
 
     Changes of the inertia along the motion are neglected.
     """
