@@ -288,7 +288,9 @@ class Problem(Record):
             way = (v + 0.5 * change) * np.abs(change) / np.maximum(a, 1e-9)
             lower, upper = robot.limits.position_lower, robot.limits.position_upper
             near = np.clip(near + np.clip(way, -FARTHEST, FARTHEST), lower, upper)
-        most = 1 + 2 * angles.size if later else max(MOST_WAYS, 1 + angles.size)
+        most = max(MOST_WAYS, 1 + angles.size)
+        if later:
+            most = (1 + 2 * angles.size) * len(goal.choices)
         return goal.wrapped(robot, near, np.ones_like(v) if later else v, most)
 
     @property
@@ -338,22 +340,19 @@ class Problem(Record):
         """Choices of equivalent joint angles for the goals of all segments.
 
         The nearest ones come first, then those that change the way of one segment: the
-        goals of later segments follow it. The first changes of all segments come before
-        the second ones.
+        later segments take the nearest turns from there. The first changes of all
+        segments come before the second ones.
         """
+        kinematics, still = RobotKinematics(self.robot), 0.0 * self.q_start
         each = [goal.alternatives for goal in goals]
-        ends = [
-            np.nan_to_num([goal.joint_ranges(self.robot)[0] for goal in turns])
-            for turns in each
-        ]
-        away = [rows - rows[0] for rows in ends]
-        changes = [(i, k) for k, rows in enumerate(away) for i in range(1, len(rows))]
+        changes = [(i, k) for k, turns in enumerate(each) for i in range(1, len(turns))]
         ways = [[turns[0] for turns in each]]
         for i, k in sorted(changes)[: most - 1]:
-            off = [np.max(np.abs(rows - away[k][i]), axis=1) for rows in away[k:]]
-            later = zip(each[k:], off, strict=True)
-            then = [turns[int(np.argmin(distance))] for turns, distance in later]
-            ways.append([*ways[0][:k], *then])
+            way, q = [*ways[0][:k], each[k][i]], each[k][i].configuration
+            for goal, usual in zip(goals[k + 1 :], ways[0][k + 1 :], strict=True):
+                way.append(usual if q is None else goal.nearest(kinematics, q, still))
+                q = way[-1].configuration if usual.configuration is not None else q
+            ways.append(way)
         return ways
 
     def alternative_of(self, trajectory: Trajectory) -> Problem:

@@ -400,9 +400,14 @@ def _planned(task: BatchTask, settings: Settings, start: Start | None) -> Outcom
         if folder is not None:
             text, reason = _written(problem, options, folder)
             if text:
-                digest = _digest(task.name, text, motion, *_contents(problem))
-                former = _former(file_of(folder, task.name, digest), digest)
-                if former is not None:
+                nodes = (
+                    () if motion is None else (motion.t, motion.q, motion.v, motion.u)
+                )
+                begun = [rows.tobytes() for rows in nodes]
+                digest = _digest(task.name, text, begun, *_contents(problem))
+                # A broken or missing file is written anew.
+                with suppress(ScenarioError):
+                    former = Entry.read(file_of(folder, task.name, digest))
                     outcome = former.outcome(problem, options)
                     return replace(outcome, index=task.index, began_with=number)
         solution = plan(problem, options, motion)
@@ -418,14 +423,8 @@ def _planned(task: BatchTask, settings: Settings, start: Start | None) -> Outcom
 
 
 def _digest(*parts: object) -> str:
-    """Digest of texts, numbers, contents of files and motions."""
-    content = [
-        np.column_stack([part.t, part.q, part.v, part.u]).tobytes()
-        if isinstance(part, Trajectory)
-        else part
-        for part in parts
-    ]
-    return hashlib.sha256(repr(content).encode()).hexdigest()
+    """Digest of texts, numbers and bytes."""
+    return hashlib.sha256(repr(parts).encode()).hexdigest()
 
 
 def _problem(source: Any, options: Options | None) -> tuple[Problem, Options]:
@@ -482,12 +481,3 @@ def _content(file: str) -> bytes:
 @lru_cache(1000)
 def _content_at(file: str, *_: int) -> bytes:
     return hashlib.sha256(Path(file).read_bytes()).digest()
-
-
-def _former(path: Path, digest: str) -> Entry | None:
-    """The result of a former run; None if there is no result of the same problem."""
-    with suppress(ScenarioError):  # a broken or missing file is written anew
-        entry = Entry.read(path)
-        if entry.about.get("digest") == digest and entry.about["status"] != LOST:
-            return entry
-    return None
