@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tominpmp.arrays import Array, real_array
+from tominpmp.arrays import Array, BoolArray, real_array
 from tominpmp.checks import by_joint, in_order, wrong
 from tominpmp.collision.checker import CollisionChecker
 from tominpmp.collision.enclosure import enclosure
@@ -268,29 +268,34 @@ class StateChecks:
             )
 
 
-def unheld(robot: Robot, q: Array) -> str:
-    """Why the motors cannot hold the arm at rest, in a clause; empty if they can.
-
-    The clause names a joint whose torque limit is too low.
+def holding(robot: Robot, q: Array) -> tuple[Array, BoolArray]:
+    """Torques that hold an arm at rest, and whether each motor has them.
 
     Args:
         robot: The robot.
-        q: The configuration, shape (n,).
+        q: Configurations, shape (m, n).
+
+    Returns:
+        Shape (m, n) each.
     """
-    if robot.kinematic:
-        return ""
-    rest, limits = np.zeros((1, q.size)), robot.limits
-    tau = RobotDynamics(robot).inverse(q[None], rest, rest)[0]
-    for i, joint in enumerate(robot.joint_names):
-        low, high = limits.effort_lower[i], limits.effort_upper[i]
-        slack = 1e-9 * max(1.0, abs(low), abs(high))
-        if not low - slack <= tau[i] <= high + slack:
-            unit = _unit(robot, "effort", i)
-            dry = " (its dry friction is not counted on)" if robot.friction[i] else ""
-            return (
-                f"joint {joint!r} cannot hold the arm against gravity there: "
-                f"{tau[i]:.4g} {unit} needed, [{low:.4g}, {high:.4g}] allowed{dry}"
-            )
+    limits, rest = robot.limits, np.zeros_like(q)
+    tau = rest if robot.kinematic else RobotDynamics(robot).inverse(q, rest, rest)
+    low, high = limits.effort_lower, limits.effort_upper
+    slack = 1e-9 * np.maximum(1.0, np.maximum(np.abs(low), np.abs(high)))
+    return tau, (low - slack <= tau) & (tau <= high + slack) | robot.kinematic
+
+
+def unheld(robot: Robot, q: Array) -> str:
+    """The first motor that cannot hold the arm at rest at q, in a clause; or empty."""
+    tau, held = holding(robot, q[None])
+    for i in np.flatnonzero(~held[0]).tolist():
+        low, high = robot.limits.effort_lower[i], robot.limits.effort_upper[i]
+        dry = " (its dry friction is not counted on)" if robot.friction[i] else ""
+        return (
+            f"joint {robot.joint_names[i]!r} cannot hold the arm against gravity "
+            f"there: {tau[0, i]:.4g} {_unit(robot, 'effort', i)} needed, "
+            f"[{low:.4g}, {high:.4g}] allowed{dry}"
+        )
     return ""
 
 

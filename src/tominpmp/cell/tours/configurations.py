@@ -29,7 +29,7 @@ from tominpmp.goals.place import Scales
 from tominpmp.kinematics import FrameMotions, RobotKinematics, times
 from tominpmp.least_squares import least_squares
 from tominpmp.problem.problem import Problem
-from tominpmp.problem.state_checks import unheld
+from tominpmp.problem.state_checks import holding, unheld
 from tominpmp.robot.robot import Robot
 
 
@@ -222,18 +222,10 @@ class Configurations:
         """
         loaded = self.leaving.get(g)
         both = [self.problem] if loaded is None else [self.problem, loaded]
-        return np.array(
-            [
-                all(_keeps(p, row) for p in both) and not self._unheld(row, g)
-                for row in q
-            ],
-            dtype=bool,
-        )
-
-    def _unheld(self, q: Array, g: int) -> str:
-        """Why the arm cannot rest with the payload that leaves a station, or empty."""
-        loads = g in self.leaving and self.stations[g].stop
-        return unheld(self.leaving[g].robot, q) if loads else ""
+        kept = np.array([all(_keeps(p, row) for p in both) for row in q], dtype=bool)
+        if loaded is not None and self.stations[g].stop:
+            kept &= np.all(holding(loaded.robot, q)[1], axis=1)
+        return kept
 
     def search(self, count: int, rng: np.random.Generator) -> list[Array]:
         """Find some configurations for each station.
@@ -359,7 +351,7 @@ class Configurations:
                     f"{contact.link!r} with {contact.obstacle!r} "
                     f"({contact.distance:.3g} m)"
                 )
-        if fault := self._unheld(row, g):
+        if g in self.leaving and (fault := unheld(self.leaving[g].robot, row)):
             return f"with what is carried from there, {fault}"
         return "all configurations that reach its goal break a constraint"
 
