@@ -443,15 +443,14 @@ class CoarseSearch:
         patience: float = np.inf,
         transform: Callable[[Guess], Schedule[Guess]] | None = None,
     ) -> Schedule[None]:
-        """Try further guesses, and finish those that predict a faster motion.
+        """Try further guesses, and finish each one that predicts a faster motion.
 
         Args:
             guesses: The guesses.
             patience: Stop rule: number of consecutive guesses that predict no gain.
             transform: Coroutine that transforms each guess before it is tried.
         """
-        promising: list[CoarseMotion] = []
-        failures, best = 0, np.inf
+        failures = 0
         for guess in guesses:
             if transform is not None:
                 guess = yield from transform(guess)
@@ -462,16 +461,11 @@ class CoarseSearch:
                 rough = yield from self.solve_coarse(guess)
             failures += 1
             if rough is not None and self._promises(rough):
-                promising.append(rough)
-                if rough.duration < (1.0 - PROMISE) * best:
-                    failures, best = 0, rough.duration
+                failures = 0
+                yield from self.finish(rough)
+                self.calibrate_loss()
             if failures >= patience:
-                break
-        for rough in sorted(promising, key=lambda rough: rough.duration):
-            if not self._promises(rough):
                 return
-            yield from self.finish(rough)
-            self.calibrate_loss()
 
     @property
     def _least_guess(self) -> float:

@@ -15,7 +15,7 @@ from tominpmp.options import Options
 from tominpmp.planner.automatic_options import minimum_time
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.finer_grid import on_finer_grids
-from tominpmp.planner.first_program import InitialProgram, first_program
+from tominpmp.planner.first_program import first_program
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import REPAIRS, Work
 from tominpmp.solvers.exchange import RowExchange, with_missing_rows
@@ -24,14 +24,11 @@ from tominpmp.solvers.objective import SMALL_VIOLATION
 from tominpmp.solvers.stop import first_of
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import Status
-from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Duality gap of the programs, as a share of T, if the final configuration is free:
 # larger gaps lead to more iterations there.
 FREE_ACCURACY = 1e-6
-# Iterations for a preliminary motion that serves as guess for a smooth one.
-FIRST_ITERATIONS = 10
 # Most doublings of a collocation grid, whose torques are constant over an interval:
 # fast motions need short intervals, and the doublings take little time.
 REPAIRS_OF_COLLOCATION = 4
@@ -162,9 +159,8 @@ def descend(
     objective = minimum_time(system, options, guess.duration)
     program, z = first_program(system, options, guess)
     initial = program.trajectory(z)
-    if system.parts and not guess.solved and options.control in DEGREES:
-        program, z = _smooth_start(system, options, guess, state)
-    step, usual = trust_regions(options, accuracy=_accuracy(system))
+    accuracy = FREE_ACCURACY if system.final_configuration is None else None
+    step, usual = trust_regions(options, accuracy=accuracy)
     exchange = RowExchange(
         # Slowing down for small violations costs less time than refinement gains.
         small_violation=SMALL_VIOLATION if options.refine == "auto" else 0.0,
@@ -188,35 +184,3 @@ def descend(
         return candidate
     refined = Candidate.of(guess.name, initial, finer)
     return replace(refined, coarser=candidate)
-
-
-def _accuracy(system: ProblemFunctions) -> float | None:
-    """Duality gap of the programs of a descent; None for the usual one."""
-    return FREE_ACCURACY if system.final_configuration is None else None
-
-
-def _smooth_start(
-    system: ProblemFunctions, options: Options, guess: Guess, state: PlanState
-) -> InitialProgram:
-    """Program with continuous accelerations for a guess, and its initial iterate.
-
-    At goals that are passed without a stop, a guess has corners, which are far from any
-    motion with continuous accelerations. A few iterations therefore make a preliminary
-    motion first, whose accelerations may jump.
-    """
-    brief = replace(options, max_iterations=FIRST_ITERATIONS, control="constant")
-    easier = system.without_smooth_limits()
-    program, z = first_program(easier, brief, guess)
-    result = solve(
-        program,
-        minimum_time(system, brief, guess.duration),
-        z,
-        *trust_regions(brief, accuracy=_accuracy(system)),
-        callback=state,
-        keep=state.keep,
-    )
-    if result.best is not None:
-        warm = warm_start(system, result.program.trajectory(result.best.z))
-        inner = warm.inner_ends
-        guess = Guess(guess.name, warm.t, warm.q, False, inner_ends=inner)
-    return first_program(system, options, guess)

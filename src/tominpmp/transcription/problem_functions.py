@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from tominpmp.constraints.joint_limits import JointLimit
 from tominpmp.constraints.torque import Motors, TorqueLimit, TorqueOverSpeed, TorqueRate
 from tominpmp.dynamics import Dynamics, RobotDynamics
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
-from tominpmp.motion_limits import MotionLimits, kinds_of
+from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem.controls import effort_range
 from tominpmp.problem.joint_limits import joint_limits
 
@@ -218,21 +218,6 @@ class ProblemFunctions:
             return replace(system, clearance_rows=rows)
 
         return self._each(changed)
-
-    def without_smooth_limits(self) -> ProblemFunctions:
-        """The same problem without limits that need continuous accelerations."""
-
-        def loosened(system: ProblemFunctions) -> ProblemFunctions:
-            limits = system.motion_limits
-            if not limits.continuous:
-                return system
-            kinds = kinds_of(limits).items()
-            smooth: dict[str, Any] = {k: None for k, kind in kinds if kind.smooth}
-            loose = replace(limits, **smooth)
-            problem = system.problem._altered(motion_limits=loose)
-            return replace(system, problem=problem)
-
-        return self._each(loosened)
 
     def resting(self, time: float | None = None) -> ProblemFunctions:
         """The same problem without moving obstacles.
