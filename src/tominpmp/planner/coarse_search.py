@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import itertools
 import logging
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -71,9 +71,6 @@ REMAINING = 3.0
 # Least predicted gain over the incumbent for which a coarse motion is finished, as a
 # share of T.
 PROMISE = 0.003
-# A timed guess is skipped if it is slower by this factor than a motion found, or than
-# the guess of one.
-TOO_SLOW = 1.4
 # Two motions count as the same if they differ by less than SAME [rad, or shares of the
 # reach] at each of SAMPLES instants.
 SAMPLES = 12
@@ -411,9 +408,7 @@ class CoarseSearch:
             wanted: Number of guesses that are compared.
         """
         for guess in itertools.islice(guesses, wanted):
-            best = min((rough.duration for rough in self.known), default=np.inf)
-            if not (guess.timed and guess.duration > TOO_SLOW * best):
-                yield from self.solve_coarse(guess)
+            yield from self.solve_coarse(guess)
         tried: list[CoarseMotion] = []
         while True:
             untried = [rough for rough in self.known if rough not in tried]
@@ -441,24 +436,18 @@ class CoarseSearch:
         self,
         guesses: Iterable[Guess],
         patience: float = np.inf,
-        transform: Callable[[Guess], Schedule[Guess]] | None = None,
     ) -> Schedule[None]:
         """Try further guesses, and finish each one that predicts a faster motion.
 
         Args:
             guesses: The guesses.
             patience: Stop rule: number of consecutive guesses that predict no gain.
-            transform: Coroutine that transforms each guess before it is tried.
         """
         failures = 0
         for guess in guesses:
-            if transform is not None:
-                guess = yield from transform(guess)
             if guess in self._tried:
                 continue
-            rough = None
-            if not (guess.timed and guess.duration > TOO_SLOW * self._least_guess):
-                rough = yield from self.solve_coarse(guess)
+            rough = yield from self.solve_coarse(guess)
             failures += 1
             if rough is not None and self._promises(rough):
                 failures = 0
@@ -466,12 +455,6 @@ class CoarseSearch:
                 self.calibrate_loss()
             if failures >= patience:
                 return
-
-    @property
-    def _least_guess(self) -> float:
-        """Least duration of the timed guesses of all known motions [s]."""
-        timed = (rough.guess for rough in self.known if rough.guess.timed)
-        return min((guess.duration for guess in timed), default=np.inf)
 
     def _promises(self, rough: CoarseMotion) -> bool:
         """Whether a coarse motion predicts a gain over the incumbent once finished."""

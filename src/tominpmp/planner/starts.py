@@ -34,7 +34,6 @@ from tominpmp.planner.automatic_options import JUMPS_SHARE, SHOOTING
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.coarse_search import (
     MOST_PATHS,
-    TOO_SLOW,
     CachedGuesses,
     coarse_grids_apply,
     search,
@@ -226,8 +225,6 @@ def _descents(
             guess = ahead.next(rest) if ahead else next(guesses, None)
             if guess is None:
                 break
-            if guess.timed and guess.duration > TOO_SLOW * state.best_duration:
-                continue
             # The last guess is not dropped early: no other one would follow.
             stop = None
             if number + 1 < rescues and system.parts:

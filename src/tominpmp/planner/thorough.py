@@ -2,9 +2,9 @@
 
 A plan with effort "thorough" first completes all stages of a plan with less effort.
 Waves of starts on coarse grids follow: detours, paths around obstacles, other final
-configurations, motions of the arm without gravity, and random torques. A coarse motion
-that predicts a gain over the incumbent is finished; if it is faster, the improvements
-are repeated for it. A longer search therefore never ends with a slower motion.
+configurations, and random torques. A coarse motion that predicts a gain over the
+incumbent is finished; if it is faster, the improvements are repeated for it. A longer
+search therefore never ends with a slower motion.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from tominpmp.dynamics import RobotDynamics
 from tominpmp.initial_guess.bumps import SPREADS, bumped, bumps
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.initial_guess.path_velocity import guesses_of
@@ -64,11 +63,11 @@ def thorough_search(state: PlanState) -> Schedule[None]:
         yield from improvements(state)
     state.complete = True
     most = WAVES if options.max_planning_time is None else MOST_WAVES
-    for number, search in itertools.product(range(most), searches):
+    for _, search in itertools.product(range(most), searches):
         if state.best_duration <= (1.0 + PROVEN) * state.lower_bound(problem).T:
             return
         before = state.best_duration
-        yield from search.wave(number)
+        yield from search.wave()
         if state.best_duration < before:
             yield from _with_exact_switches(state)
             yield from improvements(state)
@@ -109,12 +108,8 @@ class Waves:
     def _rng(self, kind: int) -> np.random.Generator:
         return np.random.default_rng([self.options.seed, kind])
 
-    def wave(self, number: int) -> Schedule[None]:
-        """Make the candidates of a wave.
-
-        Args:
-            number: Number of the wave, from 0.
-        """
+    def wave(self) -> Schedule[None]:
+        """Make the candidates of a wave."""
         if self.coarse is None:
             self._begin()
         if self.coarse is None:
@@ -122,11 +117,7 @@ class Waves:
         turns = itertools.islice(itertools.cycle(self.sources), WAVE)
         guesses = (next(source, None) for source in turns)
         made = (guess for guess in guesses if guess is not None)
-        # In every second wave each guess is replaced by the motion that it leads to
-        # without gravity.
-        heavy = number % 2 == 0 or not np.any(self.system.problem.robot.gravity)
-        transform = None if heavy else self._weightless
-        yield from self.coarse.probes(made, transform=transform)
+        yield from self.coarse.probes(made)
         if torques_may_lead(self.system):
             with contextlib.suppress(StopIteration):
                 self.answer = yield self.starts.send(self.answer)
@@ -165,15 +156,3 @@ class Waves:
                 continue
             guess = Guess.of_motion(best.name, best.trajectory)
             yield bumped(self.system, guess, heights)
-
-    def _weightless(self, guess: Guess) -> Schedule[Guess]:
-        """The motion that a guess leads to without gravity, as a guess."""
-        system, spare = self.system.without_self_collision, self.state.fallback
-        robot = system.problem.robot.with_changes(gravity=np.zeros(3))
-        light = replace(system, dynamics=RobotDynamics(robot, dry=False))
-        search = CoarseSearch(light, self.options, self.state, torques=True)
-        rough = yield from search.solve_coarse(guess)
-        self.state.fallback = spare  # no motion without gravity is a fallback
-        if rough is None:
-            return guess
-        return Guess.of_motion(guess.name, rough.candidate.trajectory, len(guess.t))
