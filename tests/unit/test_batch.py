@@ -172,6 +172,17 @@ def test_results_are_found_wherever_a_problem_is_in_the_list(folder: Path) -> No
     stream.close()
 
 
+@pytest.mark.parametrize("text", ["0 a.npz\n\n", "0 a 1 b\n", "x\0\n", "0 \xe4\n"])
+def test_a_damaged_list_of_results_is_named(folder: Path, text: str) -> None:
+    results = folder / "damaged"
+    list(tm.plan_many(problems(folder, 1), results=results, workers=1, **QUICK))
+    (results / "results.txt").write_text(text, encoding="utf-8")
+    with pytest.raises(tm.ScenarioError, match=r"results\.txt is damaged .*deleted"):
+        list(tm.Dataset(results))
+    (results / "results.txt").unlink()
+    assert len(list(tm.Dataset(results))) == 1
+
+
 def test_work_under_way_is_abandoned_without_warnings() -> None:
     """joblib warns of tasks that it cancels, and warnings are errors in these tests."""
     results = Executor(batch_samples.slept, 2, None).results(

@@ -145,6 +145,72 @@ def test_a_joint_that_cannot_stop_goes_on_for_two_turns(robot: tm.Robot) -> None
     assert found.T == pytest.approx(found.lower_bound.T, rel=1e-2)
 
 
+@pytest.mark.parametrize(
+    "goal",
+    [
+        tm.AnyGoal([tm.JointGoal([1.0])]),
+        tm.JointRegionGoal([1.0]),
+        tm.AllGoals([tm.JointRegionGoal([1.0])]),
+    ],
+    ids=["any", "region", "all"],
+)
+def test_goals_of_all_kinds_are_reached_where_a_joint_comes_by_itself(
+    goal: tm.Goal,
+) -> None:
+    """It comes to rest 31 rad away at the earliest."""
+    problem = tm.Problem(
+        endless_arm(1),
+        [0.0],
+        goal,
+        v_start=[-2.5],
+        motion_limits=tm.MotionLimits(acceleration=0.1),
+    )
+    found = tm.plan(problem, effort="quick")
+    assert found.success, found.message
+    assert found.trajectory.q[-1, 0] == pytest.approx(1.0 - 6.0 * TURN, abs=1e-4)
+
+
+def test_later_segments_begin_where_a_moving_joint_comes_by_itself() -> None:
+    segments = [
+        tm.Segment(tm.JointGoal([1.0], v=[2.5])),
+        tm.Segment(tm.JointGoal([1.5])),
+    ]
+    problem = tm.Problem(
+        endless_arm(1),
+        [0.0],
+        segments=segments,
+        motion_limits=tm.MotionLimits(acceleration=0.3),
+    )
+    found = tm.plan(problem, effort="quick")
+    way = np.diff([part.trajectory.q[-1, 0] for part in found.segments])
+    assert way == pytest.approx([0.5 + 2.0 * TURN], abs=1e-4)
+
+
+def test_jerk_limits_count_for_where_a_joint_comes_by_itself() -> None:
+    problem = tm.Problem(
+        endless_arm(1),
+        [0.0],
+        tm.JointGoal([1.0]),
+        v_start=[2.5],
+        motion_limits=tm.MotionLimits(jerk=0.1),
+    )
+    found = tm.plan(problem, effort="quick")
+    assert found.T == pytest.approx(2.0 * np.sqrt(2.5 / 0.1), rel=0.1)
+
+
+def test_bounds_of_joints_that_hardly_brake_take_no_time() -> None:
+    """One after the other, their fifty thousand turns took a minute."""
+    problem = tm.Problem(
+        endless_arm(1),
+        [0.0],
+        tm.JointGoal([1.0]),
+        v_start=[2.5],
+        motion_limits=tm.MotionLimits(acceleration=1e-5),
+    )
+    found = tm.plan(problem, max_planning_time=2.0)
+    assert not found.success and found.planning_time < 3.0
+
+
 def test_no_bound_exceeds_a_motion_that_goes_on_for_two_turns(robot: tm.Robot) -> None:
     """A joint that cannot stop earlier goes on to a later turn, which takes less."""
     limits = tm.MotionLimits(acceleration=0.17)

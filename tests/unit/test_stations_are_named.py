@@ -99,6 +99,15 @@ def test_a_load_need_not_be_held_where_it_is_not_carried() -> None:
     assert tour.order == ("pick", "place")
 
 
+def test_loads_at_passed_stations_are_not_blamed_for_other_constraints() -> None:
+    robot = tm.load_robot("planar3r", gravity=(0.0, -9.81, 0.0))
+    upright = tm.KeepUpright(TIP, axis=(1, 0, 0), direction=(0, 1, 0), tolerance=0.5)
+    for stop in (False, True):
+        station = tm.Station("pick", tm.JointGoal(LYING), payload=HEAVY, stop=stop)
+        with pytest.raises(tm.ProblemError, match=r"break a constraint"):
+            tm.plan_tour(robot, UPRIGHT, [station], constraints=[upright])
+
+
 def carry(start: np.ndarray, first: np.ndarray, second: np.ndarray) -> tm.Tour:
     """Carry the load from one configuration to another, below gravity."""
     stations = [

@@ -9,7 +9,6 @@ largest torque.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -124,12 +123,15 @@ def joint_bounds(
     for joint, (least, most), velocities, goes_on in each:
         T, way = _least(joint, least, most, velocities)
         for side in (TURN, -TURN) if goes_on else ():
-            for k in itertools.count(1):
-                further = least + k * side, most + k * side
-                other = _least(joint, *further, velocities)
-                if other[0] >= T:
-                    break  # beyond its braking distance, a joint only takes longer
-                T, way = other
+            turns, step = 0, 1
+            while step:
+                further = (turns + step) * side
+                other = _least(joint, least + further, most + further, velocities)
+                # Beyond its braking distance, a joint only takes longer.
+                if other[0] < T:
+                    (T, way), turns, step = other, turns + step, 2 * step
+                else:
+                    step //= 2
         reason = f"joint {joint.name} has {abs(way):.4g} {joint.unit} to go"
         bounds.append(LowerBound(T, f"{reason}, {joint.limits}", joint.name))
     return bounds

@@ -286,6 +286,11 @@ class AllGoals(GoalSet):
             first = first.joined(other)
         return first
 
+    def positions(self, robot: Robot) -> Array:
+        """Positions that any of the goals determines; NaN for other joints."""
+        each = [goal.positions(robot) for goal in self.members]
+        return np.asarray(np.fmax.reduce(each))
+
     def joint_ranges(self, robot: Robot) -> tuple[Array, Array]:
         """Intersections of the joint ranges of all goals."""
         ranges = [goal.joint_ranges(robot) for goal in self.members]

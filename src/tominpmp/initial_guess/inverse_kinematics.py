@@ -14,6 +14,7 @@ from tominpmp.constraints.path import PathConstraint
 from tominpmp.goals.base import Goal
 from tominpmp.goals.joints import nearest_turns
 from tominpmp.goals.place import Scales
+from tominpmp.goals.turns import TURN
 from tominpmp.initial_guess.path import speed_weights
 from tominpmp.initial_guess.rrt import is_free
 from tominpmp.least_squares import damped_step, least_squares, row_by_row
@@ -200,12 +201,16 @@ def find_configurations(
     problem = system.problem
     limits = problem.robot.limits
     target = Target(system, goal, goal_only=goal_only, beyond=beyond)
+    # A joint that moves at the start may reach the goal several turns away from there.
+    turns = np.round((goal.positions(problem.robot) - problem.q_start) / TURN)
+    centre = problem.q_start + TURN * np.nan_to_num(turns)
+    centre = np.clip(centre, limits.position_lower, limits.position_upper)
     around = AROUND * target.scales.joints
-    low = np.maximum(limits.position_lower, problem.q_start - around)
-    high = np.minimum(limits.position_upper, problem.q_start + around)
+    low = np.maximum(limits.position_lower, centre - around)
+    high = np.minimum(limits.position_upper, centre + around)
     wide = [rng.uniform(low, high) for _ in range(count)]
-    near = [problem.q_start + NEARER * (q - problem.q_start) for q in wide]
-    solutions, nearest = _solutions(target, [problem.q_start, *wide, *near])
+    near = [centre + NEARER * (q - centre) for q in wide]
+    solutions, nearest = _solutions(target, [centre, *wide, *near])
     if not goal_only:
         movable = [q for q in solutions if not isolated(target, q)]
         solutions += _solutions(target, moved_nearer(target, movable), solutions)[0]

@@ -20,6 +20,10 @@ from tominpmp.motion_limits import (
     MotionLimits,
 )
 
+# Accelerations and jerks beyond this count as unlimited, and accelerations below its
+# inverse as this inverse [rad/s^2, rad/s^3].
+MOST = 1e9
+
 if TYPE_CHECKING:
     from tominpmp.motion.trajectory import State
     from tominpmp.robot.robot import Robot
@@ -86,6 +90,29 @@ def accelerations_alone(robot: Robot, limits: MotionLimits | None, q: Array) -> 
     spare = np.maximum(half - weight, 0.1 * half)
     most = (limits or MotionLimits()).by_joint("acceleration", robot.joint_names)
     return np.minimum(spare / np.maximum(inertia, 1e-9), most)
+
+
+def durations_alone(
+    robot: Robot, limits: MotionLimits | None, q: Array, change: Array
+) -> Array:
+    """Durations that changes of velocity take each joint, if the other joints rest.
+
+    Args:
+        robot: The robot.
+        limits: Motion limits in addition to the limits of its description.
+        q: Configuration, shape (n,) [rad or m].
+        change: Amounts of the changes, shape (n,) [rad/s or m/s].
+
+    Returns:
+        Shape (n,) [s].
+    """
+    jerk = (limits or MotionLimits()).by_joint("jerk", robot.joint_names)
+    jerk = np.minimum(jerk, MOST)
+    a = np.minimum(
+        accelerations_alone(robot, limits, q[None])[0], np.sqrt(change * jerk)
+    )
+    a = np.clip(a, 1.0 / MOST, MOST)
+    return np.asarray(change / a + a / jerk)
 
 
 def controls_in(robot: Robot, state: State) -> Array:

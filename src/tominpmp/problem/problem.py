@@ -20,13 +20,13 @@ from tominpmp.description.joint_table import example_values
 from tominpmp.description.model import sticks
 from tominpmp.exceptions import ProblemError, brief, naming, warn_caller
 from tominpmp.goals.base import Goal
-from tominpmp.goals.sets import passed
+from tominpmp.goals.sets import AnyGoal, passed
 from tominpmp.goals.turns import MOST_WAYS
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits, kinds_of
 from tominpmp.notebook import card, skeletons, table
-from tominpmp.problem.controls import accelerations_alone, control_bounds
+from tominpmp.problem.controls import control_bounds, durations_alone
 from tominpmp.problem.segments import (
     SOME_GOAL,
     Constraints,
@@ -238,7 +238,8 @@ class Problem(Record):
             passing = not self.segments[number - 1].stop
             phase._checks.admit(q_start, phase.v_start, "start", passing=passing)
         rests = goal is segment.goal
-        wrapped = phase._wrapped(segment.goal, later=number > 0)
+        before = self.segments[number - 1].goal if number else None
+        wrapped = phase._wrapped(segment.goal, before)
         checked_goal, messages = phase._checks.goal(wrapped, rests)
         if not rests:
             checked_goal = passed(checked_goal)
@@ -269,7 +270,7 @@ class Problem(Record):
         self._keep(goal=checked_goal)
         return messages
 
-    def _wrapped(self, goal: Goal, later: bool = False) -> Goal:
+    def _wrapped(self, goal: Goal, before: Goal | None = None, rivals: int = 1) -> Goal:
         """A goal with the joint angles nearest to where the joints come by themselves.
 
         That is the start; or, where a joint moves at the start or the end, the position
@@ -277,21 +278,28 @@ class Problem(Record):
 
         Args:
             goal: The goal.
-            later: Whether it is the goal of a segment after the first one: the segment
-                before may have turned any joint in either direction.
+            before: The goal of the segment before, which may have turned any joint in
+                either direction; None for the first segment.
+            rivals: Number of goals of the set that the goal belongs to.
         """
+        if isinstance(goal, AnyGoal):
+            rivals = len(goal.goals)
+            goals = [self._wrapped(each, before, rivals) for each in goal.goals]
+            return goal._altered(goals=tuple(goals))
         robot, near, v = self.robot, self.q_start, self.v_start
+        v = v if before is None else before.final_velocity(robot.n)
         angles = np.flatnonzero(goal.angles(robot))
         change = goal.final_velocity(robot.n) - v
         if np.any(change[angles]):
-            a = accelerations_alone(robot, self.motion_limits, near[None])[0]
-            way = (v + 0.5 * change) * np.abs(change) / np.maximum(a, 1e-9)
+            seconds = durations_alone(robot, self.motion_limits, near, np.abs(change))
+            way = np.clip((v + 0.5 * change) * seconds, -FARTHEST, FARTHEST)
             lower, upper = robot.limits.position_lower, robot.limits.position_upper
-            near = np.clip(near + np.clip(way, -FARTHEST, FARTHEST), lower, upper)
-        most = max(MOST_WAYS, 1 + angles.size)
-        if later:
-            most = (1 + 2 * angles.size) * len(goal.choices)
-        return goal.wrapped(robot, near, np.ones_like(v) if later else v, most)
+            near = np.clip(near + way, lower, upper)
+        # An obstacle may block the way in one direction.
+        most = max(max(MOST_WAYS, 1 + angles.size) // rivals, 2)
+        if before is not None:
+            v, most = np.ones_like(v), 1 + 2 * angles.size
+        return goal.wrapped(robot, near, v, most)
 
     @property
     def _checks(self) -> StateChecks:

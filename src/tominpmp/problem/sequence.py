@@ -16,6 +16,8 @@ from tominpmp.problem.segments import Segment, segments_of
 # Spacing of the nodes of a motion of degree 5 that is joined to others of lower degree
 # [s].
 FINE = 0.01
+# Shorter dwells would be lost in the rounding of times [s].
+SHORTEST = 1e-8
 
 
 def in_sequence(
@@ -86,8 +88,8 @@ def joined(motions: Sequence[Trajectory], stays: Sequence[float]) -> Trajectory:
 
 
 def _stay(part: Trajectory, row: int, seconds: float) -> list[Trajectory]:
-    """The dwell at the first or last node of a motion; empty for zero seconds."""
-    if seconds <= 0.0:
+    """The dwell at the first or last node of a motion; empty if it is too short."""
+    if seconds <= SHORTEST:
         return []
     q, dynamics = part.q[[row, row]], part.inverse_dynamics or part.holding
     rest = np.zeros_like(q)

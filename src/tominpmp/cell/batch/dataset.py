@@ -347,12 +347,18 @@ class Dataset(Record):
 
     def _listed(self) -> list[tuple[int | None, Path]]:
         """The numbers of the problems and the files; all files if there is no list."""
+        path = self.folder / LIST
         try:
-            lines = (self.folder / LIST).read_text(encoding="ascii").split("\n")[:-1]
+            pairs = map(str.split, path.read_text(encoding="ascii").split("\n")[:-1])
+            listed = sorted((int(index), self.folder / file) for index, file in pairs)
         except FileNotFoundError:
             return [(None, path) for path in sorted(self.folder.glob("*/*.npz"))]
-        pairs = (line.split() for line in lines)
-        listed = sorted((int(index), self.folder / file) for index, file in pairs)
+        except (OSError, ValueError) as error:
+            raise ScenarioError(
+                f"{path} is damaged ({brief(str(error))}), expected lines with a "
+                "number and a file; if it is deleted, all files of the folder are read",
+                path,
+            ) from error
         return [(index, path) for index, path in listed if path.is_file()]
 
     def __len__(self) -> int:
@@ -363,7 +369,7 @@ class Dataset(Record):
         """Read one result after the other.
 
         Raises:
-            ScenarioError: If a file is broken.
+            ScenarioError: If a file, or the list of the files, is broken.
         """
         for index, path in self._listed():
             entry = Entry.read(path)

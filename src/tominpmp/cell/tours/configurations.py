@@ -351,8 +351,12 @@ class Configurations:
                     f"{contact.link!r} with {contact.obstacle!r} "
                     f"({contact.distance:.3g} m)"
                 )
-        if g in self.leaving and (fault := unheld(self.leaving[g].robot, row)):
-            return f"with what is carried from there, {fault}"
+        loaded = self.leaving.get(g)
+        if loaded is not None and self.stations[g].stop:
+            for row in q[good]:
+                if _keeps(self.problem, row) and _keeps(loaded, row):
+                    fault = unheld(loaded.robot, row)
+                    return f"with what is carried from there, {fault}"
         return "all configurations that reach its goal break a constraint"
 
 
