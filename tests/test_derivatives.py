@@ -396,7 +396,7 @@ def test_adjoint_sweep_equals_forward_sensitivities(rng, name):
     by = differentiate_rollout(motion)
     nodes = np.array([3, 8, 0, 5, 8, 1])
     seeds = rng.normal(size=(nodes.size, 2 * n))
-    by_control, by_length = sweep_adjoint(by, nodes, seeds)
+    by_control, by_length = sweep_adjoint(by, nodes, seeds, np.arange(6))
     for j in range(intervals):
         # Forward: how the states at all later nodes follow from interval j.
         carried = np.column_stack([by.B[j], by.c[j]])

@@ -12,11 +12,7 @@ from toy_dynamics import Pendulum, double_integrator
 
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.robot.robot import Robot
-from tominpmp.transcription.integrator import (
-    evaluate_defects,
-    rollout,
-    solve_inner_stage,
-)
+from tominpmp.transcription.integrator import SteppedMotion, rollout
 
 # A joint and a half: one swings, the other is heavily damped.
 SWING = Pendulum([0.5, 0.2], [0.1, 2.0], [3.0, 1.0])
@@ -82,12 +78,10 @@ def test_both_forms_agree(rng, planar3r: Robot):
     dynamics = RobotDynamics(planar3r)
     x, u, h = sample(dynamics, rng, 12)
     motion = rollout(dynamics, x, u, h)
-    start, end = motion.x[:-1], motion.x[1:]
-    stage = solve_inner_stage(dynamics, start, end, u, h)
-    assert stage.solved.all()
-    np.testing.assert_allclose(stage.x, motion.inner, atol=1e-10)
-    defects = evaluate_defects(dynamics, start, end, u, h, stage.x)
-    np.testing.assert_allclose(defects, 0.0, atol=1e-10)
+    condensed = SteppedMotion(dynamics, motion.x, u, h)
+    assert condensed.stage.solved.all()
+    np.testing.assert_allclose(condensed.inner, motion.inner, atol=1e-10)
+    np.testing.assert_allclose(condensed.defects, 0.0, atol=1e-10)
 
 
 @pytest.mark.parametrize("change", [1e-6, 0.02, 0.5])
@@ -160,7 +154,7 @@ def test_a_motion_that_cannot_be_integrated_says_so():
     assert not motion.finite
     assert np.isfinite(motion.x[:10]).all()  # up to pi / 2
     assert np.isnan(motion.x[-1]).all()
-    ends = np.array([[0.0, 5.0]]), np.array([[1.0, 4.0]])
-    stage = solve_inner_stage(blowing, *ends, np.zeros((1, 1)), np.array([2.0]))
+    ends = np.array([[0.0, 5.0], [1.0, 4.0]])
+    stage = SteppedMotion(blowing, ends, np.zeros((1, 1)), np.array([2.0])).stage
     assert not stage.solved.any()
     assert np.isfinite(stage.x).all()

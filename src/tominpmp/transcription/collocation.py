@@ -256,9 +256,7 @@ class Defects(HullRows[SteppedMotion]):
 
     def by_unknowns(self, motion: SteppedMotion) -> sp.csr_matrix:
         """Jacobian of the defects."""
-        by, scale = motion.derivatives, self._of.scale
-        parts = by.by_start, by.by_end, by.by_control, by.by_length[..., None]
-        entries = np.concatenate(parts, axis=2)
+        entries, scale = motion.derivatives.defects, self._of.scale
         N, size, width = entries.shape
         entries = (entries / scale[:, None]).reshape(N * size, width)
         return self._of.interval_rows(entries, np.repeat(np.arange(N), size))

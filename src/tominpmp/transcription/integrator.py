@@ -11,7 +11,7 @@ joint friction: robot descriptions contain friction whose time constant is a sma
 fraction of an interval.
 
 In collocation both ends of an interval are unknowns, and only the inner stage is solved
-for (:func:`differentiate_defects`); single shooting solves for both stages, interval by
+for (:class:`SteppedMotion`); single shooting solves for both stages, interval by
 interval (:func:`rollout`). Newton's iteration converges to rounding in both cases, and
 the derivatives follow exactly from the implicit function theorem.
 """
@@ -56,21 +56,14 @@ class Stage(NamedTuple):
 
 
 class DefectJacobians(NamedTuple):
-    """Partial derivatives of the defects of intervals, and of their inner stages.
+    """Partial derivatives by x_k, x_{k+1}, u_k and h_k, stacked in this order.
 
     Attributes:
-        by_start: With respect to x_k, shape (m, 2n, 2n).
-        by_end: With respect to x_{k+1}, shape (m, 2n, 2n).
-        by_control: With respect to u_k, shape (m, 2n, n).
-        by_length: With respect to h_k, shape (m, 2n).
-        inner: Derivatives of the inner stage by x_k, x_{k+1}, u_k and h_k, stacked in
-            this order, shape (m, 2n, 5n + 1).
+        defects: Derivatives of the defects of steps, shape (m, 2n, 5n + 1).
+        inner: Derivatives of their inner stages, shape (m, 2n, 5n + 1).
     """
 
-    by_start: Array
-    by_end: Array
-    by_control: Array
-    by_length: Array
+    defects: Array
     inner: Array
 
 
@@ -100,92 +93,6 @@ def stage_weights_by_share(share: Array) -> Array:
     s, c = 2.0 * share, NODES[0]
     parts = (s - c - 1.0) / c, (s - 1.0) / (c * (c - 1.0)), (s - c) / (1.0 - c)
     return np.stack(parts, axis=1)
-
-
-def solve_inner_stage(
-    dynamics: Dynamics, start: Array, end: Array, u: Array, h: Array
-) -> Stage:
-    """Solve for the inner stage between given ends of intervals.
-
-    Args:
-        dynamics: Equations of motion.
-        start: x_k, shape (m, 2n).
-        end: x_{k+1}, shape (m, 2n).
-        u: Torques, shape (m, n) [N m or N].
-        h: Lengths, shape (m,) [s].
-    """
-    step = h[:, None]
-    n = u.shape[1]
-    # Cubic Hermite interpolation of the positions, linear of the velocities.
-    guess = start + NODES[0] * (end - start)
-    guess[:, :n] = (20.0 * start[:, :n] + 7.0 * end[:, :n]) / 27.0 + step * (
-        4.0 * start[:, n:] - 2.0 * end[:, n:]
-    ) / 27.0
-    x = guess
-    progress = NewtonConvergence(x.shape[0])
-    eye = np.eye(x.shape[1])
-    with np.errstate(over="ignore", invalid="ignore"):
-        known = start + step * WEIGHTS[0, 1] * dynamics.forward(end, u)
-        for _ in range(NEWTON_STEPS):
-            by = dynamics.forward_jacobians(x, u)
-            residual = x - known - step * WEIGHTS[0, 0] * by.f
-            matrix = eye - (WEIGHTS[0, 0] * h)[:, None, None] * by.f_x
-            change = solve_systems(matrix, residual[..., None])[..., 0]
-            x = x - change
-            if progress.reached(change, x):
-                break
-    return Stage(np.where(progress.solved[:, None], x, guess), progress.solved)
-
-
-def evaluate_defects(
-    dynamics: Dynamics, start: Array, end: Array, u: Array, h: Array, inner: Array
-) -> Array:
-    """Defects x_{k+1} - x_k - h (3/4 f(X_1) + 1/4 f(x_{k+1})), shape (m, 2n).
-
-    For the arguments see :func:`differentiate_defects`.
-    """
-    m = h.size
-    f = dynamics.forward(np.concatenate([inner, end]), np.concatenate([u, u]))
-    slope = WEIGHTS[1, 0] * f[:m] + WEIGHTS[1, 1] * f[m:]
-    return np.asarray(end - start - h[:, None] * slope)
-
-
-def differentiate_defects(
-    dynamics: Dynamics, start: Array, end: Array, u: Array, h: Array, inner: Array
-) -> DefectJacobians:
-    """Derivatives of the defects, with the inner stages eliminated.
-
-    Args:
-        dynamics: Equations of motion.
-        start: x_k, shape (m, 2n).
-        end: x_{k+1}, shape (m, 2n).
-        u: Torques, shape (m, n).
-        h: Lengths, shape (m,) [s].
-        inner: Inner stages X_1, shape (m, 2n), see :func:`solve_inner_stage`.
-    """
-    m, size = start.shape
-    n = u.shape[1]
-    stages, torques = np.concatenate([inner, end]), np.concatenate([u, u])
-    by = dynamics.forward_jacobians(stages, torques)
-    f1, f2 = by.f[:m], by.f[m:]
-    F1, F2, B1, B2 = by.f_x[:m], by.f_x[m:], by.f_u[:m], by.f_u[m:]
-    step = h[:, None, None]
-    eye = np.broadcast_to(np.eye(size), (m, size, size))
-    (a11, a12), (a21, a22) = WEIGHTS
-    # Derivatives of the inner stage by (start, end, control, length).
-    by_control = step * (a11 * B1 + a12 * B2)
-    by_length = (a11 * f1 + a12 * f2)[..., None]
-    right = np.concatenate([eye, step * a12 * F2, by_control, by_length], axis=2)
-    stage = solve_systems(eye - step * a11 * F1, right)
-    inner_by = step * a21 * F1 @ stage
-    slope = a21 * f1 + a22 * f2
-    return DefectJacobians(
-        -eye - inner_by[..., :size],
-        eye - step * a22 * F2 - inner_by[..., size : 2 * size],
-        -step * (a21 * B1 + a22 * B2) - inner_by[..., 2 * size : 2 * size + n],
-        -slope - inner_by[..., -1],
-        stage,
-    )
 
 
 def solve_systems(matrix: Array, right: Array) -> Array:
@@ -269,16 +176,36 @@ class SteppedMotion:
         return self.ends[:: self.substeps]
 
     @property
-    def _steps(self) -> tuple[Dynamics, Array, Array, Array, Array]:
-        """Dynamics, starts, ends, torques and lengths of the steps."""
+    def _steps(self) -> tuple[Array, Array, Array, Array]:
+        """Starts and ends, shapes (M, 2n), torques (M, n) and lengths (M, 1) [s]."""
         u = np.repeat(self.u, self.substeps, axis=0)
         h = np.repeat(self.h / self.substeps, self.substeps)
-        return self.dynamics, self.ends[:-1], self.ends[1:], u, h
+        return self.ends[:-1], self.ends[1:], u, h[:, None]
 
     @cached_property
     def stage(self) -> Stage:
-        """Inner stages between the ends of the steps."""
-        return solve_inner_stage(*self._steps)
+        """Inner stages between the ends of the steps, by Newton's iteration."""
+        dynamics, (start, end, u, h) = self.dynamics, self._steps
+        n = u.shape[1]
+        # Cubic Hermite interpolation of the positions, linear of the velocities.
+        guess = start + NODES[0] * (end - start)
+        guess[:, :n] = (20.0 * start[:, :n] + 7.0 * end[:, :n]) / 27.0 + h * (
+            4.0 * start[:, n:] - 2.0 * end[:, n:]
+        ) / 27.0
+        x = guess
+        progress = NewtonConvergence(x.shape[0])
+        eye = np.eye(x.shape[1])
+        with np.errstate(over="ignore", invalid="ignore"):
+            known = start + h * WEIGHTS[0, 1] * dynamics.forward(end, u)
+            for _ in range(NEWTON_STEPS):
+                by = dynamics.forward_jacobians(x, u)
+                residual = x - known - h * WEIGHTS[0, 0] * by.f
+                matrix = eye - (WEIGHTS[0, 0] * h)[..., None] * by.f_x
+                change = solve_systems(matrix, residual[..., None])[..., 0]
+                x = x - change
+                if progress.reached(change, x):
+                    break
+        return Stage(np.where(progress.solved[:, None], x, guess), progress.solved)
 
     @property
     def inner(self) -> Array:
@@ -287,22 +214,44 @@ class SteppedMotion:
 
     @cached_property
     def defects(self) -> Array:
-        """Defects of the steps, shape (M, 2n)."""
-        return evaluate_defects(*self._steps, self.inner)
+        """Defects x_{k+1} - x_k - h (3/4 f(X_1) + 1/4 f(x_{k+1})), shape (M, 2n)."""
+        start, end, u, h = self._steps
+        stages, torques = np.concatenate([self.inner, end]), np.concatenate([u, u])
+        inner, last = np.split(self.dynamics.forward(stages, torques), 2)
+        return np.asarray(
+            end - start - h * (WEIGHTS[1, 0] * inner + WEIGHTS[1, 1] * last)
+        )
 
     @cached_property
     def derivatives(self) -> DefectJacobians:
-        """Derivatives of defects and inner stages."""
-        return differentiate_defects(*self._steps, self.inner)
+        """Derivatives of inner stages, and of defects with these eliminated."""
+        _, end, u, h = self._steps
+        m, size = end.shape
+        stages, torques = np.concatenate([self.inner, end]), np.concatenate([u, u])
+        by = self.dynamics.forward_jacobians(stages, torques)
+        f1, f2 = by.f[:m], by.f[m:]
+        F1, F2, B1, B2 = by.f_x[:m], by.f_x[m:], by.f_u[:m], by.f_u[m:]
+        step = h[..., None]
+        eye = np.broadcast_to(np.eye(size), (m, size, size))
+        (a11, a12), (a21, a22) = WEIGHTS
+        by_control = step * (a11 * B1 + a12 * B2)
+        by_length = (a11 * f1 + a12 * f2)[..., None]
+        right = np.concatenate([eye, step * a12 * F2, by_control, by_length], axis=2)
+        inner = solve_systems(eye - step * a11 * F1, right)
+        by_control = -step * (a21 * B1 + a22 * B2)
+        by_length = -(a21 * f1 + a22 * f2)[..., None]
+        direct = np.concatenate(
+            [-eye, eye - step * a22 * F2, by_control, by_length], axis=2
+        )
+        return DefectJacobians(direct - step * a21 * F1 @ inner, inner)
 
     @cached_property
     def sensitivities(self) -> Sensitivities:
         """Derivatives of the ends of the steps, whose defects must be zero."""
-        by, size = self.derivatives, self.ends.shape[1]
-        others = by.by_start, by.by_control, by.by_length[..., None]
-        right = np.concatenate(others, axis=2)
+        size = self.ends.shape[1]
+        starts, ends, others = np.split(self.derivatives.defects, [size, 2 * size], 2)
         # The end of each step is defined implicitly by a zero defect.
-        parts = -solve_systems(by.by_end, right)
+        parts = -solve_systems(ends, np.concatenate([starts, others], axis=2))
         by_length = parts[..., -1] / self.substeps
         return Sensitivities(parts[..., :size], parts[..., size:-1], by_length)
 
@@ -441,10 +390,7 @@ def _forward_sweep(parts: Array) -> Array:
 
 
 def sweep_adjoint(
-    sensitivities: Sensitivities,
-    nodes: IntArray,
-    seeds: Array,
-    functionals: IntArray | None = None,
+    sensitivities: Sensitivities, nodes: IntArray, seeds: Array, functionals: IntArray
 ) -> tuple[Array, Array]:
     r"""Differentiate functionals of states at the ends of steps by the controls.
 
@@ -465,8 +411,7 @@ def sweep_adjoint(
         sensitivities: A, B and c of the steps.
         nodes: Index of the end of a step for each seed, shape (s,).
         seeds: Gradients of functionals with respect to the states there, (s, 2n).
-        functionals: Index of the functional of each seed, shape (s,); None if every
-            seed is a separate functional.
+        functionals: Index of the functional of each seed, shape (s,).
 
     Returns:
         Derivatives with respect to torques, shape (m, M, n), and lengths, shape (m, M).
@@ -474,7 +419,6 @@ def sweep_adjoint(
     A, B, c = sensitivities
     count, _, n = B.shape
     every = np.arange(nodes.size)
-    functionals = every if functionals is None else functionals
     number = int(functionals.max(initial=-1)) + 1
     last = np.zeros(number, dtype=np.int64)
     np.maximum.at(last, functionals, nodes)
