@@ -44,8 +44,8 @@ class Table:
         # Nothing is judged on coarse grids before.
         monkeypatch.setattr(starts, "coarse_grids_apply", lambda system, options: False)
 
-    def guesses(self, system, count, *rest):
-        for number in range(count):
+    def guesses(self, system, request):
+        for number in range(request.count):
             t = np.array([0.0, self.promised[number]])
             q = np.array([START, END])
             yield Guess(str(number), t, q, bool(number % 2))

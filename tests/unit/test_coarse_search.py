@@ -11,7 +11,7 @@ import pytest
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tests.schedules import carried_out, loop_with
-from tominpmp.initial_guess.guess import initial_guesses, straight_guess
+from tominpmp.initial_guess.guess import GuessRequest, initial_guesses, straight_guess
 from tominpmp.planner.automatic_options import resolve_options
 from tominpmp.planner.coarse_search import CoarseSearch
 from tominpmp.planner.plan_state import PlanState
@@ -72,7 +72,7 @@ def test_a_start_ends_that_will_be_no_faster_than_one_before(monkeypatch):
     options = resolve_options(problem, tm.Options())
     system, state = ProblemFunctions.of(problem), PlanState(problem, options)
     search = CoarseSearch(system, options, state, torques=True)
-    lines = list(initial_guesses(system, 2, np.random.default_rng(0)))
+    lines = list(initial_guesses(system, GuessRequest(2, np.random.default_rng(0))))
     best = carried_out(state, search.solve_coarse(lines[0]))
     carried_out(state, search.solve_coarse(lines[1]))
     monkeypatch.setattr(search, "_is_known", lambda shape: False)

@@ -10,7 +10,7 @@ import pytest
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tests.schedules import carried_out
-from tominpmp.initial_guess.guess import Guess, initial_guesses
+from tominpmp.initial_guess.guess import Guess, GuessRequest, initial_guesses
 from tominpmp.planner.candidate import Candidate, KeptIterate
 from tominpmp.planner.coarse_search import CoarseSearch
 from tominpmp.planner.descent import descent_work
@@ -43,7 +43,7 @@ def test_interrupted_at_once_there_is_a_motion():
 def test_timed_guesses_are_nearly_motions(intervals):
     """Short intervals at the ends asked for thirty times the torque there is."""
     system = ProblemFunctions.of(planar())
-    guess = next(initial_guesses(system, 1, np.random.default_rng(0)))
+    guess = next(initial_guesses(system, GuessRequest(1, np.random.default_rng(0))))
     assert guess.timed
     options = tm.Options(method="inverse", intervals=intervals, control="constant")
     program, z = first_program(system, options, guess)
@@ -84,7 +84,7 @@ def with_coarse_fallback() -> PlanState:
     """A plan whose only motion is on a coarse grid, without a replay."""
     problem = planar()
     system, options = ProblemFunctions.of(problem), tm.Options(**RESOLVED)
-    guess = next(initial_guesses(system, 1, np.random.default_rng(0)))
+    guess = next(initial_guesses(system, GuessRequest(1, np.random.default_rng(0))))
     state = PlanState(problem, options)
     search = CoarseSearch(system, options, state, torques=True)
     assert carried_out(state, search.solve_coarse(guess)) is not None
@@ -140,7 +140,7 @@ def test_a_guess_is_not_slowed_down_once_time_is_up():
     """Twelve slower motions were tried after the end of a plan, 0.06 s altogether."""
     problem = planar()
     system, options = ProblemFunctions.of(problem), tm.Options(**RESOLVED)
-    guess = next(initial_guesses(system, 1, np.random.default_rng(0)))
+    guess = next(initial_guesses(system, GuessRequest(1, np.random.default_rng(0))))
     program, z = first_program(system, options, guess)
     begun = KeptIterate(program, Iterate.of(program, z, 1.0), False)
     late = Deadline()
@@ -153,7 +153,7 @@ def test_time_is_reserved_for_a_replay_before_one_was_timed():
     """One of some segments takes 0.2 s: it was found, and there was no time for it."""
     problem = planar()
     system, options = ProblemFunctions.of(problem), tm.Options(**RESOLVED)
-    guess = next(initial_guesses(system, 1, np.random.default_rng(0)))
+    guess = next(initial_guesses(system, GuessRequest(1, np.random.default_rng(0))))
     program, z = first_program(system, options, guess)
     slow = Iterate.of(program, program.time_scale(z, 3.0), 1.0)
     state = PlanState(problem, options.changed({"max_planning_time": 2.0}))
@@ -177,7 +177,7 @@ def test_a_replay_may_take_the_time_that_is_kept_for_it(monkeypatch):
 
     monkeypatch.setattr(Candidate, "verified", verified)
     system = ProblemFunctions.of(problem)
-    guess = next(initial_guesses(system, 1, np.random.default_rng(0)))
+    guess = next(initial_guesses(system, GuessRequest(1, np.random.default_rng(0))))
     assert make_and_repair(
         state, descent_work(system, state.options, guess, state)
     ).confirmed

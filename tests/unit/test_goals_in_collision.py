@@ -10,7 +10,7 @@ import pytest
 import tominpmp as tm
 from tests.schedules import loop_with
 from tominpmp.exceptions import ProblemError
-from tominpmp.initial_guess.guess import initial_guesses
+from tominpmp.initial_guess.guess import GuessRequest, initial_guesses
 from tominpmp.initial_guess.inverse_kinematics import (
     REACHED,
     GoalSearch,
@@ -102,7 +102,9 @@ def test_its_residual_against_differences() -> None:
 def test_guesses_that_end_in_collision_say_so() -> None:
     def first(problem: tm.Problem) -> bool:
         system = ProblemFunctions.of(problem)
-        return next(initial_guesses(system, 1, np.random.default_rng(0))).blocked
+        return next(
+            initial_guesses(system, GuessRequest(1, np.random.default_rng(0)))
+        ).blocked
 
     # A ring around the place leaves no way in, whatever the freedom.
     ring = 0.5 * np.exp(2j * np.pi * np.arange(10) / 10)

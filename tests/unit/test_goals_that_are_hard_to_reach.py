@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tominpmp.initial_guess.guess import initial_guesses
+from tominpmp.initial_guess.guess import GuessRequest, initial_guesses
 from tominpmp.initial_guess.inverse_kinematics import (
     REACHED,
     find_configurations,
@@ -49,7 +49,7 @@ def test_a_pose_within_a_narrow_cone_is_found(seed: int) -> None:
     )
     system = ProblemFunctions.of(problem)
     # The first one stays at the start.
-    _, guess = initial_guesses(system, 2, np.random.default_rng(seed))
+    _, guess = initial_guesses(system, GuessRequest(2, np.random.default_rng(seed)))
     reached = system.kinematics.placement(guess.q[-1], FRAME)
     assert np.allclose(reached.translation, pose.translation, atol=1e-5)
 

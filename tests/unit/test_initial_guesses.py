@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 import tominpmp as tm
 from tominpmp.initial_guess import rrt as sampling
-from tominpmp.initial_guess.guess import initial_guesses, sampled_guesses
+from tominpmp.initial_guess.guess import GuessRequest, initial_guesses, sampled_guesses
 from tominpmp.initial_guess.inverse_kinematics import (
     REACHED,
     SPREAD,
@@ -117,8 +117,8 @@ def test_guesses_are_reproducible_and_end_at_the_goal():
     robot = tm.load_robot("planar3r")
     problem = tm.Problem(robot, (0.5, 1.7, -1.7), tm.JointGoal((1.0, 0.5, 0.5)))
     system = ProblemFunctions.of(problem)
-    one = list(initial_guesses(system, 4, np.random.default_rng(5)))
-    two = list(initial_guesses(system, 4, np.random.default_rng(5)))
+    one = list(initial_guesses(system, GuessRequest(4, np.random.default_rng(5))))
+    two = list(initial_guesses(system, GuessRequest(4, np.random.default_rng(5))))
     assert len(one) == 4
     for a, b in zip(one, two, strict=True):
         np.testing.assert_array_equal(a.q, b.q)
@@ -130,7 +130,7 @@ def test_guesses_for_a_frame_are_lines_to_the_goal_then_one_at_rest():
     robot = tm.load_robot("planar3r")
     problem = tm.Problem(robot, (0.5, 1.7, -1.7), tm.PositionGoal("tip", (4, 1, 0)))
     system = ProblemFunctions.of(problem)
-    *lines, last = initial_guesses(system, 4, np.random.default_rng(5))
+    *lines, last = initial_guesses(system, GuessRequest(4, np.random.default_rng(5)))
     np.testing.assert_array_equal(last.q, np.tile(problem.q_start, (2, 1)))
     assert len(lines) == 3
     for guess in lines:
@@ -213,7 +213,7 @@ def test_unreachable_goals_tell_how_near_they_come():
 
 def test_guesses_around_obstacles_begin_straight_and_go_on_with_sampled_paths(tmp_path):
     system = maze(tmp_path, wall("block", 0.0, -0.8, 0.8))
-    guesses = list(initial_guesses(system, 6, np.random.default_rng(0)))
+    guesses = list(initial_guesses(system, GuessRequest(6, np.random.default_rng(0))))
     names = [guess.name for guess in guesses]
     assert names[0] == "straight line" and names[-1] == "via point"
     sampled = [guess for guess in guesses if guess.name == "sampled path"]
@@ -242,14 +242,16 @@ def sampled_paths(monkeypatch):
 def test_paths_are_sampled_only_when_asked_for(tmp_path, sampled_paths):
     calls = sampled_paths
     system = maze(tmp_path, wall("block", 0.0, -0.8, 0.8))
-    guesses = initial_guesses(system, 3, np.random.default_rng(0))
+    guesses = initial_guesses(system, GuessRequest(3, np.random.default_rng(0)))
     assert next(guesses).name == "straight line" and not calls
     assert next(guesses).name == "sampled path" and calls
 
 
 def test_the_fastest_of_a_few_sampled_paths_comes_first(tmp_path):
     system = maze(tmp_path, wall("block", 0.0, -0.6, 0.8))
-    paths = sampled_guesses(system, [np.array(END)], np.random.default_rng(0))
+    paths = sampled_guesses(
+        system, [np.array(END)], GuessRequest(1, np.random.default_rng(0))
+    )
     durations = [guess.duration for guess in itertools.islice(paths, 2)]
     assert len(durations) == 2 and durations[0] < durations[1]
 
@@ -261,7 +263,7 @@ def test_a_first_path_that_is_fast_enough_is_not_compared(tmp_path, sampled_path
     def first(enough):
         rng = np.random.default_rng(0)
         calls.clear()
-        paths = sampled_guesses(system, end, rng, enough=enough)
+        paths = sampled_guesses(system, end, GuessRequest(1, rng), enough=enough)
         return next(paths), len(calls), paths
 
     best, both, _ = first(0.0)
@@ -273,13 +275,13 @@ def test_a_first_path_that_is_fast_enough_is_not_compared(tmp_path, sampled_path
 
 def test_no_path_is_sampled_where_the_straight_line_is_free(tmp_path):
     system = maze(tmp_path, wall("aside", 0.0, 1.0, 1.4))
-    guesses = initial_guesses(system, 3, np.random.default_rng(0))
+    guesses = initial_guesses(system, GuessRequest(3, np.random.default_rng(0)))
     assert [g.name for g in guesses] == ["straight line", "via point", "via point"]
 
 
 def test_guesses_for_a_frame_among_obstacles_lead_to_several_configurations():
     system = planar_system(tm.Scene([BALL]))
-    guesses = list(initial_guesses(system, 5, np.random.default_rng(0)))
+    guesses = list(initial_guesses(system, GuessRequest(5, np.random.default_rng(0))))
     names = [guess.name for guess in guesses]
     assert names[:3] == ["straight line", "at rest", "sampled path"]
     ends = [g.q[-1] for g in guesses if g.name == "sampled path"]

@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tominpmp.initial_guess.guess import MOVING, end_velocity, initial_guesses
+from tominpmp.initial_guess.guess import (
+    MOVING,
+    GuessRequest,
+    end_velocity,
+    initial_guesses,
+)
 from tominpmp.initial_guess.segments import segmented_guesses
 from tominpmp.initial_guess.timing import between_velocities
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -36,7 +41,7 @@ def moving_on(share: float, **changes) -> tm.Problem:
 
 def first_guess(problem: tm.Problem):
     system = ProblemFunctions.of(problem)
-    return next(initial_guesses(system, 1, np.random.default_rng(0)))
+    return next(initial_guesses(system, GuessRequest(1, np.random.default_rng(0))))
 
 
 def via_points(*, given: tuple[float | None, ...]) -> tm.Problem:
@@ -104,7 +109,7 @@ def test_the_guess_goes_on_where_it_can(share):
 def test_a_motion_at_rest_at_both_ends_has_no_moving_guess():
     problem = tm.Problem(UR5, START, tm.JointGoal(START + 0.2 * ALONG))
     system = ProblemFunctions.of(problem)
-    guesses = list(initial_guesses(system, 3, np.random.default_rng(0)))
+    guesses = list(initial_guesses(system, GuessRequest(3, np.random.default_rng(0))))
     assert MOVING not in {guess.name for guess in guesses}
 
 
@@ -149,7 +154,7 @@ def test_the_velocity_at_a_tool_goal_is_nearest_to_that_at_the_start():
 @pytest.mark.parametrize("given", [(SPEED, SPEED), (SPEED, None)])
 def test_guesses_pass_via_points_between_moving_goals(given):
     system = ProblemFunctions.of(via_points(given=given))
-    guess = next(segmented_guesses(system, 1, np.random.default_rng(0)))
+    guess = next(segmented_guesses(system, GuessRequest(1, np.random.default_rng(0))))
     assert guess.durations[1] < 0.12
 
 

@@ -17,7 +17,7 @@ from parallel_work import PATIENCE, begin_and_wait, square, until_asked
 
 import tominpmp as tm
 from tominpmp.initial_guess import parallel
-from tominpmp.initial_guess.guess import initial_guesses
+from tominpmp.initial_guess.guess import GuessRequest, initial_guesses
 from tominpmp.initial_guess.parallel import ready, run_parallel
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.plan_state import PlanState
@@ -140,7 +140,7 @@ def test_a_plan_in_two_processes_ends_in_time(
 
 def test_a_process_without_time_ends_at_once() -> None:
     system = ProblemFunctions.of(reach())
-    guess = next(initial_guesses(system, 1, np.random.default_rng(0)))
+    guess = next(initial_guesses(system, GuessRequest(1, np.random.default_rng(0))))
     options = tm.Options(method="inverse", lp_solver="piqp", intervals=160)
     attempt, failures = descend_in_process(system, options, time.time() - 1.0, guess)
     assert not failures

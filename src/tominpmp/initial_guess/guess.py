@@ -135,6 +135,26 @@ class Guess:
         return CubicHermiteSpline(t, q, slopes, axis=0)
 
 
+@dataclass(frozen=True, eq=False)
+class GuessRequest:
+    """How many guesses are wanted, and what they are made with.
+
+    Attributes:
+        count: Largest number of guesses.
+        rng: Random numbers.
+        duration: Duration of the guess at rest [s]; None for the duration of the
+            fastest straight line.
+        deadline: When to stop sampling, as a value of :func:`time.perf_counter` [s].
+        beyond: Constraints on positions that hold from the goal on.
+    """
+
+    count: int
+    rng: np.random.Generator
+    duration: float | None = None
+    deadline: float = np.inf
+    beyond: Sequence[PathConstraint] = ()
+
+
 def straight_guess(
     system: ProblemFunctions, q_end: Array, name: str = "straight line"
 ) -> Guess:
@@ -283,15 +303,7 @@ def _least_time(system: ProblemFunctions, q: Array) -> float:
     return max(speed, float(np.sqrt(ratio)), 1e-3)
 
 
-def initial_guesses(
-    system: ProblemFunctions,
-    count: int,
-    rng: np.random.Generator,
-    duration: float | None = None,
-    deadline: float = np.inf,
-    *,
-    beyond: Sequence[PathConstraint] = (),
-) -> Iterator[Guess]:
+def initial_guesses(system: ProblemFunctions, request: GuessRequest) -> Iterator[Guess]:
     """Initial guesses for a problem, the most promising first.
 
     The generator is lazy. The first guesses may collide: in most cases the optimiser
@@ -300,30 +312,24 @@ def initial_guesses(
 
     Args:
         system: Functions of the problem.
-        count: Largest number of guesses.
-        rng: Random numbers.
-        duration: Duration of the guess at rest [s]; None for the duration of the
-            fastest straight line.
-        deadline: When to stop sampling, as a value of :func:`time.perf_counter` [s].
-        beyond: Constraints on positions that hold from the goal on.
+        request: Number of guesses, and what they are made with.
 
     Yields:
-        At most ``count`` guesses. There are none if inverse kinematics did not reach
-        the goal, or reached it only in collisions that cannot be resolved.
+        At most ``request.count`` guesses. There are none if inverse kinematics did not
+        reach the goal, or reached it only in collisions that cannot be resolved.
     """
     final = system.problem.goal.configuration
-    ends, blocked = _ends(system, rng, beyond) if final is None else ([final], False)
+    ends, blocked = _ends(system, request) if final is None else ([final], False)
     if ends:
-        guesses = _guesses(system, ends, rng, duration, deadline)
-        for guess in itertools.islice(guesses, count):
+        guesses = _guesses(system, ends, request)
+        for guess in itertools.islice(guesses, request.count):
             yield replace(guess, blocked=True) if blocked else guess
 
 
-def _ends(
-    system: ProblemFunctions, rng: np.random.Generator, beyond: Sequence[PathConstraint]
-) -> tuple[list[Array], bool]:
+def _ends(system: ProblemFunctions, request: GuessRequest) -> tuple[list[Array], bool]:
     """Configurations that reach the goal, and whether all of them are in collision."""
     goal, blocked = system.problem.goal, list[Array]()
+    rng, beyond = request.rng, request.beyond
     for count in (KINEMATIC_STARTS, MORE_STARTS):
         search = find_configurations(system, goal, count, rng, beyond=beyond)
         if search.free:
@@ -337,13 +343,11 @@ def _ends(
 def _guesses(
     system: ProblemFunctions,
     ends: Sequence[Array],
-    rng: np.random.Generator,
-    duration: float | None,
-    deadline: float,
+    request: GuessRequest,
 ) -> Iterator[Guess]:
     """Guesses to given final configurations, without end; see initial_guesses."""
     system = system.passing(np.stack(ends))
-    problem = system.problem
+    problem, rng = system.problem, request.rng
     final = problem.goal.configuration
     lines = [(_line_guess(system, q), q) for q in ends]
     lines.sort(key=lambda line: (not line[0].keeps, _pace(line[0])))
@@ -351,7 +355,7 @@ def _guesses(
     moving = filter(None, (_moving_guess(system, q) for q in ends))
     direct = (*sorted(moving, key=_pace), *straight)
     # A guess at rest at the start, with the given duration or that of the fastest line.
-    times = np.array([0.0, duration or straight[0].duration])
+    times = np.array([0.0, request.duration or straight[0].duration])
     rest = Guess(RESTING, times, np.tile(problem.q_start, (2, 1)), False)
     if system.in_free_space:
         yield from direct[:FEW_LINES]
@@ -370,7 +374,7 @@ def _guesses(
             known = [line] if clear else []
             enough = (1.0 + NEAR) * straight[0].duration
             yield from sampled_guesses(
-                system, ends, rng, known=known, deadline=deadline, enough=enough
+                system, ends, request, known=known, enough=enough
             )
     if not system.in_free_space and final is None:
         yield from direct[1:]
@@ -385,19 +389,18 @@ def _guesses(
 def sampled_guesses(
     system: ProblemFunctions,
     ends: Sequence[Array],
-    rng: np.random.Generator,
+    request: GuessRequest,
     *,
     known: Sequence[Array] = (),
-    deadline: float = np.inf,
     enough: float = 0.0,
 ) -> Iterator[Guess]:
     """Collision-free paths, timed; the fastest path of each batch comes first.
 
     Paths that are alike to the known free paths, each of shape (m, n), are left out.
-    The number of paths depends on the obstacles. The deadline is a value of
-    :func:`time.perf_counter` [s]. If the first path takes at most ``enough`` [s], it is
-    not compared with others.
+    The number of paths depends on the obstacles. If the first path takes at most
+    ``enough`` [s], it is not compared with others.
     """
+    rng, deadline = request.rng, request.deadline
     paths = sample_paths(system, ends, rng, known=known, deadline=deadline)
     guesses: Iterator[Guess] = (path_guess(system, path) for path in paths)
     first = next(guesses, None)

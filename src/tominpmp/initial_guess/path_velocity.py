@@ -19,7 +19,13 @@ import numpy as np
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.collision.checker import CollisionChecker
 from tominpmp.constraints.path import PathConstraint, Window
-from tominpmp.initial_guess.guess import SAMPLED, VIA_POINT, Guess, initial_guesses
+from tominpmp.initial_guess.guess import (
+    SAMPLED,
+    VIA_POINT,
+    Guess,
+    GuessRequest,
+    initial_guesses,
+)
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Number of places on the path, and the shortest time step between two places [s].
@@ -43,21 +49,11 @@ WITHOUT_MOVING = 4
 MOMENTS = (0.5, 0.25, 0.75, 1.0)
 
 
-def guesses_of(
-    system: ProblemFunctions,
-    count: int,
-    rng: np.random.Generator,
-    duration: float | None = None,
-    deadline: float = np.inf,
-) -> Iterator[Guess]:
-    """Initial guesses for a problem, which may wait for moving obstacles.
-
-    For the arguments see :func:`~tominpmp.initial_guess.guess.initial_guesses`.
-    """
+def guesses_of(system: ProblemFunctions, request: GuessRequest) -> Iterator[Guess]:
+    """Initial guesses for a problem, which may wait for moving obstacles."""
     passes = system.problem.scene.moving or _windowed_constraints(system)
     make = waiting_guesses if passes else initial_guesses
-    guesses = make(system, count, rng, duration, deadline)
-    yield from itertools.islice(guesses, count)
+    yield from itertools.islice(make(system, request), request.count)
 
 
 def _windowed_constraints(system: ProblemFunctions) -> list[PathConstraint]:
@@ -66,22 +62,15 @@ def _windowed_constraints(system: ProblemFunctions) -> list[PathConstraint]:
     return [item for item in constraints if item.order == 0 and item.window is not None]
 
 
-def waiting_guesses(
-    system: ProblemFunctions,
-    count: int,
-    rng: np.random.Generator,
-    duration: float | None = None,
-    deadline: float = np.inf,
-) -> Iterator[Guess]:
+def waiting_guesses(system: ProblemFunctions, request: GuessRequest) -> Iterator[Guess]:
     """Initial guesses among moving obstacles, the most promising first, without end.
 
     Guesses for the scene without its moving obstacles come first, each together with
     the same path timed so that it waits for the obstacles. Paths follow that are free
-    if the obstacles are frozen at an instant. For the arguments see
-    :func:`~tominpmp.initial_guess.guess.initial_guesses`; ``count`` limits each of the
-    two kinds.
+    if the obstacles are frozen at an instant. ``request.count`` limits each of the two
+    kinds.
     """
-    static = initial_guesses(system.resting(), count, rng, duration, deadline)
+    static = initial_guesses(system.resting(), request)
     first: Guess | None = None
     for guess in itertools.islice(static, WITHOUT_MOVING):
         if guess.name == VIA_POINT:
@@ -93,7 +82,7 @@ def waiting_guesses(
         return
     for share in MOMENTS if system.problem.scene.moving else ():
         still = system.resting(share * first.duration)
-        for guess in initial_guesses(still, count, rng, duration, deadline):
+        for guess in initial_guesses(still, request):
             if guess.name == VIA_POINT:
                 break
             if guess.name == SAMPLED:  # the straight lines are those from above

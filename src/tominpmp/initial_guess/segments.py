@@ -17,53 +17,47 @@ from tominpmp.arrays import Array
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.constrained import position_constraints
-from tominpmp.initial_guess.guess import RESTING, Guess, end_velocity, initial_guesses
+from tominpmp.initial_guess.guess import (
+    RESTING,
+    Guess,
+    GuessRequest,
+    end_velocity,
+    initial_guesses,
+)
 from tominpmp.initial_guess.path_velocity import waiting_guesses
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 
 def segmented_guesses(
-    system: ProblemFunctions,
-    count: int,
-    rng: np.random.Generator,
-    duration: float | None = None,
-    deadline: float = np.inf,
+    system: ProblemFunctions, request: GuessRequest
 ) -> Iterator[Guess]:
     """Guesses through the goals of all segments; see :func:`initial_guesses`.
 
     The first guess joins the first guesses of all segments, the second guess their
     second guesses, as long as every segment has one.
     """
-    share = None if duration is None else duration / len(system.parts)
-    for number in range(count):
-        guess = _guess(system, number, rng, share, deadline)
+    share = request.duration and request.duration / len(system.parts)
+    for number in range(request.count):
+        guess = _guess(system, replace(request, count=number + 1, duration=share))
         if guess is None:
             return
         yield guess
 
 
-def _guess(
-    system: ProblemFunctions,
-    number: int,
-    rng: np.random.Generator,
-    duration: float | None,
-    deadline: float,
-) -> Guess | None:
-    """The guess of a number, from 0; None if a goal cannot be reached."""
+def _guess(system: ProblemFunctions, request: GuessRequest) -> Guess | None:
+    """The last guess of a number of guesses; None if a goal cannot be reached."""
     pieces: list[Guess] = []
     q, v = system.problem.q_start, system.v_start
     for place, part in enumerate(system.parts):
         single = _alone(part, q, v).passing(q[None])
-        if part.problem.scene.moving:
-            guesses = waiting_guesses(single, number + 2, rng, duration, deadline)
-        else:
-            ahead = constraints_after(system, place)
-            guesses = initial_guesses(
-                single, number + 2, rng, duration, deadline, beyond=ahead
-            )
+        waits = part.problem.scene.moving
+        make = waiting_guesses if waits else initial_guesses
+        ahead = () if waits else constraints_after(system, place)
         # A guess at rest at the start does not lead to the start of the next segment.
+        one_more = replace(request, count=request.count + 1, beyond=ahead)
+        guesses = make(single, one_more)
         moving = (g for g in guesses if g.name != RESTING or len(system.parts) == 1)
-        first = [*itertools.islice(moving, number + 1)]
+        first = [*itertools.islice(moving, request.count)]
         if not first:
             return None
         pieces.append(first[-1])
@@ -111,7 +105,7 @@ def first_unreached(
     for number, part in enumerate(system.parts):
         single = _alone(part, q, np.zeros_like(q)).passing(q[None])
         ahead = constraints_after(system, number)
-        guess = next(initial_guesses(single, 1, rng, beyond=ahead), None)
+        guess = next(initial_guesses(single, GuessRequest(1, rng, beyond=ahead)), None)
         if guess is None:
             return number, single
         q = guess.q[-1]

@@ -16,7 +16,7 @@ from functools import partial
 
 import numpy as np
 
-from tominpmp.initial_guess.guess import FEW_LINES, Guess, initial_guesses
+from tominpmp.initial_guess.guess import FEW_LINES, Guess, GuessRequest, initial_guesses
 from tominpmp.initial_guess.parallel import (
     available_processes,
     ready,
@@ -141,7 +141,8 @@ def starts(
     if searched and not system.in_free_space:
         most = max(most, usual + MOST_PATHS)
     make = segmented_guesses if system.parts else guesses_of
-    guesses = make(system, most, rng, options.initial_duration, state.end_time)
+    request = GuessRequest(most, rng, options.initial_duration, state.end_time)
+    guesses = make(system, request)
     first = next(guesses, None)
     if first is None:
         raise unreachable(system, rng)
@@ -398,8 +399,8 @@ def _beatable(system: ProblemFunctions, state: PlanState) -> bool:
         return False
     options = state.options
     rng = np.random.default_rng(options.seed)
-    guesses = initial_guesses(system, 1, rng, options.initial_duration, state.end_time)
-    guess = next(guesses, None)
+    request = GuessRequest(1, rng, options.initial_duration, state.end_time)
+    guess = next(initial_guesses(system, request), None)
     if guess is None or not guess.timed:
         return False
     return bool(state.best_duration > BEATABLE * guess.duration)

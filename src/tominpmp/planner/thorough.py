@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from tominpmp.initial_guess.bumps import SPREADS, bumped, bumps
-from tominpmp.initial_guess.guess import Guess
+from tominpmp.initial_guess.guess import Guess, GuessRequest
 from tominpmp.initial_guess.path_velocity import guesses_of
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.coarse_search import CoarseSearch, coarse_grids_apply
@@ -125,13 +125,9 @@ class Waves:
     def _begin(self) -> None:
         """Prepare the sources of starts."""
         system, options = self.system, self.options
-        guesses = guesses_of(
-            system,
-            MOST_WAVES * WAVE,
-            self._rng(GUESS),
-            options.initial_duration,
-            self.state.end_time,
-        )
+        count, end = MOST_WAVES * WAVE, self.state.end_time
+        rng, duration = self._rng(GUESS), options.initial_duration
+        guesses = guesses_of(system, GuessRequest(count, rng, duration, end))
         first = next(guesses, None)
         if first is None:
             return
