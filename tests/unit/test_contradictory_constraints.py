@@ -11,7 +11,7 @@ import pytest
 import tominpmp as tm
 from tests.sample_arms import make_arm, rod, slide
 from tominpmp.exceptions import ProblemError
-from tominpmp.initial_guess.inverse_kinematics import find_configurations
+from tominpmp.initial_guess.inverse_kinematics import Target, find_configurations
 from tominpmp.status import Status
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification.diagnosis import explain
@@ -37,7 +37,7 @@ def test_goals_on_frames_are_reached_as_constraints_allow():
     goal = tm.PositionGoal("tip", (2.2, 0.5, 0.0))
     problem = tm.Problem(arm(), START, goal, constraints=(level(),))
     found = find_configurations(
-        ProblemFunctions.of(problem), goal, 10, np.random.default_rng(0)
+        Target(ProblemFunctions.of(problem), goal), 10, np.random.default_rng(0)
     )
     assert found.free
     ready = problem.ready_constraints[0]

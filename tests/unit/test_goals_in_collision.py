@@ -17,7 +17,6 @@ from tominpmp.initial_guess.inverse_kinematics import (
     Target,
     find_configurations,
     isolated,
-    solve_inverse_kinematics,
 )
 from tominpmp.initial_guess.rrt import is_free
 from tominpmp.planner.descent import MUCH_SLOWER, stop_if_hopeless
@@ -51,7 +50,7 @@ def turning(
 def found(problem: tm.Problem) -> tuple[ProblemFunctions, GoalSearch]:
     system = ProblemFunctions.of(problem)
     rng = np.random.default_rng(0)
-    return system, find_configurations(system, problem.goal, 20, rng)
+    return system, find_configurations(Target(system, problem.goal), 20, rng)
 
 
 @pytest.mark.parametrize("two", [True, False])
@@ -80,7 +79,7 @@ def test_freedom_leads_out_of_a_collision() -> None:
     system = ProblemFunctions.of(problem)
     blocked = np.array([1.19337527, -1.45945531, 0.0])
     assert not is_free(system, blocked)
-    q, error = solve_inverse_kinematics(system, problem.goal, blocked, keep_clear=True)
+    q, error = Target(system, problem.goal, keep_clear=True).solve(blocked)
     assert error < REACHED
     assert is_free(system, q)
     there = system.kinematics.placement(q, "tip").translation

@@ -14,8 +14,8 @@ import tominpmp as tm
 from tominpmp.initial_guess.guess import GuessRequest, initial_guesses
 from tominpmp.initial_guess.inverse_kinematics import (
     REACHED,
+    Target,
     find_configurations,
-    solve_inverse_kinematics,
 )
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -71,11 +71,13 @@ def test_configurations_that_are_reached_soonest_are_among_those_found() -> None
         system = ProblemFunctions.of(
             tm.Problem(robot, start, goal, self_collision=False)
         )
-        few = find_configurations(system, goal, 20, np.random.default_rng(0)).free
+        few = find_configurations(
+            Target(system, goal), 20, np.random.default_rng(0)
+        ).free
         wide = list[np.ndarray]()
         for _ in range(60):
             q = rng.uniform(limits.position_lower, limits.position_upper)
-            q, error = solve_inverse_kinematics(system, goal, q)
+            q, error = Target(system, goal).solve(q)
             wide += [q] if error < REACHED else []
         ratios.append(soonest(system, few) / soonest(system, wide))
     assert max(ratios) < 1.1

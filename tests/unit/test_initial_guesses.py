@@ -15,6 +15,7 @@ from tominpmp.initial_guess.guess import GuessRequest, initial_guesses, sampled_
 from tominpmp.initial_guess.inverse_kinematics import (
     REACHED,
     SPREAD,
+    Target,
     find_configurations,
 )
 from tominpmp.initial_guess.path import RoundedPath
@@ -102,7 +103,9 @@ def test_inverse_kinematics_finds_several_distinct_configurations():
     robot = tm.load_robot("planar3r")
     problem = tm.Problem(robot, (0.5, 1.7, -1.7), tm.PositionGoal("tip", (4, 1, 0)))
     system = ProblemFunctions.of(problem)
-    search = find_configurations(system, problem.goal, 20, np.random.default_rng(0))
+    search = find_configurations(
+        Target(system, problem.goal), 20, np.random.default_rng(0)
+    )
     found = search.best
     assert len(found) >= 5
     assert search.least == 0.0
@@ -164,8 +167,8 @@ def planar_system(scene=None, goal=(4, 1, 0)):
 def test_configurations_are_told_apart_by_collision():
     open_system, system = planar_system(), planar_system(tm.Scene([BALL]))
     goal = system.problem.goal
-    every = find_configurations(open_system, goal, 20, np.random.default_rng(0))
-    search = find_configurations(system, goal, 20, np.random.default_rng(0))
+    every = find_configurations(Target(open_system, goal), 20, np.random.default_rng(0))
+    search = find_configurations(Target(system, goal), 20, np.random.default_rng(0))
     assert not every.blocked and search.free and search.blocked
     assert len(search.free) + len(search.blocked) == len(every.free)
     assert all(is_free(system, q) for q in search.free)
@@ -182,7 +185,7 @@ def test_configurations_in_collision_are_better_than_none():
     ]
     system = planar_system(tm.Scene(balls))
     goal = system.problem.goal
-    search = find_configurations(system, goal, 5, np.random.default_rng(0))
+    search = find_configurations(Target(system, goal), 5, np.random.default_rng(0))
     assert not search.free and search.blocked
     np.testing.assert_array_equal(search.best, search.blocked)
     assert search.least == 0.0
@@ -191,7 +194,7 @@ def test_configurations_in_collision_are_better_than_none():
 def test_configurations_spread_before_they_crowd():
     system = planar_system()
     search = find_configurations(
-        system, system.problem.goal, 30, np.random.default_rng(0)
+        Target(system, system.problem.goal), 30, np.random.default_rng(0)
     )
     q = np.array(search.free)
     apart = np.abs(q[:, None] - q).max(axis=2) + np.eye(len(q)) * 10
@@ -205,7 +208,7 @@ def test_configurations_spread_before_they_crowd():
 def test_unreachable_goals_tell_how_near_they_come():
     system = planar_system(goal=(-3.0, -4.9, 0.0))  # joint 1 stays above the ground
     search = find_configurations(
-        system, system.problem.goal, 5, np.random.default_rng(0)
+        Target(system, system.problem.goal), 5, np.random.default_rng(0)
     )
     assert not search.free and not search.blocked
     assert search.least > 100 * REACHED

@@ -11,7 +11,6 @@ from tominpmp.initial_guess.inverse_kinematics import (
     Target,
     find_configurations,
     moved_nearer,
-    solve_inverse_kinematics,
 )
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -27,7 +26,7 @@ def test_a_configuration_is_led_to_where_the_slowest_joint_has_least_to_go():
     )
     goal = system.problem.goal
     (led,) = moved_nearer(Target(system, goal), [there])
-    led, miss = solve_inverse_kinematics(system, goal, led)
+    led, miss = Target(system, goal).solve(led)
     assert miss < 1e-6 and np.abs(led - there).max() < 2.0  # the same branch
 
     def far(q):
@@ -36,7 +35,7 @@ def test_a_configuration_is_led_to_where_the_slowest_joint_has_least_to_go():
     assert far(led) < 0.8 * far(there)
     free = np.linalg.svd(goal.place_residual(system.kinematics, led)[1])[2][-2:]
     for step in (*free, *-free):
-        beside, miss = solve_inverse_kinematics(system, goal, led + 0.05 * step)
+        beside, miss = Target(system, goal).solve(led + 0.05 * step)
         assert miss < 1e-6 and far(beside) > far(led)
 
 
@@ -48,5 +47,7 @@ def test_a_posture_that_no_random_start_leads_to_is_found():
     goal = tm.PositionGoal("tool0", (0.1144, 0.1252, 0.0941))
     problem = tm.Problem(robot, start, goal)
     system = ProblemFunctions.of(problem)
-    found = find_configurations(system, problem.goal, 20, np.random.default_rng(0))
+    found = find_configurations(
+        Target(system, problem.goal), 20, np.random.default_rng(0)
+    )
     assert min(straight_guess(system, q).duration for q in found.free[:10]) < 0.85

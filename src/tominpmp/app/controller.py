@@ -21,7 +21,7 @@ from tominpmp.app.worker import Worker
 from tominpmp.exceptions import ProblemError
 from tominpmp.files.export_check import check_export
 from tominpmp.goals.frames import PoseGoal, PositionGoal
-from tominpmp.initial_guess.inverse_kinematics import solve_inverse_kinematics
+from tominpmp.initial_guess.inverse_kinematics import Target
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import Robot
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -81,7 +81,7 @@ class Reach:
             unit = np.asarray(quaternion) / np.linalg.norm(quaternion)
             place = pin.XYZQUATToSE3(np.concatenate([position, unit]))
             goal = PoseGoal(self._frame, place)
-        q, miss = solve_inverse_kinematics(self._functions, goal, np.array(near))
+        q, miss = Target(self._functions, goal).solve(np.array(near))
         return rounded(q), 0.0 if miss <= REACHED else miss
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.exact.structure import Arcs
 from tominpmp.exact.switching_times import OptimisedArcs, solve_lengths
-from tominpmp.initial_guess.inverse_kinematics import find_configurations
+from tominpmp.initial_guess.inverse_kinematics import Target, find_configurations
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.solvers.loop import Callback, solve
@@ -101,7 +101,7 @@ def perturbed_motions(
     limits = system.problem.robot.limits
     start, goal, ends = system.problem.q_start, system.problem.goal, [plan.q[-1]]
     if goal.configuration is None:
-        ends += find_configurations(system, goal, ENDS, rng).best
+        ends += find_configurations(Target(system, goal), ENDS, rng).best
     s = np.linspace(0.0, 1.0, INTERVALS + 1)[:, None]
     reach = AMPLITUDE * np.minimum(
         system.step_scale, limits.position_upper - limits.position_lower

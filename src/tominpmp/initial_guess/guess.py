@@ -19,7 +19,11 @@ from tominpmp.initial_guess.constrained import (
     largest_excess,
     line_keeps_positions,
 )
-from tominpmp.initial_guess.inverse_kinematics import all_blocked, find_configurations
+from tominpmp.initial_guess.inverse_kinematics import (
+    Target,
+    all_blocked,
+    find_configurations,
+)
 from tominpmp.initial_guess.pace import load_time_scale, time_scale
 from tominpmp.initial_guess.path import RoundedPath
 from tominpmp.initial_guess.rrt import is_free, is_free_line, sample_paths
@@ -328,14 +332,14 @@ def initial_guesses(system: ProblemFunctions, request: GuessRequest) -> Iterator
 
 def _ends(system: ProblemFunctions, request: GuessRequest) -> tuple[list[Array], bool]:
     """Configurations that reach the goal, and whether all of them are in collision."""
-    goal, blocked = system.problem.goal, list[Array]()
-    rng, beyond = request.rng, request.beyond
+    target = Target(system, system.problem.goal, beyond=request.beyond)
+    blocked = list[Array]()
     for count in (KINEMATIC_STARTS, MORE_STARTS):
-        search = find_configurations(system, goal, count, rng, beyond=beyond)
+        search = find_configurations(target, count, request.rng)
         if search.free:
             return search.free[:STRAIGHT_LINES], False
         blocked = search.blocked or blocked
-    if all_blocked(system, blocked):
+    if all_blocked(target, blocked):
         return [], True
     return blocked[:STRAIGHT_LINES], True
 

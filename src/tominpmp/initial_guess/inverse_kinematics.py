@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import KW_ONLY, dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -52,13 +54,11 @@ POWER, LEAST_SHARE = 4, 0.05
 EXTRA_CLEARANCE = 1e-3
 
 
+@dataclass(frozen=True, eq=False)
 class Target:
     """Conditions on the final configuration of a segment: goal and constraints.
 
     Attributes:
-        scales: Amounts that count as 1 rad, of joints and of residuals.
-
-    Args:
         system: Kinematics and limits.
         goal: The goal.
         goal_only: Whether constraints are left out.
@@ -66,24 +66,28 @@ class Target:
         keep_clear: Whether clearances between bodies are conditions, too.
     """
 
-    def __init__(
-        self,
-        system: ProblemFunctions,
-        goal: Goal,
-        *,
-        goal_only: bool = False,
-        beyond: Sequence[PathConstraint] = (),
-        keep_clear: bool = False,
-    ) -> None:
-        self.system, self.goal = system, goal
-        place = goal.place(system.kinematics, system.problem.q_start)
-        self.scales = Scales.of(system.kinematics, place)
-        self.clearance = system.clearance if keep_clear else None
+    system: ProblemFunctions
+    goal: Goal
+    _: KW_ONLY
+    goal_only: bool = False
+    beyond: Sequence[PathConstraint] = ()
+    keep_clear: bool = False
+
+    @cached_property
+    def scales(self) -> Scales:
+        """Amounts that count as 1 rad, of joints and of residuals."""
+        kinematics, start = self.system.kinematics, self.system.problem.q_start
+        return Scales.of(kinematics, self.goal.place(kinematics, start))
+
+    @cached_property
+    def constraints(self) -> tuple[PathConstraint, ...]:
+        """The constraints that hold at the final configuration."""
+        goal, system = self.goal, self.system
         rests = goal.fixes_velocity and not np.any(goal.final_velocity(system.n))
-        self.constraints = tuple(
+        return tuple(
             item
-            for item in (*system.problem.ready_constraints, *beyond)
-            if not goal_only
+            for item in (*system.problem.ready_constraints, *self.beyond)
+            if not self.goal_only
             and (item.order == 0 or rests)
             and (item.window is None or np.isinf(item.window.end))
         )
@@ -100,8 +104,8 @@ class Target:
         share = np.where(place.lengths, 1.0 / self.scales.lengths, 1.0)
         terms = [(share * value, share[:, None] * by_q)]
         terms += [item.excess_at_rest(q) for item in self.constraints]
-        if self.clearance is not None:
-            terms.append(self._overlap(self.clearance, q))
+        if self.keep_clear and self.system.clearance is not None:
+            terms.append(self._overlap(self.system.clearance, q))
         values, slopes = zip(*terms, strict=True)
         return np.concatenate(values), np.concatenate(slopes)
 
@@ -111,6 +115,18 @@ class Target:
         place = self.goal.place(self.system.kinematics, q)
         value[: place.value.size] = place.excess
         return float(np.linalg.norm(value))
+
+    def solve(self, q: Array) -> tuple[Array, float]:
+        """Find a configuration within the position limits that meets all conditions.
+
+        Args:
+            q: Initial configuration, shape (n,) [rad or m].
+
+        Returns:
+            Configuration, shape (n,), and the norm of the remaining residual.
+        """
+        (q,), _ = _descend(self, q[None])
+        return q, self.violation(q)
 
     def _overlap(self, clearance: ClearanceConstraint, q: Array) -> tuple[Array, Array]:
         """Missing clearances of collision pairs that are too close [m]; Jacobian."""
@@ -141,31 +157,6 @@ class GoalSearch(NamedTuple):
         return self.free or self.blocked
 
 
-def solve_inverse_kinematics(
-    system: ProblemFunctions,
-    goal: Goal,
-    q: Array,
-    *,
-    keep_clear: bool = False,
-) -> tuple[Array, float]:
-    """Solve inverse kinematics for a goal, within the position limits.
-
-    Constraints that hold during the whole motion are satisfied, too.
-
-    Args:
-        system: Kinematics and limits.
-        goal: The goal.
-        q: Initial configuration, shape (n,) [rad or m].
-        keep_clear: Whether clearances between bodies are satisfied, too.
-
-    Returns:
-        Configuration, shape (n,), and the norm of the remaining residual.
-    """
-    target = Target(system, goal, keep_clear=keep_clear)
-    (q,), _ = _descend(target, q[None])
-    return q, target.violation(q)
-
-
 def _descend(target: Target, q: Array) -> tuple[Array, Array]:
     """Configurations after least squares, shape (m, n), and norms of residuals."""
     limits = target.system.problem.robot.limits
@@ -181,13 +172,7 @@ def _descend(target: Target, q: Array) -> tuple[Array, Array]:
 
 
 def find_configurations(
-    system: ProblemFunctions,
-    goal: Goal,
-    count: int,
-    rng: np.random.Generator,
-    *,
-    goal_only: bool = False,
-    beyond: Sequence[PathConstraint] = (),
+    target: Target, count: int, rng: np.random.Generator
 ) -> GoalSearch:
     """Distinct configurations that reach a goal, from twice ``count`` starts.
 
@@ -198,11 +183,10 @@ def find_configurations(
     Returns:
         Configurations free of collisions, and configurations in collision.
     """
-    problem = system.problem
+    system, problem = target.system, target.system.problem
     limits = problem.robot.limits
-    target = Target(system, goal, goal_only=goal_only, beyond=beyond)
     # A joint that moves at the start may reach the goal several turns away from there.
-    turns = np.round((goal.positions(problem.robot) - problem.q_start) / TURN)
+    turns = np.round((target.goal.positions(problem.robot) - problem.q_start) / TURN)
     centre = problem.q_start + TURN * np.nan_to_num(turns)
     centre = np.clip(centre, limits.position_lower, limits.position_upper)
     around = AROUND * target.scales.joints
@@ -211,7 +195,7 @@ def find_configurations(
     wide = [rng.uniform(low, high) for _ in range(count)]
     near = [centre + NEARER * (q - centre) for q in wide]
     solutions, nearest = _solutions(target, [centre, *wide, *near])
-    if not goal_only:
+    if not target.goal_only:
         movable = [q for q in solutions if not isolated(target, q)]
         solutions += _solutions(target, moved_nearer(target, movable), solutions)[0]
     turned = nearest_turns(problem.robot, solutions, problem.q_start)
@@ -226,8 +210,8 @@ def find_configurations(
         (clear if is_free(system, q) else others).append(q)
     free, blocked = _spread(target, clear), _spread(target, others)
     if not free and system.clearance is not None:
-        both = Target(system, goal, goal_only=goal_only, beyond=beyond, keep_clear=True)
         movable = [q for q in blocked[:MOST_RESOLVED] if not isolated(target, q)]
+        both = replace(target, keep_clear=True)
         free = [q for q in _solutions(both, movable)[0] if is_free(system, q)]
         # A goal may be closer to an obstacle than the padding beyond the margin.
         free = free or [q for q in blocked if _keeps_margins(system, q)]
@@ -317,16 +301,15 @@ def isolated(target: Target, q: Array) -> bool:
     return values.size == q.size and bool(values[-1] > RANK * values[0])
 
 
-def all_blocked(system: ProblemFunctions, blocked: Sequence[Array]) -> bool:
+def all_blocked(target: Target, blocked: Sequence[Array]) -> bool:
     """Whether the goal can only be reached in collision.
 
     This holds if no self-motion is possible at any of the configurations, and all of
     them violate the margins themselves, not only the padding beyond these.
     """
-    problem = system.problem
-    if not blocked or problem.checker.moving:
+    system = target.system
+    if not blocked or system.problem.checker.moving:
         return False
-    target = Target(system, problem.goal)
     return all(isolated(target, q) and not _keeps_margins(system, q) for q in blocked)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,10 +28,11 @@ def unreachable(system: ProblemFunctions, rng: np.random.Generator) -> ProblemEr
         where = f"segment {number + 1} of {len(system.parts)}: "
         system = part
     goal = system.problem.goal
-    ik = find_configurations(system, goal, 2 * KINEMATIC_STARTS, rng, beyond=beyond)
+    target = Target(system, goal, beyond=beyond)
+    ik = find_configurations(target, 2 * KINEMATIC_STARTS, rng)
     if ik.blocked:
         return ProblemError(f"{where}goal: {_collision(system, ik.blocked)}", "goal")
-    reason = _against_constraints(system, rng, beyond)
+    reason = _against_constraints(target, rng)
     if reason:
         return ProblemError(f"{where}goal: {reason}", "goal")
     frame = goal.frame_name
@@ -62,21 +64,17 @@ def _collision(system: ProblemFunctions, blocked: Sequence[Array]) -> str:
     )
 
 
-def _against_constraints(
-    system: ProblemFunctions,
-    rng: np.random.Generator,
-    beyond: Sequence[PathConstraint],
-) -> str:
+def _against_constraints(target: Target, rng: np.random.Generator) -> str:
     """The constraint that configurations reaching a goal violate, as a sentence.
 
     It names the worst constraint of the configuration that violates constraints least.
     Empty if there are no constraints, or no configuration reaches the goal.
     """
-    goal = system.problem.goal
-    items = Target(system, goal, beyond=beyond).constraints
+    items = target.constraints
     if not items:
         return ""
-    ik = find_configurations(system, goal, 2 * KINEMATIC_STARTS, rng, goal_only=True)
+    goal_alone = replace(target, goal_only=True)
+    ik = find_configurations(goal_alone, 2 * KINEMATIC_STARTS, rng)
     reached = [*ik.free, *ik.blocked]
     if not reached:
         return ""
