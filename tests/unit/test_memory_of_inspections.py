@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
+from tominpmp.transcription.blocks import SampledRows
 from tominpmp.transcription.exchange import (
     MOST_NUMBERS,
     MOST_SAMPLES,
+    Inspection,
     _samples,
-    _worst_instants,
     between_samples,
-    excess_at,
     exchanged,
     most_instants,
 )
@@ -99,12 +99,15 @@ def test_only_the_worst_are_looked_at_more_closely(
     assert system.clearance is not None
     looked: list[int] = []
 
-    def counted(*given: Any) -> np.ndarray:
-        looked.append(given[3].size)
-        return excess_at(*given)
+    excess = Inspection.excess
 
-    monkeypatch.setattr("tominpmp.transcription.exchange.excess_at", counted)
-    _worst_instants(system.clearance, program, spline, None, Instants.none())
+    def counted(self: Inspection, at: Instants, *rest: Any) -> np.ndarray:
+        looked.append(at.size)
+        return excess(self, at, *rest)
+
+    monkeypatch.setattr(Inspection, "excess", counted)
+    rows = SampledRows(system.clearance, Instants.none())
+    Inspection(rows, program, spline).worst_instants()
     most = most_instants(system.clearance.count)
     assert len(looked) > 1 and max(looked[1:]) <= most
 

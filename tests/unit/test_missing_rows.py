@@ -11,7 +11,7 @@ from tominpmp.initial_guess.guess import straight_guess
 from tominpmp.options import Options
 from tominpmp.planner.first_program import first_program
 from tominpmp.transcription.blocks import SampledRows
-from tominpmp.transcription.exchange import ROOM, excess_at, exchanged, violated_jumps
+from tominpmp.transcription.exchange import ROOM, Inspection, exchanged
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -95,11 +95,12 @@ def test_nothing_is_missed_where_a_closer_look_is_spared(control, pace) -> None:
     program, z = whipping(control, pace)
     of, block = program.transcription, torques(program)
     motion, tolerance = of.motion(z), 1e-3
-    found = violated_jumps(block.constraint, of, motion, tolerance, None)
+    inspection = Inspection(block, of, motion, tolerance)
+    found = inspection.violated_jumps()
     worst = {}
     for shares in of.inspected:
         at = Instants.spread(of.intervals, shares)
-        excess = excess_at(block.constraint, of, motion, at)
+        excess = inspection.excess(at)
         for row in np.flatnonzero(np.any(excess > tolerance, axis=1)).tolist():
             part = int(at.interval[row]), shares
             worst[part] = max(worst.get(part, 0.0), float(excess[row].max()))
@@ -111,5 +112,5 @@ def test_nothing_is_missed_where_a_closer_look_is_spared(control, pace) -> None:
     }
     assert parts == set(worst)
     if worst:
-        largest = excess_at(block.constraint, of, motion, found.at).max()
+        largest = inspection.excess(found.at).max()
         assert largest == pytest.approx(max(worst.values()), rel=1e-12)

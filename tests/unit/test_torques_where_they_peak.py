@@ -10,8 +10,9 @@ import pytest
 import tominpmp as tm
 from tests.sample_arms import make_arm, rod
 from tominpmp.constraints.friction import EFFORT_TOLERANCE
+from tominpmp.transcription.blocks import SampledRows, blocks_of
 from tominpmp.transcription.bspline import INSPECTED, TORQUE_SHARES
-from tominpmp.transcription.exchange import REVERSAL_OFFSET, around_reversals
+from tominpmp.transcription.exchange import REVERSAL_OFFSET, Inspection
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -44,14 +45,17 @@ def test_turns_have_an_instant_before_and_one_after(
     assert layout is not None
     of, z = layout.represented(ProblemFunctions.of(there_and_back.problem), motion)
     every = np.ones(2, dtype=bool)
-    at = around_reversals(of, of.motion(z), every, (0, of.intervals))
+    (block,) = (block for block in blocks_of(of) if block.name == "torque")
+    assert isinstance(block, SampledRows)
+    inspection = Inspection(block, of, of.motion(z))
+    at = inspection.around_reversals(every)
     assert at.size >= 2
     v = of.states(of.motion(z), at, 1).v
     ways = [set(np.sign(v[:, joint])) for joint in range(2)]
     assert any({-1.0, 1.0} <= way for way in ways)
     pairs = [b - a for a, b in itertools.pairwise(at.share) if b > a]
     assert min(pairs) <= 2.0 * REVERSAL_OFFSET + 1e-9
-    assert not around_reversals(of, of.motion(z), ~every, (0, of.intervals)).size
+    assert not inspection.around_reversals(~every).size
 
 
 def test_no_peak_is_wide_enough_to_hide_between_instants() -> None:

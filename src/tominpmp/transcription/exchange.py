@@ -14,7 +14,7 @@ joints: values with a margin are left out of the rows, until they violate their 
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Any, NamedTuple
 
@@ -94,142 +94,282 @@ def exchanged(
     changes = 0
     for index, block in enumerate(blocks):
         if isinstance(block, SampledRows):
-            blocks[index], count = _exchanged(block, of, motion, effort_tolerance)
+            inspection = Inspection(block, of, motion, effort_tolerance)
+            blocks[index], count = inspection.exchanged()
             changes += count
     return replace(program, blocks=tuple(blocks)) if changes else None
 
 
-def _exchanged(
-    block: SampledRows, of: Transcription[Any], motion: Motion, effort_tolerance: float
-) -> tuple[SampledRows, int]:
-    """A block with updated assumptions of its constraint, and rows at more instants.
+class MissingRows(NamedTuple):
+    """Instants at which rows are missing.
 
-    Returns:
-        The block, and the number of changes.
+    Attributes:
+        at: The instants, without repetitions.
+        values: Whether each value becomes a row there, shape (m, p); None for all.
     """
-    constraint, count = block.constraint, 0
-    if constraint.assumes:
-        at, states = block.states(of, motion)
-        middle_v = of.states(motion, at.middles, 1).v
-        constraint, count = constraint.corrected(states, middle_v, effort_tolerance)
-    missing = _violated(block, of, motion, effort_tolerance)
-    if missing.at.size and isinstance(constraint, PathConstraint) and constraint.window:
-        times = missing.at.times(motion.h) + of.delays[missing.at.interval]
-        return replace(block, constraint=constraint.with_times(times)), times.size
-    block = replace(block, constraint=constraint)
-    block, joined = _with_rows(block, of, motion, missing)
-    return block, count + joined
+
+    at: Instants
+    values: BoolArray | None = None
 
 
-def _violated(
-    block: SampledRows, of: Transcription[Any], motion: Motion, effort_tolerance: float
-) -> MissingRows:
-    """Instants between the rows of a constraint at which it is violated."""
-    constraint = block.constraint
-    if constraint.usable is None:
-        return MissingRows(Instants.none())
-    if constraint.order >= 3:
-        return MissingRows(_violated_rates(constraint, of, motion, effort_tolerance))
-    if constraint.order >= 2:
-        return violated_jumps(constraint, of, motion, effort_tolerance, block.within)
-    known = block.instants(of, motion.h)
-    if block.ignored is not None:
-        # Instants at which some values are no rows must not exclude instants near them.
-        whole = np.ones(known.size, dtype=bool)
-        whole[: len(block.ignored)] = ~np.any(block.ignored, axis=1)
-        known = Instants(known.interval[whole], known.share[whole])
-    return MissingRows(_worst_instants(constraint, of, motion, block.within, known))
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """Inspection of a motion between the rows of a constraint.
 
-
-def _worst_instants(
-    constraint: Constraint,
-    of: Transcription[Any],
-    motion: Motion,
-    within: tuple[int, int] | None,
-    known: Instants,
-) -> Instants:
-    """Instant of the largest violation for each interval and violated value.
-
-    Args:
-        constraint: The constraint, whose values are continuous.
+    Attributes:
+        block: The rows.
         of: The transcription.
         motion: A motion of it.
-        within: Half-open range of the intervals on which the constraint holds; None for
-            all.
-        known: Instants that have rows; instants near them are left out.
+        tolerance: Tolerated relative excess of torques; a negative value is a margin
+            that torques must keep.
     """
-    at, excess = _violations(constraint, of, motion, within or (0, of.intervals))
-    worst = np.max(excess, axis=1, initial=-np.inf)
-    found: list[tuple[int, float]] = []
-    taken: dict[int, list[float]] = {}
-    for k, share in known.pairs:
-        taken.setdefault(k, []).append(share)
-    for k in np.unique(at.interval).tolist():
-        inside = np.flatnonzero(at.interval == k)
-        values = excess[inside]
-        violated = np.flatnonzero(values.max(axis=0) > 0.0)
-        peaks = inside[np.argmax(values[:, violated], axis=0)]
-        apart = APART
+
+    block: SampledRows
+    of: Transcription[Any]
+    motion: Motion
+    tolerance: float = EFFORT_TOLERANCE
+
+    @property
+    def constraint(self) -> Constraint:
+        """The constraint, with its assumptions at the rows."""
+        return self.block.constraint
+
+    @property
+    def within(self) -> tuple[int, int]:
+        """Half-open range of the intervals on which the constraint holds."""
+        return self.block.within or (0, self.of.intervals)
+
+    def exchanged(self) -> tuple[SampledRows, int]:
+        """The block with updated assumptions, and rows at more instants.
+
+        Returns:
+            The block, and the number of changes.
+        """
+        block, of, motion = self.block, self.of, self.motion
+        constraint, count = block.constraint, 0
+        if constraint.assumes:
+            at, states = block.states(of, motion)
+            middle_v = of.states(motion, at.middles, 1).v
+            constraint, count = constraint.corrected(states, middle_v, self.tolerance)
+        missing = self._violated()
+        new = missing.at
+        if new.size and isinstance(constraint, PathConstraint) and constraint.window:
+            times = new.times(motion.h) + of.delays[new.interval]
+            return replace(block, constraint=constraint.with_times(times)), times.size
+        block, joined = self._with_rows(constraint, missing)
+        return block, count + joined
+
+    def _violated(self) -> MissingRows:
+        """Instants between the rows at which the constraint is violated."""
+        if self.constraint.usable is None:
+            return MissingRows(Instants.none())
+        if self.constraint.order >= 3:
+            return MissingRows(self._violated_rates())
+        if self.constraint.order >= 2:
+            return self.violated_jumps()
+        return MissingRows(self.worst_instants())
+
+    def worst_instants(self) -> Instants:
+        """Instant of the largest violation for each interval and violated value.
+
+        The values of the constraint are continuous. Instants near those that have rows
+        are left out.
+        """
+        block, h = self.block, self.motion.h
+        known = block.instants(self.of, h)
+        if block.ignored is not None:
+            # Instants at which some values are no rows must not exclude instants near
+            # them.
+            whole = np.ones(known.size, dtype=bool)
+            whole[: len(block.ignored)] = ~np.any(block.ignored, axis=1)
+            known = Instants(known.interval[whole], known.share[whole])
+        at, excess = self._violations()
+        worst = np.max(excess, axis=1, initial=-np.inf)
+        found: list[tuple[int, float]] = []
+        taken: dict[int, list[float]] = {}
+        for k, share in known.pairs:
+            taken.setdefault(k, []).append(share)
+        for k in np.unique(at.interval).tolist():
+            inside = np.flatnonzero(at.interval == k)
+            values = excess[inside]
+            violated = np.flatnonzero(values.max(axis=0) > 0.0)
+            peaks = inside[np.argmax(values[:, violated], axis=0)]
+            apart = APART
+            if self.constraint.gradual:
+                apart = min(apart, APART_IN_TIME / float(h[k]))
+            for index in sorted(set(peaks.tolist()), key=lambda i: -worst[i]):
+                share = float(at.share[index])
+                near = taken.setdefault(k, [])
+                if all(abs(share - other) > apart for other in near):
+                    near.append(share)
+                    found.append((k, share))
+        return Instants.of_pairs(found)
+
+    def _violations(self) -> tuple[Instants, Array]:
+        """Instants at which a continuous constraint is violated, and its violations.
+
+        The step is refined around instants near which a bound may be violated. Between
+        two samples, values are assumed to rise no faster than from one sample to the
+        next, and clearances to moving obstacles to shrink no faster than the obstacles
+        move. For obstacles at rest, the step is refined only once.
+        """
+        constraint, of, h = self.constraint, self.of, self.motion.h
+        usable, most = constraint.usable, most_instants(constraint.count)
+        assert usable is not None  # noqa: S101
+        rises = constraint.rises(float(h.sum() + of.delays[-1]))
+        moving, rise = np.flatnonzero(rises > 0.0), float(np.max(rises, initial=0.0))
+        at = _samples(h, most).within(*self.within)
+        width = 1.0 / np.bincount(at.interval, minlength=h.size)[at.interval]
+        attention = CLOSE / of.system.reach if constraint.gradual else CLOSE_VALUE
         if constraint.gradual:
-            apart = min(apart, APART_IN_TIME / float(motion.h[k]))
-        for index in sorted(set(peaks.tolist()), key=lambda i: -worst[i]):
-            share = float(at.share[index])
-            near = taken.setdefault(k, [])
-            if all(abs(share - other) > apart for other in near):
-                near.append(share)
-                found.append((k, share))
-    return Instants.of_pairs(found)
+            # Two corners may pass each other between instants: the tip of an arm of 5 m
+            # moves by centimetres in a step.
+            v = of.states(self.motion, at, 1).v / of.system.step_scale
+            speed = np.max(np.abs(v), axis=1, initial=0.0)
+            way = 0.5 * width * h[at.interval] * speed
+            attention = max(attention, float(np.max(way, initial=0.0)))
+        room = FINE * float(np.max(constraint.room, initial=0.0)) + LEAST
+        found: list[tuple[Instants, Array]] = []
+        while True:
+            excess = self.excess(at, attention)
+            violation = np.asarray(excess - usable)
+            over = np.flatnonzero(np.max(violation, axis=1, initial=-np.inf) > 0.0)
+            near = np.zeros(0, dtype=np.int64)
+            if not found:
+                near = between_samples(violation, 0.0, attention)
+            found.append((Instants(at.interval[over], at.share[over]), violation[over]))
+            step = width * h[at.interval]
+            if float(np.max(step, initial=0.0)) * rise > room and len(found) <= CUTS:
+                ahead = excess[:, moving] + 0.5 * step[:, None] * rises[moving]
+                near = np.union1d(near, np.flatnonzero(np.max(ahead, axis=1) > 0.0))
+            if not near.size:
+                instants, violations = zip(*found, strict=True)
+                return reduce(Instants.joined, instants), np.concatenate(violations)
+            near = _worst(near, violation, CLOSER_LOOK.size, most)
+            share = at.share[near, None] + CLOSER_LOOK * width[near, None]
+            at = Instants(np.repeat(at.interval[near], CLOSER_LOOK.size), share.ravel())
+            width = np.repeat(width[near], CLOSER_LOOK.size) / CLOSER_LOOK.size
+            attention = 0.5 * float(np.max(width * h[at.interval])) * rise
 
+    def _with_rows(
+        self, constraint: Constraint, missing: MissingRows
+    ) -> tuple[SampledRows, int]:
+        """The block with another state of its constraint, and missing rows added.
 
-def _violations(
-    constraint: Constraint,
-    of: Transcription[Any],
-    motion: Motion,
-    within: tuple[int, int],
-) -> tuple[Instants, Array]:
-    """Instants at which a continuous constraint is violated, and its violations there.
+        Args:
+            constraint: The constraint, with its corrected assumptions at the rows.
+            missing: The rows to add.
 
-    The step is refined around instants near which a bound may be violated. Between two
-    samples, values are assumed to rise no faster than from one sample to the next, and
-    clearances to moving obstacles to shrink no faster than the obstacles move. For
-    obstacles at rest, the step is refined only once.
-    """
-    usable, h, most = constraint.usable, motion.h, most_instants(constraint.count)
-    assert usable is not None  # noqa: S101
-    rises = constraint.rises(float(h.sum() + of.delays[-1]))
-    moving, rise = np.flatnonzero(rises > 0.0), float(np.max(rises, initial=0.0))
-    at = _samples(h, most).within(*within)
-    width = 1.0 / np.bincount(at.interval, minlength=h.size)[at.interval]
-    attention = CLOSE / of.system.reach if constraint.gradual else CLOSE_VALUE
-    if constraint.gradual:
-        # Two corners may pass each other between instants: the tip of an arm of 5 m
-        # moves by centimetres in a step.
-        v = of.states(motion, at, 1).v / of.system.step_scale
-        speed = np.max(np.abs(v), axis=1, initial=0.0)
-        way = 0.5 * width * h[at.interval] * speed
-        attention = max(attention, float(np.max(way, initial=0.0)))
-    room = FINE * float(np.max(constraint.room, initial=0.0)) + LEAST
-    found: list[tuple[Instants, Array]] = []
-    while True:
-        excess = excess_at(constraint, of, motion, at, attention)
-        violation = np.asarray(excess - usable)
-        over = np.flatnonzero(np.max(violation, axis=1, initial=-np.inf) > 0.0)
-        near = np.zeros(0, dtype=np.int64)
-        if not found:
-            near = between_samples(violation, 0.0, attention)
-        found.append((Instants(at.interval[over], at.share[over]), violation[over]))
-        step = width * h[at.interval]
-        if float(np.max(step, initial=0.0)) * rise > room and len(found) <= CUTS:
-            ahead = excess[:, moving] + 0.5 * step[:, None] * rises[moving]
-            near = np.union1d(near, np.flatnonzero(np.max(ahead, axis=1) > 0.0))
-        if not near.size:
-            instants, violations = zip(*found, strict=True)
-            return reduce(Instants.joined, instants), np.concatenate(violations)
-        near = _worst(near, violation, CLOSER_LOOK.size, most)
-        share = at.share[near, None] + CLOSER_LOOK * width[near, None]
-        at = Instants(np.repeat(at.interval[near], CLOSER_LOOK.size), share.ravel())
-        width = np.repeat(width[near], CLOSER_LOOK.size) / CLOSER_LOOK.size
-        attention = 0.5 * float(np.max(width * h[at.interval])) * rise
+        Returns:
+            The block, and the number of instants whose rows were changed: values that
+            have a row already are not added again.
+        """
+        block, new, values = self.block, missing.at, missing.values
+        count, ignored, fixed = 0, block.ignored, block.fixed
+        if values is not None:
+            ignored = np.zeros((fixed.size, values.shape[1]), dtype=bool)
+            if block.ignored is not None:
+                ignored[: len(block.ignored)] = block.ignored
+            indices = {pair: index for index, pair in enumerate(fixed.pairs)}
+            index = np.array([indices.get(pair, -1) for pair in new.pairs], np.int64)
+            known = index >= 0
+            added = ignored[index[known]] & values[known]
+            ignored[index[known]] &= ~values[known]
+            count = int(np.any(added, axis=1).sum())
+            new = Instants(new.interval[~known], new.share[~known])
+            ignored = np.concatenate([ignored, ~values[~known]])
+        if new.size:
+            more = assumed(constraint, self.of, self.motion, new)
+            constraint, fixed = constraint.joined(more), fixed.joined(new)
+        block = replace(block, constraint=constraint, fixed=fixed, ignored=ignored)
+        return block, count + new.size
+
+    def excess(self, at: Instants, attention: float = np.inf) -> Array:
+        """Excess of the values over their bounds at any instants, shape (m, p)."""
+        states = self.of.states(self.motion, at, self.constraint.order)
+        constraint = assumed(self.constraint, self.of, self.motion, at)
+        values = constraint.evaluate(states, attention)
+        lower, upper = constraint.bounds(at.size)
+        if isinstance(constraint, PathConstraint) and constraint.window is not None:
+            holds = constraint.window.contains(states.t)[:, None]
+            values = np.where(holds, values, np.clip(values, lower, upper))
+        if np.all(np.isinf(lower)):
+            return np.asarray(values - upper)
+        return np.maximum(values - upper, lower - values)
+
+    def violated_jumps(self) -> MissingRows:
+        """Rows for violated values that may jump at the nodes: functions of torques.
+
+        For each value and each part of an interval, the instant is the inspected
+        instant with the largest violation. Instants around the reversals of joints with
+        dry friction are inspected as well.
+        """
+        constraint, tolerance = self.constraint, self.tolerance
+        first, end = self.within
+        found: dict[tuple[int, float], BoolArray] = {}
+        for shares in self.of.inspected:
+            at = Instants.spread(self.of.intervals, shares).within(first, end)
+            excess = self.excess(at).reshape(end - first, len(shares), -1)
+            worst, largest = np.argmax(excess, axis=1), np.max(excess, axis=1)
+            if not np.any(largest > tolerance):
+                continue
+            over = largest > (WITH_IT if tolerance > 0.0 else 1.0) * tolerance
+            for k, j in np.argwhere(over).tolist():
+                sample = worst[k, j]
+                found[first + k, shares[sample]] = excess[k, sample] > -ROOM
+        if (
+            isinstance(constraint, MotorLimit)
+            and constraint.motors.friction is not None
+        ):
+            at = self.around_reversals(constraint.motors.friction > 0.0)
+            if at.size:
+                excess = self.excess(at)
+                over = np.any(excess > tolerance, axis=1)
+                for k, pair in enumerate(at.pairs):
+                    if over[k]:
+                        found[pair] = excess[k] > -ROOM
+        pairs = sorted(found)
+        shape = len(pairs), constraint.count
+        values = np.reshape([found[pair] for pair in pairs], shape).astype(bool)
+        return MissingRows(Instants.of_pairs(pairs), values)
+
+    def _violated_rates(self) -> Instants:
+        """Pairs of instants between which rates exceed their limits.
+
+        For each interval and value, the pair with the largest excess; without
+        repetitions.
+        """
+        intervals = self.of.intervals
+        excess = self.excess(Instants.spread(intervals, RATES_INSPECTED))
+        excess = excess.reshape(intervals, len(RATES_INSPECTED) // 2, -1)
+        worst = np.argmax(excess, axis=1)
+        interval, value = np.nonzero(np.max(excess, axis=1) > self.tolerance)
+        found = np.stack([interval, worst[interval, value]], axis=1)
+        interval, pair = np.unique(found, axis=0).T
+        shares = np.reshape(RATES_INSPECTED, (-1, 2))[pair]
+        return Instants(np.repeat(interval, 2), shares.ravel())
+
+    def around_reversals(self, joints: BoolArray) -> Instants:
+        """Instants before and after each reversal; joints may share a reversal.
+
+        Args:
+            joints: Whether each joint has dry friction, shape (n,).
+        """
+        (first, end), steps = self.within, REVERSAL_STEPS
+        shares = tuple(np.linspace(0.0, 1.0, steps + 1).tolist())
+        at = Instants.spread(self.of.intervals, shares).within(first, end)
+        v = self.of.states(self.motion, at, 1).v[:, joints]
+        v = v.reshape(end - first, steps + 1, -1)
+        before, after = v[:, :-1], v[:, 1:]
+        interval, step, joint = np.nonzero(before * after < 0.0)
+        v0, v1 = before[interval, step, joint], after[interval, step, joint]
+        # The velocity is nearly linear within a step.
+        share = (step + v0 / (v0 - v1)) / steps
+        around = np.concatenate([share - REVERSAL_OFFSET, share + REVERSAL_OFFSET])
+        around = np.clip(around, 0.0, 1.0)
+        found = np.stack([np.tile(first + interval, 2), around], axis=1)
+        found = np.unique(found, axis=0)
+        return Instants(found[:, 0].astype(np.int64), found[:, 1])
 
 
 def most_instants(values: int) -> int:
@@ -255,165 +395,3 @@ def _samples(h: Array, most: int = MOST_SAMPLES) -> Instants:
     first = np.repeat(np.cumsum(counts) - counts, counts)
     step = np.arange(interval.size) - first
     return Instants(interval, (step + 0.5) / counts[interval])
-
-
-class MissingRows(NamedTuple):
-    """Instants at which rows are missing.
-
-    Attributes:
-        at: The instants, without repetitions.
-        values: Whether each value becomes a row there, shape (m, p); None for all.
-    """
-
-    at: Instants
-    values: BoolArray | None = None
-
-
-def _with_rows(
-    block: SampledRows, of: Transcription[Any], motion: Motion, missing: MissingRows
-) -> tuple[SampledRows, int]:
-    """A block with missing rows added.
-
-    Args:
-        block: The block.
-        of: The transcription.
-        motion: A motion of it, from which constraints take their assumptions.
-        missing: The rows to add.
-
-    Returns:
-        The block, and the number of instants whose rows were changed: values that have
-        a row already are not added again.
-    """
-    new, values = missing.at, missing.values
-    count, ignored = 0, block.ignored
-    if values is not None:
-        ignored = np.zeros((block.fixed.size, values.shape[1]), dtype=bool)
-        if block.ignored is not None:
-            ignored[: len(block.ignored)] = block.ignored
-        indices = {pair: index for index, pair in enumerate(block.fixed.pairs)}
-        index = np.array([indices.get(pair, -1) for pair in new.pairs], dtype=np.int64)
-        known = index >= 0
-        added = ignored[index[known]] & values[known]
-        ignored[index[known]] &= ~values[known]
-        count = int(np.any(added, axis=1).sum())
-        new = Instants(new.interval[~known], new.share[~known])
-        ignored = np.concatenate([ignored, ~values[~known]])
-    if new.size:
-        constraint = block.constraint
-        constraint = constraint.joined(assumed(constraint, of, motion, new))
-        block = replace(block, constraint=constraint, fixed=block.fixed.joined(new))
-    return replace(block, ignored=ignored), count + new.size
-
-
-def excess_at(
-    constraint: Constraint,
-    of: Transcription[Any],
-    motion: Motion,
-    at: Instants,
-    attention: float = np.inf,
-) -> Array:
-    """Excess of the values over their bounds at any instants, shape (m, p)."""
-    states = of.states(motion, at, constraint.order)
-    constraint = assumed(constraint, of, motion, at)
-    values = constraint.evaluate(states, attention)
-    lower, upper = constraint.bounds(at.size)
-    if isinstance(constraint, PathConstraint) and constraint.window is not None:
-        holds = constraint.window.contains(states.t)[:, None]
-        values = np.where(holds, values, np.clip(values, lower, upper))
-    if np.all(np.isinf(lower)):
-        return np.asarray(values - upper)
-    return np.maximum(values - upper, lower - values)
-
-
-def violated_jumps(
-    constraint: Constraint,
-    of: Transcription[Any],
-    motion: Motion,
-    tolerance: float,
-    within: tuple[int, int] | None,
-) -> MissingRows:
-    """Rows for violated values that may jump at the nodes: functions of torques.
-
-    For each value and each part of an interval, the instant is the inspected instant
-    with the largest violation. Instants around the reversals of joints with dry
-    friction are inspected as well.
-
-    Args:
-        constraint: The constraint.
-        of: The transcription.
-        motion: A motion of it.
-        tolerance: Tolerated excess.
-        within: Half-open range of the intervals on which the constraint holds; None for
-            all.
-    """
-    found: dict[tuple[int, float], BoolArray] = {}
-    first, end = within or (0, of.intervals)
-    for shares in of.inspected:
-        at = Instants.spread(of.intervals, shares).within(first, end)
-        excess = excess_at(constraint, of, motion, at)
-        excess = excess.reshape(end - first, len(shares), -1)
-        worst, largest = np.argmax(excess, axis=1), np.max(excess, axis=1)
-        if not np.any(largest > tolerance):
-            continue
-        over = largest > (WITH_IT if tolerance > 0.0 else 1.0) * tolerance
-        for k, j in np.argwhere(over).tolist():
-            sample = worst[k, j]
-            found[first + k, shares[sample]] = excess[k, sample] > -ROOM
-    if isinstance(constraint, MotorLimit) and constraint.motors.friction is not None:
-        joints = constraint.motors.friction > 0.0
-        at = around_reversals(of, motion, joints, (first, end))
-        if at.size:
-            excess = excess_at(constraint, of, motion, at)
-            over = np.any(excess > tolerance, axis=1)
-            for k, pair in enumerate(at.pairs):
-                if over[k]:
-                    found[pair] = excess[k] > -ROOM
-    pairs = sorted(found)
-    shape = len(pairs), constraint.count
-    values = np.reshape([found[pair] for pair in pairs], shape).astype(bool)
-    return MissingRows(Instants.of_pairs(pairs), values)
-
-
-def _violated_rates(
-    constraint: Constraint, of: Transcription[Any], motion: Motion, tolerance: float
-) -> Instants:
-    """Pairs of instants between which rates exceed their limits.
-
-    For each interval and value, the pair with the largest excess; without repetitions.
-    """
-    pairs = Instants.spread(of.intervals, RATES_INSPECTED)
-    excess = excess_at(constraint, of, motion, pairs)
-    excess = excess.reshape(of.intervals, len(RATES_INSPECTED) // 2, -1)
-    worst = np.argmax(excess, axis=1)
-    interval, value = np.nonzero(np.max(excess, axis=1) > tolerance)
-    found = np.stack([interval, worst[interval, value]], axis=1)
-    interval, pair = np.unique(found, axis=0).T
-    shares = np.reshape(RATES_INSPECTED, (-1, 2))[pair]
-    return Instants(np.repeat(interval, 2), shares.ravel())
-
-
-def around_reversals(
-    of: Transcription[Any], motion: Motion, joints: BoolArray, within: tuple[int, int]
-) -> Instants:
-    """Instants before and after each reversal, shared by joints that reverse together.
-
-    Args:
-        of: The parameterisation.
-        motion: The motion.
-        joints: Whether each joint has dry friction, shape (n,).
-        within: Half-open range of the intervals to inspect.
-    """
-    first, end = within
-    steps = REVERSAL_STEPS
-    shares = tuple(np.linspace(0.0, 1.0, steps + 1).tolist())
-    at = Instants.spread(of.intervals, shares).within(first, end)
-    v = of.states(motion, at, 1).v[:, joints].reshape(end - first, steps + 1, -1)
-    before, after = v[:, :-1], v[:, 1:]
-    interval, step, joint = np.nonzero(before * after < 0.0)
-    v0, v1 = before[interval, step, joint], after[interval, step, joint]
-    # The velocity is nearly linear within a step.
-    share = (step + v0 / (v0 - v1)) / steps
-    around = np.concatenate([share - REVERSAL_OFFSET, share + REVERSAL_OFFSET])
-    found = np.stack([np.tile(first + interval, 2), np.clip(around, 0.0, 1.0)], axis=1)
-    found = np.unique(found, axis=0)
-    return Instants(found[:, 0].astype(np.int64), found[:, 1])
