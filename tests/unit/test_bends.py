@@ -106,7 +106,7 @@ def test_the_curvature_of_a_program_is_that_of_its_rows(during):
     if during is not None:
         blocks = list(program.blocks)
         ready = blocks[index].constraint.with_times(np.array([0.4, 1.7, 3.0]))
-        blocks[index] = type(blocks[index])(ready, Instants.none())
+        blocks[index] = type(blocks[index])(of, ready, Instants.none())
         program = NonlinearProgram(of, tuple(blocks))
     mine = program.rows.kind == index
     assert mine.sum() >= 3

@@ -95,5 +95,5 @@ def _clearance(program: NonlinearProgram, z: Array) -> Array:
     """What distances lack at the instants of a program."""
     of = program.transcription
     (block,) = (one for one in program.blocks if one.name == "clearance")
-    _, states = block.states(of, of.motion(z))
+    _, states = block.states(of.motion(z))
     return block.constraint.evaluate(states)

@@ -106,8 +106,8 @@ def test_only_the_worst_are_looked_at_more_closely(
         return excess(self, at, *rest)
 
     monkeypatch.setattr(Inspection, "excess", counted)
-    rows = SampledRows(system.clearance, Instants.none())
-    Inspection(rows, program, spline).worst_instants()
+    rows = SampledRows(program, system.clearance, Instants.none())
+    Inspection(rows, spline).worst_instants()
     most = most_instants(system.clearance.count)
     assert len(looked) > 1 and max(looked[1:]) <= most
 

@@ -52,7 +52,7 @@ def test_joints_with_room_to_spare_get_no_rows_for_others(hasty) -> None:
     before, block = torques(program), torques(more)
     new = slice(before.fixed.size, None)
     of = more.transcription
-    value = block.values(of, of.motion(z)).reshape(block.lower.shape)[new]
+    value = block.values(of.motion(z)).reshape(block.lower.shape)[new]
     assert np.all(np.abs(value[:, 1]) < 1.0 - ROOM)
     assert np.all(np.isinf(block.upper[new, 1]) & np.isinf(block.lower[new, 1]))
     assert np.all(block.upper[new, 0] == 1.0)
@@ -95,7 +95,7 @@ def test_nothing_is_missed_where_a_closer_look_is_spared(control, pace) -> None:
     program, z = whipping(control, pace)
     of, block = program.transcription, torques(program)
     motion, tolerance = of.motion(z), 1e-3
-    inspection = Inspection(block, of, motion, tolerance)
+    inspection = Inspection(block, motion, tolerance)
     found = inspection.violated_jumps()
     worst = {}
     for shares in of.inspected:

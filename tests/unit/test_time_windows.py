@@ -132,9 +132,9 @@ def test_rows_at_times_against_differences(number, item):
     program = NonlinearProgram.of(of)
     block = next(b for b in program.blocks if b.name == item.name)
     every = np.arange(block.lower.size)
-    jacobian = block.jacobian(of, of.motion(z), every)
+    jacobian = block.jacobian(of.motion(z), every)
     d = np.random.default_rng(2).standard_normal(z.size)
-    ends = [block.values(of, of.motion(z + s * 1e-6 * d)) for s in (1.0, -1.0)]
+    ends = [block.values(of.motion(z + s * 1e-6 * d)) for s in (1.0, -1.0)]
     slope = (ends[0] - ends[1]) / 2e-6
     # Accelerations jump between the intervals, and rows at times with them.
     smooth = np.abs(slope) < 1e3

@@ -47,7 +47,7 @@ def test_turns_have_an_instant_before_and_one_after(
     every = np.ones(2, dtype=bool)
     (block,) = (block for block in blocks_of(of) if block.name == "torque")
     assert isinstance(block, SampledRows)
-    inspection = Inspection(block, of, of.motion(z))
+    inspection = Inspection(block, of.motion(z))
     at = inspection.around_reversals(every)
     assert at.size >= 2
     v = of.states(of.motion(z), at, 1).v

@@ -159,15 +159,11 @@ class HullRows(ABC, Generic[M]):
         """Group of each row: all rows are in one group, shape (m,)."""
         return np.zeros(self.lower.size, dtype=np.int64)
 
-    def values(
-        self, of: Transcription[M], motion: M, attention: float = np.inf
-    ) -> Array:
+    def values(self, motion: M, attention: float = np.inf) -> Array:
         """Row values, shape (m,)."""
         return self.of_motion(motion)
 
-    def jacobian(
-        self, of: Transcription[M], motion: M, chosen: IntArray
-    ) -> sp.csr_matrix:
+    def jacobian(self, motion: M, chosen: IntArray) -> sp.csr_matrix:
         """Jacobian of some of the rows, shape (k, size)."""
         whole = self.by_unknowns(motion)
         return whole if chosen.size == whole.shape[0] else whole[chosen]

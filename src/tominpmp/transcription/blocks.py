@@ -30,6 +30,8 @@ class SampledRows:
     """Rows of a constraint that is sampled at instants.
 
     Attributes:
+        of: A parameterisation of motions on this grid: it gives states, and pulls
+            derivatives back.
         constraint: The constraint, with its assumptions at the instants.
         fixed: Instants at fixed shares of intervals. A constraint that holds on all
             segments has rows at its kinks, which are in real time, as well.
@@ -40,6 +42,7 @@ class SampledRows:
             (r, p).
     """
 
+    of: Transcription[Any]
     constraint: Constraint
     fixed: Instants
     within: tuple[int, int] | None = None
@@ -94,28 +97,26 @@ class SampledRows:
         """Times of the kinks at which the constraint has rows [s], shape (k,)."""
         return self.constraint.kinks if self.within is None else np.zeros(0)
 
-    def instants(self, of: Transcription[Any], h: Array) -> Instants:
+    def instants(self, h: Array) -> Instants:
         """Instants of the rows, for intervals of lengths h [s], shape (N,).
 
         Kinks after the end of the motion are moved to its end.
         """
         if not self.kinks.size:
             return self.fixed
-        return self.fixed.joined(Instants.at_times(self.kinks, h, of.delays))
+        return self.fixed.joined(Instants.at_times(self.kinks, h, self.of.delays))
 
-    def states(self, of: Transcription[Any], motion: Motion) -> tuple[Instants, States]:
+    def states(self, motion: Motion) -> tuple[Instants, States]:
         """Instants of the rows, and the states at them."""
-        at = self.instants(of, motion.h)
-        return at, of.states(motion, at, self.constraint.order)
+        at = self.instants(motion.h)
+        return at, self.of.states(motion, at, self.constraint.order)
 
-    def values(
-        self, of: Transcription[Any], motion: Motion, attention: float = np.inf
-    ) -> Array:
+    def values(self, motion: Motion, attention: float = np.inf) -> Array:
         """Row values; those with a margin above ``attention`` may be too large."""
-        _, states = self.states(of, motion)
-        return self.constraint.evaluate(states, min(of.cutoff, attention)).ravel()
+        _, states = self.states(motion)
+        return self.constraint.evaluate(states, min(self.of.cutoff, attention)).ravel()
 
-    def reusable(self, of: Transcription[Any], motion: Motion, former: Motion) -> bool:
+    def reusable(self, motion: Motion, former: Motion) -> bool:
         """Whether costly row values (clearances) equal the values of a former motion.
 
         Clearances to obstacles at rest depend on the positions alone.
@@ -123,40 +124,33 @@ class SampledRows:
         constraint = self.constraint
         if not constraint.gradual or constraint.moving or constraint.order:
             return False
-        here, there = self.states(of, motion)[1].q, self.states(of, former)[1].q
+        here, there = self.states(motion)[1].q, self.states(former)[1].q
         return bool(np.max(np.abs(here - there), initial=0.0) <= SAME_PLACE)
 
-    def jacobian(
-        self, of: Transcription[Any], motion: Motion, chosen: IntArray
-    ) -> sp.csr_matrix:
+    def jacobian(self, motion: Motion, chosen: IntArray) -> sp.csr_matrix:
         """Jacobian of some of the rows, shape (k, size)."""
         if not chosen.size:
-            return sp.csr_matrix((0, of.size))
-        at, partials = self.partials(of, motion, chosen)
-        matrix = of.pull_back(motion, at, partials)
+            return sp.csr_matrix((0, self.of.size))
+        at, partials = self.partials(motion, chosen)
+        matrix = self.of.pull_back(motion, at, partials)
         if partials.row is None:
             return matrix
         shape = (chosen.size, partials.row.size)
         ones = np.ones(partials.row.size), (partials.row, np.arange(partials.row.size))
         return sp.csr_matrix(sp.csr_matrix(ones, shape=shape) @ matrix)
 
-    def partials(
-        self, of: Transcription[Any], motion: Motion, chosen: IntArray
-    ) -> tuple[Instants, Partials]:
+    def partials(self, motion: Motion, chosen: IntArray) -> tuple[Instants, Partials]:
         """Instants of the rows, and partial derivatives of some of the row values."""
-        at, states = self.states(of, motion)
+        at, states = self.states(motion)
         row, which = np.divmod(chosen, max(self.constraint.count, 1))
         partials = self.constraint.differentiate(states, row, which)
-        return at, self._pinned(of, motion, at, partials)
+        return at, self._pinned(motion, at, partials)
 
-    def curvature(
-        self, of: Transcription[Any], motion: Motion, multipliers: Array
-    ) -> sp.csr_matrix | None:
+    def curvature(self, motion: Motion, multipliers: Array) -> sp.csr_matrix | None:
         """Root of the curvature of the weighted sum of the row values.
 
         Args:
-            of: The transcription.
-            motion: A motion of it.
+            motion: A motion.
             multipliers: Weights of the row values, positive at upper bounds.
 
         Returns:
@@ -165,18 +159,16 @@ class SampledRows:
         chosen = np.flatnonzero(multipliers > 0.0)
         if not chosen.size:
             return None
-        at, states = self.states(of, motion)
+        at, states = self.states(motion)
         row, which = np.divmod(chosen, max(self.constraint.count, 1))
         partials = self.constraint.bend(states, row, which)
         if partials is None or partials.row is None:
             return None
         roots = np.sqrt(multipliers[chosen])[partials.row]
-        bent = self._pinned(of, motion, at, partials.times(roots[:, None]))
-        return of.pull_back(motion, at, bent)
+        bent = self._pinned(motion, at, partials.times(roots[:, None]))
+        return self.of.pull_back(motion, at, bent)
 
-    def _pinned(
-        self, of: Transcription[Any], motion: Motion, at: Instants, partials: Partials
-    ) -> Partials:
+    def _pinned(self, motion: Motion, at: Instants, partials: Partials) -> Partials:
         """Partial derivatives corrected for the rows at fixed real times (kinks).
 
         An obstacle that starts abruptly, or turns a corner, makes a kink in the
@@ -184,19 +176,19 @@ class SampledRows:
         the kink when the duration changes; a row at the time of the kink stays there,
         and the path shifts relative to it.
         """
-        end = motion.h.sum() + of.delays[-1]
+        end = motion.h.sum() + self.of.delays[-1]
         due = np.concatenate([np.zeros(self.fixed.size, dtype=bool), self.kinks < end])
         pinned: BoolArray = due[partials.at]
         if not pinned.any() or partials.by_q is None or partials.by_t is None:
             return partials
-        rates = of.rates(motion, at)[partials.at]
+        rates = self.of.rates(motion, at)[partials.at]
         shift = np.einsum("kj,kj->k", partials.by_q, rates)
-        for part, rate in self._rates(of, motion, at, partials):
+        for part, rate in self._rates(motion, at, partials):
             shift += np.einsum("kj,kj->k", part, rate[partials.at])
         return partials._replace(by_t=np.where(pinned, -shift, partials.by_t))
 
     def _rates(
-        self, of: Transcription[Any], motion: Motion, at: Instants, partials: Partials
+        self, motion: Motion, at: Instants, partials: Partials
     ) -> Iterator[tuple[Array, Array]]:
         """Partial derivatives by v and by a, each with the rate of v or a, (m, n).
 
@@ -205,7 +197,7 @@ class SampledRows:
         if partials.by_v is None and partials.by_a is None:
             return
         shares = [np.clip(at.share + shift, 0.0, 1.0) for shift in (-ASIDE, ASIDE)]
-        order = self.constraint.order
+        of, order = self.of, self.constraint.order
         before, after = (
             of.states(motion, Instants(at.interval, share), order) for share in shares
         )
@@ -215,25 +207,22 @@ class SampledRows:
         if partials.by_a is not None:
             yield partials.by_a, (after.a - before.a) / span
 
-    def informed(self, of: Transcription[Any], motion: Motion) -> SampledRows:
+    def informed(self, motion: Motion) -> SampledRows:
         """The block with the assumptions of its constraint taken from a motion."""
         if self.constraint.informed:
             return self
-        informed = assumed(self.constraint, of, motion, self.fixed)
-        return replace(self, constraint=informed)
+        return replace(self, constraint=self.assumed(motion, self.fixed))
+
+    def assumed(self, motion: Motion, at: Instants) -> Constraint:
+        """The constraint with its assumptions taken from a motion at instants."""
+        of, constraint = self.of, self.constraint
+        if not constraint.assumes:
+            return constraint
+        middle_v = of.states(motion, at.middles, 1).v
+        return constraint.assumed(of.states(motion, at, constraint.order), middle_v)
 
 
 Block = HullRows[Any] | SampledRows
-
-
-def assumed(
-    constraint: Constraint, of: Transcription[Any], motion: Motion, at: Instants
-) -> Constraint:
-    """A constraint with its assumptions taken from a motion at instants."""
-    if not constraint.assumes:
-        return constraint
-    middle_v = of.states(motion, at.middles, 1).v
-    return constraint.assumed(of.states(motion, at, constraint.order), middle_v)
 
 
 def blocks_of(of: Transcription[Any]) -> list[Block]:
@@ -291,11 +280,11 @@ def block_of(
         if hull is not None:
             return hull
     if isinstance(constraint, PathConstraint) and constraint.window is not None:
-        return SampledRows(constraint, Instants.none())
+        return SampledRows(of, constraint, Instants.none())
     at = of.instants(constraint.order, constraint.field)
     if within is not None:
         at = _on_segment(at.within(*within), constraint, within)
-    return SampledRows(constraint, at, within, suffix)
+    return SampledRows(of, constraint, at, within, suffix)
 
 
 def _on_segment(

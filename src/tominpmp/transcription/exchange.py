@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import reduce
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,8 +26,8 @@ from tominpmp.constraints.friction import EFFORT_TOLERANCE
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.constraints.torque import MotorLimit
 from tominpmp.motion.extrema import between_samples
-from tominpmp.transcription.base import Motion, Transcription
-from tominpmp.transcription.blocks import Block, SampledRows, assumed
+from tominpmp.transcription.base import Motion
+from tominpmp.transcription.blocks import Block, SampledRows
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.program import NonlinearProgram
 
@@ -88,13 +88,12 @@ def exchanged(
     Returns:
         The program; None if no rows and no assumptions change.
     """
-    of = program.transcription
-    motion = of.motion(z)
+    motion = program.transcription.motion(z)
     blocks: list[Block] = list(program.blocks)
     changes = 0
     for index, block in enumerate(blocks):
         if isinstance(block, SampledRows):
-            inspection = Inspection(block, of, motion, effort_tolerance)
+            inspection = Inspection(block, motion, effort_tolerance)
             blocks[index], count = inspection.exchanged()
             changes += count
     return replace(program, blocks=tuple(blocks)) if changes else None
@@ -118,14 +117,12 @@ class Inspection:
 
     Attributes:
         block: The rows.
-        of: The transcription.
-        motion: A motion of it.
+        motion: The motion.
         tolerance: Tolerated relative excess of torques; a negative value is a margin
             that torques must keep.
     """
 
     block: SampledRows
-    of: Transcription[Any]
     motion: Motion
     tolerance: float = EFFORT_TOLERANCE
 
@@ -137,7 +134,7 @@ class Inspection:
     @property
     def within(self) -> tuple[int, int]:
         """Half-open range of the intervals on which the constraint holds."""
-        return self.block.within or (0, self.of.intervals)
+        return self.block.within or (0, self.block.of.intervals)
 
     def exchanged(self) -> tuple[SampledRows, int]:
         """The block with updated assumptions, and rows at more instants.
@@ -145,10 +142,10 @@ class Inspection:
         Returns:
             The block, and the number of changes.
         """
-        block, of, motion = self.block, self.of, self.motion
+        block, of, motion = self.block, self.block.of, self.motion
         constraint, count = block.constraint, 0
         if constraint.assumes:
-            at, states = block.states(of, motion)
+            at, states = block.states(motion)
             middle_v = of.states(motion, at.middles, 1).v
             constraint, count = constraint.corrected(states, middle_v, self.tolerance)
         missing = self._violated()
@@ -156,7 +153,7 @@ class Inspection:
         if new.size and isinstance(constraint, PathConstraint) and constraint.window:
             times = new.times(motion.h) + of.delays[new.interval]
             return replace(block, constraint=constraint.with_times(times)), times.size
-        block, joined = self._with_rows(constraint, missing)
+        block, joined = self._with_rows(replace(block, constraint=constraint), missing)
         return block, count + joined
 
     def _violated(self) -> MissingRows:
@@ -176,7 +173,7 @@ class Inspection:
         are left out.
         """
         block, h = self.block, self.motion.h
-        known = block.instants(self.of, h)
+        known = block.instants(h)
         if block.ignored is not None:
             # Instants at which some values are no rows must not exclude instants near
             # them.
@@ -213,7 +210,7 @@ class Inspection:
         next, and clearances to moving obstacles to shrink no faster than the obstacles
         move. For obstacles at rest, the step is refined only once.
         """
-        constraint, of, h = self.constraint, self.of, self.motion.h
+        constraint, of, h = self.constraint, self.block.of, self.motion.h
         usable, most = constraint.usable, most_instants(constraint.count)
         assert usable is not None  # noqa: S101
         rises = constraint.rises(float(h.sum() + of.delays[-1]))
@@ -252,25 +249,25 @@ class Inspection:
             attention = 0.5 * float(np.max(width * h[at.interval])) * rise
 
     def _with_rows(
-        self, constraint: Constraint, missing: MissingRows
+        self, block: SampledRows, missing: MissingRows
     ) -> tuple[SampledRows, int]:
-        """The block with another state of its constraint, and missing rows added.
+        """A block with missing rows added.
 
         Args:
-            constraint: The constraint, with its corrected assumptions at the rows.
+            block: The block, with corrected assumptions of its constraint.
             missing: The rows to add.
 
         Returns:
             The block, and the number of instants whose rows were changed: values that
             have a row already are not added again.
         """
-        block, new, values = self.block, missing.at, missing.values
-        count, ignored, fixed = 0, block.ignored, block.fixed
+        new, values = missing.at, missing.values
+        count, ignored = 0, block.ignored
         if values is not None:
-            ignored = np.zeros((fixed.size, values.shape[1]), dtype=bool)
+            ignored = np.zeros((block.fixed.size, values.shape[1]), dtype=bool)
             if block.ignored is not None:
                 ignored[: len(block.ignored)] = block.ignored
-            indices = {pair: index for index, pair in enumerate(fixed.pairs)}
+            indices = {pair: index for index, pair in enumerate(block.fixed.pairs)}
             index = np.array([indices.get(pair, -1) for pair in new.pairs], np.int64)
             known = index >= 0
             added = ignored[index[known]] & values[known]
@@ -279,15 +276,14 @@ class Inspection:
             new = Instants(new.interval[~known], new.share[~known])
             ignored = np.concatenate([ignored, ~values[~known]])
         if new.size:
-            more = assumed(constraint, self.of, self.motion, new)
-            constraint, fixed = constraint.joined(more), fixed.joined(new)
-        block = replace(block, constraint=constraint, fixed=fixed, ignored=ignored)
-        return block, count + new.size
+            joined = block.constraint.joined(block.assumed(self.motion, new))
+            block = replace(block, constraint=joined, fixed=block.fixed.joined(new))
+        return replace(block, ignored=ignored), count + new.size
 
     def excess(self, at: Instants, attention: float = np.inf) -> Array:
         """Excess of the values over their bounds at any instants, shape (m, p)."""
-        states = self.of.states(self.motion, at, self.constraint.order)
-        constraint = assumed(self.constraint, self.of, self.motion, at)
+        constraint = self.block.assumed(self.motion, at)
+        states = self.block.of.states(self.motion, at, constraint.order)
         values = constraint.evaluate(states, attention)
         lower, upper = constraint.bounds(at.size)
         if isinstance(constraint, PathConstraint) and constraint.window is not None:
@@ -305,10 +301,10 @@ class Inspection:
         dry friction are inspected as well.
         """
         constraint, tolerance = self.constraint, self.tolerance
-        first, end = self.within
+        of, (first, end) = self.block.of, self.within
         found: dict[tuple[int, float], BoolArray] = {}
-        for shares in self.of.inspected:
-            at = Instants.spread(self.of.intervals, shares).within(first, end)
+        for shares in of.inspected:
+            at = Instants.spread(of.intervals, shares).within(first, end)
             excess = self.excess(at).reshape(end - first, len(shares), -1)
             worst, largest = np.argmax(excess, axis=1), np.max(excess, axis=1)
             if not np.any(largest > tolerance):
@@ -339,7 +335,7 @@ class Inspection:
         For each interval and value, the pair with the largest excess; without
         repetitions.
         """
-        intervals = self.of.intervals
+        intervals = self.block.of.intervals
         excess = self.excess(Instants.spread(intervals, RATES_INSPECTED))
         excess = excess.reshape(intervals, len(RATES_INSPECTED) // 2, -1)
         worst = np.argmax(excess, axis=1)
@@ -355,10 +351,10 @@ class Inspection:
         Args:
             joints: Whether each joint has dry friction, shape (n,).
         """
-        (first, end), steps = self.within, REVERSAL_STEPS
+        of, (first, end), steps = self.block.of, self.within, REVERSAL_STEPS
         shares = tuple(np.linspace(0.0, 1.0, steps + 1).tolist())
-        at = Instants.spread(self.of.intervals, shares).within(first, end)
-        v = self.of.states(self.motion, at, 1).v[:, joints]
+        at = Instants.spread(of.intervals, shares).within(first, end)
+        v = of.states(self.motion, at, 1).v[:, joints]
         v = v.reshape(end - first, steps + 1, -1)
         before, after = v[:, :-1], v[:, 1:]
         interval, step, joint = np.nonzero(before * after < 0.0)

@@ -80,7 +80,9 @@ class NonlinearProgram:
             # The goal comes first if the torques are the only unknowns, as in the
             # paper: among steps of equal cost, linear programs then find a better one.
             first = 0 if transcription.by_component else len(blocks)
-            last = SampledRows(goal, Instants.end(transcription.intervals))
+            last = SampledRows(
+                transcription, goal, Instants.end(transcription.intervals)
+            )
             blocks.insert(first, last)
         return cls(transcription, tuple(blocks), selection)
 
@@ -95,7 +97,7 @@ class NonlinearProgram:
             return self
         of = self.transcription.scaled_at(z)
         blocks = tuple(
-            block.informed(of, motion) if isinstance(block, SampledRows) else block
+            block.informed(motion) if isinstance(block, SampledRows) else block
             for block in self.blocks
         )
         return replace(self, transcription=of, blocks=blocks)
@@ -148,9 +150,9 @@ class NonlinearProgram:
         motion = self.transcription.motion(self.timed(z))
         if not motion.finite:
             return np.full(self.rows.size, NOT_INTEGRATED)
-        of = self.transcription
-        values = [block.values(of, motion, attention) for block in self.blocks]
-        return np.concatenate(values)
+        return np.concatenate(
+            [block.values(motion, attention) for block in self.blocks]
+        )
 
     def attention(self, steps: StepBounds) -> float:
         """Margin within which steps of a box can make gradual constraints active.
@@ -165,8 +167,7 @@ class NonlinearProgram:
 
     def linearize(self, z: Array, values: Array, steps: StepBounds) -> Linearization:
         """Jacobian of the rows that can become active within a box of steps."""
-        of = self.transcription
-        motion = of.motion(self.timed(z))
+        motion = self.transcription.motion(self.timed(z))
         if not motion.finite:
             # There are no states to linearise at; a program without rows shortens the
             # motion, until it can be integrated.
@@ -176,7 +177,7 @@ class NonlinearProgram:
         parts = []
         for index, block in enumerate(self.blocks):
             mine = chosen[self.rows.kind[chosen] == index] - self.first[index]
-            parts.append(block.jacobian(of, motion, mine))
+            parts.append(block.jacobian(motion, mine))
         return Linearization(chosen, sp.vstack(parts, format="csr"), steps)
 
     def curvature(self, z: Array, multipliers: Array) -> sp.csr_matrix | None:
@@ -198,11 +199,10 @@ class NonlinearProgram:
         ]
         if not curved:
             return None
-        of = self.transcription
-        motion = of.motion(self.timed(z))
+        motion = self.transcription.motion(self.timed(z))
         if not motion.finite:
             return None
-        found = [block.curvature(of, motion, weights) for block, weights in curved]
+        found = [block.curvature(motion, weights) for block, weights in curved]
         roots = [root for root in found if root is not None]
         return sp.vstack(roots, format="csr") if roots else None
 
@@ -264,9 +264,9 @@ class NonlinearProgram:
                 continue
             factors = weights[mine][chosen]
             if not isinstance(block, SampledRows):
-                total += factors @ block.jacobian(of, motion, chosen)
+                total += factors @ block.jacobian(motion, chosen)
                 continue
-            at, partials = block.partials(of, motion, chosen)
+            at, partials = block.partials(motion, chosen)
             if partials.row is not None:
                 factors = factors[partials.row]
             total += of.pull_back_sum(motion, at, partials, factors)
@@ -303,9 +303,9 @@ class NonlinearProgram:
             return slow, self.evaluate(slow)
         parts = np.split(values, self.first[1:])
         for index, block in enumerate(self.blocks):
-            kept = isinstance(block, SampledRows) and block.reusable(of, motion, former)
+            kept = isinstance(block, SampledRows) and block.reusable(motion, former)
             if not kept:
-                parts[index] = block.values(of, motion)
+                parts[index] = block.values(motion)
         return slow, np.concatenate(parts)
 
     def trajectory(self, z: Array) -> Trajectory:
@@ -322,15 +322,16 @@ def _at_ends_of_segments(of: Transcription[Any]) -> list[Block]:
     for number, (segment, within) in enumerate(each):
         at, suffix = Instants.end(within[1]), f" of segment {number + 1}"
         if segment.arrival is not None:
-            arrivals.append(SampledRows(Arrival(*segment.arrival), at, within, suffix))
+            arrival = Arrival(*segment.arrival)
+            arrivals.append(SampledRows(of, arrival, at, within, suffix))
         if number + 1 == len(parts):
             break
         part = parts[number]
         goal = GoalReached(part.problem.goal, part.kinematics, part.goal_scale)
-        goals.append(SampledRows(goal, at, within, suffix))
+        goals.append(SampledRows(of, goal, at, within, suffix))
         sudden = part.sudden and parts[number + 1].sudden
         if segment.dwell > 0.0 and not sudden and of.highest_order > 2:
             scale = BRAKING * part.problem.robot.limits.velocity
             rest = JointLimit.standstill(scale)
-            goals.append(SampledRows(rest, at, within, suffix))
+            goals.append(SampledRows(of, rest, at, within, suffix))
     return [*goals, *arrivals]
