@@ -143,7 +143,7 @@ def test_the_papers_example_ends_above_the_linear_programs():
     )
     shares = np.full((40, 1), 1.0 / 40)
     transcription = AdjointTranscription(ProblemFunctions.of(problem), shares, 1.5)
-    nlp = NonlinearProgram.of(transcription, "violated")
+    nlp = NonlinearProgram.of(transcription)
     z = nlp.transcription.pack(np.zeros((40, 3)), np.array([1.5]))
     result = solved(nlp, z, feasibility=1e-3)
     assert result.status is Status.CONVERGED

@@ -23,14 +23,8 @@ from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.controls import torque_shares
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.transcription.program import NonlinearProgram, Selection
+from tominpmp.transcription.program import NonlinearProgram
 
-# Instants of path constraints that the shooting methods linearise.
-INSTANTS: dict[str, Selection] = {
-    "paper": "exact",
-    "adjoint": "near",
-    "penalty": "violated",
-}
 # Initial duration for shooting: the paper's T^0 [s].
 FIRST_DURATION = 1.5
 # Most starts while there is no incumbent.
@@ -139,8 +133,7 @@ def shoot(
     transcription = AdjointTranscription(
         system, shares, float(z[-1]), substeps=substeps
     )
-    selection = INSTANTS["paper" if paper else options.method]
-    program = NonlinearProgram.of(transcription, selection)
+    program = NonlinearProgram.of(transcription, "exact" if paper else "near")
     gradual = any(block.gradual for block in program.blocks)
     method: tuple[Step, Rule]
     # Among obstacles, methods without a trust region get farther if they are restarted.

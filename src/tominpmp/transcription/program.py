@@ -40,7 +40,7 @@ BRAKING = 10.0
 # duration within this share of its bound counts as equal to it.
 TRACE = 1e-6
 
-Selection = Literal["near", "exact", "violated"]
+Selection = Literal["near", "exact"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ class NonlinearProgram:
         blocks: The blocks of rows.
         selection: Rows of path constraints that enter a linear program: "near" for rows
             that a step can bring to their bounds, "exact" for rows that attain the
-            maximum over time (the paper's set S), "violated" for violated rows.
+            maximum over time (the paper's set S).
         least_duration: Lower bound on the duration [s], if the duration is the last
             unknown. Once the bound is active the iteration can only smooth the
             controls, and any feasible iterate is a solution.
@@ -220,8 +220,6 @@ class NonlinearProgram:
         """
         rows = self.rows
         path = np.array([block.lower.shape[0] > 1 for block in self.blocks])[rows.kind]
-        if self.selection == "violated":
-            return np.flatnonzero(~path | (rows.violation(values) > 0.0))
         if self.selection == "exact":
             return np.flatnonzero(~path | self._attained(values))
         chosen = np.ones(rows.size, dtype=bool)
