@@ -9,6 +9,7 @@ import pytest
 from sample_arms import make_arm, slide
 
 import tominpmp as tm
+from tominpmp.solvers.iterate import Iterate
 from tominpmp.solvers.loop import Loop, solve
 from tominpmp.solvers.objective import MinimumTime
 from tominpmp.solvers.penalty import penalty_rounds
@@ -65,7 +66,7 @@ def test_violations_fall_as_the_weight_grows():
     options = tm.Options()
     step, _ = penalty_rounds(options, z)
     least = MinimumTime.of(options)
-    loop = Loop(nlp, least, step.start(nlp, least, z))
+    loop = Loop(nlp, least, Iterate.of(nlp, z, 0.0))
     durations, violations = [], []
     for raises in (1, 2, 3):
         for _ in range(8):  # to the bottom of each

@@ -12,7 +12,7 @@ from tominpmp.linear_programs.choice import make_solver
 from tominpmp.linear_programs.highs import HighsSolver
 from tominpmp.options import Options
 from tominpmp.solvers import trust_region_step
-from tominpmp.solvers.iterate import LARGEST_RADIUS, next_radius
+from tominpmp.solvers.iterate import LARGEST_RADIUS, Iterate, next_radius
 from tominpmp.solvers.loop import solve
 from tominpmp.solvers.model import Model
 from tominpmp.solvers.objective import MinimumTime
@@ -100,7 +100,9 @@ def first_program(program, z, radius):
     """The iterate that steps within trust regions begin with, and its program."""
     options = Options()
     step, _ = trust_regions(options, make_solver("highs"))
-    state = step.start(program, MinimumTime.of(options), z)
+    state = Iterate.of(program, z, 0.0)
+    weights = step.first_weights(state.duration, state.rows.kinds)
+    state = replace(state, weights=weights)
     return state, of_step(program, state, radius)
 
 
@@ -275,8 +277,7 @@ def test_the_model_of_the_squares_is_exact():
     program = chained()
     least = MinimumTime.of(Options(), 0.1, squared=True)
     z, step = np.array([1.5, -0.5, 3.0]), np.array([0.3, -0.2, 0.1])
-    begun, _ = trust_regions(Options(), make_solver("piqp"))
-    state = begun.start(program, least, z)
+    state = Iterate.of(program, z, 0.0)
     steps = program.step_bounds(z, 1.0)
     model = least.model(program, state, program.linearize(z, state.values, steps))
     curvature = replace(model, proximal=None).curvature_term(step)

@@ -29,13 +29,11 @@ from tominpmp.linear_programs.solver import LpSolver
 from tominpmp.options import Options
 from tominpmp.solvers.iterate import Iterate, Outcome, Trial
 from tominpmp.solvers.loop import Loop, Rule
-from tominpmp.solvers.objective import Objective
 from tominpmp.solvers.stop import Iterations, exhausted, first_of
 from tominpmp.status import Status
 from tominpmp.stopping import check
 from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.base import Linearization
-from tominpmp.transcription.program import NonlinearProgram
 
 # Weight of the elastic variables, as a multiple of T. It is far above the multipliers,
 # so that violations are reduced as fast as the steps allow, before the duration counts.
@@ -80,11 +78,9 @@ class FixedStep:
     control_step: float
     time_step: float
 
-    def start(
-        self, program: NonlinearProgram, objective: Objective, z: Array
-    ) -> Iterate:
-        """The initial iterate: the paper's u^0 and T^0."""
-        return Iterate.of(program, z, ELASTIC_WEIGHT * float(program.cost @ z))
+    def first_weights(self, value: float, kinds: tuple[str, ...]) -> Array:
+        """Weights of the elastic variables, which remain unchanged."""
+        return np.full(len(kinds), ELASTIC_WEIGHT * value)
 
     def __call__(self, loop: Loop) -> None:
         """Solve one linear program, and accept its step."""

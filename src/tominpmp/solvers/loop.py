@@ -21,7 +21,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -49,10 +49,11 @@ RESTORATION_TIME = 0.2
 class Step(Protocol):
     """Makes the steps of a loop."""
 
-    def start(
-        self, program: NonlinearProgram, objective: Objective, z: Array
-    ) -> Iterate:
-        """The initial iterate, with the penalty weights of its violations."""
+    def first_weights(self, value: float, kinds: tuple[str, ...]) -> Array:
+        """Initial penalty weights of kinds of rows, for a value of the objective [s].
+
+        Shape (kinds,).
+        """
 
     def __call__(self, loop: Loop) -> None:
         """Make a step, and advance the loop to the new iterate."""
@@ -95,7 +96,9 @@ def solve(
     Raises:
         Stop: If a stop was requested; the best iterate has been handed to ``keep``.
     """
-    first = step.start(program, objective, z)
+    first = Iterate.of(program, z, 0.0)
+    value = objective.value(program, z, first.values)
+    first = replace(first, weights=step.first_weights(value, first.rows.kinds))
     loop = Loop(program, objective, first, callback, keep)
     loop.save()
     if objective.any_will_do:

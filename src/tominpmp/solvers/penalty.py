@@ -19,13 +19,11 @@ from scipy.optimize import minimize
 
 from tominpmp.arrays import Array
 from tominpmp.options import Options
-from tominpmp.solvers.iterate import Iterate, Outcome, Trial
+from tominpmp.solvers.iterate import Outcome, Trial
 from tominpmp.solvers.loop import Loop, Rule
-from tominpmp.solvers.objective import Objective
 from tominpmp.solvers.stop import Iterations, Raises, first_of, settled
 from tominpmp.stopping import check
 from tominpmp.transcription.adjoint import AdjointTranscription
-from tominpmp.transcription.program import NonlinearProgram
 
 # The first weight K, as a multiple of T, and its growth from round to round. With a
 # smaller first weight T is up to 7 % shorter on the paper's example, and planning takes
@@ -71,11 +69,9 @@ class PenaltyRound:
     first: Array
     most: int
 
-    def start(
-        self, program: NonlinearProgram, objective: Objective, z: Array
-    ) -> Iterate:
-        """The initial iterate."""
-        return Iterate.of(program, z, 0.0)
+    def first_weights(self, value: float, kinds: tuple[str, ...]) -> Array:
+        """Zeros: the weight of the violations follows from the initial iterate."""
+        return np.zeros(len(kinds))
 
     def __call__(self, loop: Loop) -> None:
         """Minimise for the present weight, and raise it for the next round."""

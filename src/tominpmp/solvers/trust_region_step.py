@@ -32,18 +32,16 @@ from tominpmp.options import Options
 from tominpmp.solvers.iterate import (
     ACCEPT,
     GROWTH,
-    Iterate,
     Outcome,
     Trial,
     next_radius,
 )
 from tominpmp.solvers.loop import Loop, Rule
 from tominpmp.solvers.model import Model
-from tominpmp.solvers.objective import RESTORABLE, Objective
+from tominpmp.solvers.objective import RESTORABLE
 from tominpmp.solvers.stop import Iterations, Raises, exhausted, first_of, settled
 from tominpmp.solvers.subproblem import Subproblem, build_subproblem
 from tominpmp.stopping import check
-from tominpmp.transcription.program import NonlinearProgram
 
 # Penalty weights before any multiplier is known, as multiples of the objective. They
 # exceed the most that the duration can gain from a violation of 100 %: T/2 for torques,
@@ -144,14 +142,9 @@ class TrustRegionStep:
     radius: float
     accuracy: float | None = None
 
-    def start(
-        self, program: NonlinearProgram, objective: Objective, z: Array
-    ) -> Iterate:
-        """The initial iterate, with the penalty weights of its violations."""
-        state = Iterate.of(program, z, 0.0)
-        shares = np.array([first_weight(kind) for kind in program.rows.kinds])
-        weights = objective.value(program, z, state.values) * shares
-        return replace(state, weights=weights)
+    def first_weights(self, value: float, kinds: tuple[str, ...]) -> Array:
+        """Weights above the most that the objective can gain from violations."""
+        return value * np.array([first_weight(kind) for kind in kinds])
 
     def __call__(self, loop: Loop) -> None:
         """Linearise, solve, correct, search; accept the step or shrink the radius."""
