@@ -54,10 +54,6 @@ class LazyClearanceRows:
     passed: Array
     share: float = 1.0
 
-    def padded(self, share: float) -> LazyClearanceRows:
-        """The clearance rows with a share of their padding."""
-        return replace(self, share=share * self.share)
-
     def passing(self, q: Array) -> LazyClearanceRows:
         """The clearance rows for a guess that passes configurations, shape (m, n)."""
         same = np.all(np.isclose(q[:, None], self.passed), axis=2)
@@ -192,7 +188,7 @@ class ProblemFunctions:
 
     def padded(self, share: float) -> ProblemFunctions:
         """The same problem with a share of its padding beyond the margin."""
-        return self._with_rows(lambda rows: rows.padded(share))
+        return self._with_rows(lambda rows: replace(rows, share=share * rows.share))
 
     def passing(self, q: Array) -> ProblemFunctions:
         """The same problem with padding for a guess that passes configurations.
