@@ -17,7 +17,7 @@ from tominpmp.arrays import Array
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.motion.trajectory import reversals, torque_breaks
 from tominpmp.motion.turns import SAME, Turns
-from tominpmp.transcription.controls import motor_torques
+from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification.replay import torque_pieces
 
@@ -255,12 +255,14 @@ def test_given_torques_have_no_node_beside_a_node(table: tm.Robot, left: float) 
     """Motions made of torques get a node where a joint turns: not a second one."""
     v = np.array([[-1.0, 2.0], [left, -left], [0.5, -1.0]])
     plain = motion_of(table, [0.0, 0.1, 0.15], v, 3)
-    held = tm.Trajectory(table.joint_names, plain.t, plain.q, plain.v, 0.0 * plain.q)
-    system = ProblemFunctions.of(
-        tm.Problem(table, [0.0, 0.0], tm.JointGoal([0.1, 0.1]))
-    )
-    motion = motor_torques(system, held, None)
-    assert motion.t.tolist() == held.t.tolist()
+    goal = tm.JointGoal(plain.q[-1], v=plain.v[-1])
+    problem = tm.Problem(table, plain.q[0], goal, v_start=plain.v[0])
+    shares = np.diff(plain.t)[:, None]
+    of = CollocationTranscription(ProblemFunctions.of(problem), shares, plain.duration)
+    x = np.hstack([plain.q, plain.v])
+    motion = of.trajectory(of.pack(x, np.zeros((2, 2)), np.ones(1)))
+    assert np.allclose(motion.v, plain.v, rtol=0.0, atol=1e-12)
+    assert motion.t.tolist() == [0.0, *np.cumsum(shares)]
     assert np.allclose(motion.u[:2] / FRICTION, [[-1.0, 1.0], [1.0, -1.0]])
 
 

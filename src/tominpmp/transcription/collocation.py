@@ -141,18 +141,12 @@ class CollocationTranscription(TorqueTranscription):
         """The transcription with velocity scales of a duration, and given signs."""
         return CollocationTranscription(self.system, self.shares, duration, signs)
 
-    def assumed(self, z: Array) -> Signs | None:
-        """Assumed velocity signs of the joints; initially the signs in the iterate."""
-        if self.system.friction is None or self.signs is not None:
-            return self.signs
-        return first_signs(self.system, self.split(z)[0][:, self._n :])
-
     def scaled_at(self, z: Array) -> CollocationTranscription:
         """The transcription with velocity signs of joints with dry friction."""
-        signs = self.assumed(z)
-        if signs is None or signs is self.signs:
+        if self.system.friction is None or self.signs is not None:
             return self
-        return self.with_signs(self.duration, signs)
+        v = self.split(z)[0][:, self._n :]
+        return self.with_signs(self.duration, first_signs(self.system, v))
 
     # -- states ------------------------------------------------------------------------
 

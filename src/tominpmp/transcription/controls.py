@@ -105,7 +105,7 @@ class TorqueTranscription(Transcription[SteppedMotion]):
         motion = self.motion(z)
         if self.system.friction is None or not motion.finite:
             return None
-        known, v, shares = self.assumed(z), motion.x[:, self._n :], self.shares_at(z)
+        known, v, shares = self.signs, motion.x[:, self._n :], self.shares_at(z)
         # Friction is left out until signs are known.
         signs = _new_signs(known, v, shares) if known else first_signs(self.system, v)
         if signs is None:
@@ -113,10 +113,6 @@ class TorqueTranscription(Transcription[SteppedMotion]):
         out = z.copy()
         out[self._torques] = np.clip(shares, signs.lower, signs.upper).ravel()
         return self.with_signs(float(self.cost @ z), signs), out
-
-    def assumed(self, z: Array) -> Signs | None:
-        """Assumed velocity signs of joints in an iterate; None if unknown."""
-        return self.signs
 
     def instants(self, order: int, field: str) -> Instants:
         """Nodes; both ends of the intervals for accelerations, which jump there."""
@@ -170,7 +166,11 @@ class TorqueTranscription(Transcription[SteppedMotion]):
         return Variation(matrix, np.zeros(count))
 
     def trajectory(self, z: Array) -> Trajectory:
-        """The motion of an iterate, by Hermite interpolation between its nodes."""
+        """The motion of an iterate, by Hermite interpolation between its nodes.
+
+        Its torques are motor torques: it has additional nodes where joints with dry
+        friction reverse. Without known velocity signs they are taken from the motion.
+        """
         motion, n = self.motion(z), self._n
         held = Trajectory(
             joint_names=self.system.problem.robot.joint_names,
@@ -180,7 +180,17 @@ class TorqueTranscription(Transcription[SteppedMotion]):
             u=np.concatenate([motion.u, motion.u[-1:]]),
             holding=self.system.dynamics.inverse,
         )
-        return motor_torques(self.system, held, self.signs)
+        if self.system.friction is None:
+            return held
+        friction, signs = self.system.problem.robot.friction, self.signs
+        t = np.sort(np.concatenate([held.t, reversals(held, friction)]))
+        middle = 0.5 * (t[1:] + t[:-1])
+        sign = held.turns.at(middle)
+        if signs is not None:
+            index = np.searchsorted(held.t, middle) - 1
+            sign = np.where(signs.both[index], sign, signs.sign[index])
+        u, nodes = held(middle).u + friction * sign, held(t)
+        return replace(held, t=t, q=nodes.q, v=nodes.v, u=np.vstack([u, u[-1:]]))
 
 
 def driven_joints(system: ProblemFunctions) -> IntArray:
@@ -253,34 +263,3 @@ def _new_signs(signs: Signs, v: Array, shares: Array) -> Signs | None:
     # Torques on this interval must then be within the limits for both signs.
     both = new.both | (change & (signs.friction > 0.0))
     return replace(new, sign=np.where(both, 0.0, new.sign), both=both)
-
-
-def motor_torques(
-    system: ProblemFunctions, motion: Trajectory, signs: Signs | None
-) -> Trajectory:
-    """A motion with motor torques, from a motion with torques less dry friction.
-
-    Args:
-        system: The functions of the problem.
-        motion: The motion, cubic between its nodes.
-        signs: Velocity signs of joints with dry friction on its intervals; None takes
-            the signs from the motion.
-
-    Returns:
-        The motion, with additional nodes where joints with dry friction reverse.
-    """
-    friction = system.problem.robot.friction
-    if system.friction is None:
-        return motion
-    t = np.sort(np.concatenate([motion.t, reversals(motion, friction)]))
-    middle = 0.5 * (t[1:] + t[:-1])
-    state = motion(middle)
-    sign = motion.turns.at(middle)
-    if signs is not None:
-        index = np.searchsorted(motion.t, middle) - 1
-        sign = np.where(signs.both[index], sign, signs.sign[index])
-    u = state.u + friction * sign
-    nodes = motion(t)
-    u = np.vstack([u, u[-1:]])
-    holding = motion.holding
-    return Trajectory(motion.joint_names, t, nodes.q, nodes.v, u, holding=holding)
