@@ -122,22 +122,28 @@ def position_constraints(problem: Problem) -> list[PathConstraint]:
     return [item for item in constraints if item.order == 0 and item.window is None]
 
 
-def feasible_path(system: ProblemFunctions, q_end: Array, keeps: bool) -> Array | None:
+def feasible_path(system: ProblemFunctions, q_end: Array) -> tuple[bool, Array | None]:
     """A path from the start to a configuration that satisfies constraints on the way.
 
     Args:
         system: Functions of the problem.
         q_end: Final configuration, shape (n,).
-        keeps: Whether the straight line satisfies the constraints on positions.
 
     Returns:
-        Corners of the path, shape (m, n); None if no path was found, or if the straight
-        line satisfies the constraints on positions and no frame has to follow a curve.
+        Whether the straight line satisfies the constraints on positions, and corners of
+        the path, shape (m, n); None if no path was found, or if the straight line
+        satisfies these constraints and no frame has to follow a curve.
     """
-    held = position_constraints(system.problem)
+    held, empty = position_constraints(system.problem), np.zeros(0)
     line = np.linspace(system.problem.q_start, q_end, PLACES + 1)
+    keeps = all(
+        item.measure(q, empty, empty) <= item.largest + CLOSE * item.scale
+        for item in held
+        for q in line
+    )
     guided = _guided(system, line, held)
-    return _shifted(system, line, guided, held) if guided or not keeps else None
+    moves = bool(guided) or not keeps
+    return keeps, _shifted(system, line, guided, held) if moves else None
 
 
 def _guided(
@@ -153,17 +159,6 @@ def _guided(
         first, last = (np.array(place.translation) for place in places)
         points[frame] = between(first, last, len(line))
     return points
-
-
-def line_keeps_positions(system: ProblemFunctions, q_end: Array) -> bool:
-    """Whether the straight line to a configuration satisfies position constraints."""
-    path = np.linspace(system.problem.q_start, q_end, PLACES + 1)
-    empty = np.zeros(0)
-    return all(
-        item.measure(q, empty, empty) <= item.largest + CLOSE * item.scale
-        for item in position_constraints(system.problem)
-        for q in path
-    )
 
 
 def _shifted(

@@ -13,12 +13,7 @@ from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 from tominpmp.arrays import Array
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.dynamics import directions
-from tominpmp.initial_guess.constrained import (
-    CLOSE,
-    feasible_path,
-    largest_excess,
-    line_keeps_positions,
-)
+from tominpmp.initial_guess.constrained import CLOSE, feasible_path, largest_excess
 from tominpmp.initial_guess.inverse_kinematics import (
     Target,
     all_blocked,
@@ -172,8 +167,7 @@ def _line_guess(system: ProblemFunctions, q_end: Array) -> Guess:
     If the straight line satisfies the constraints on positions, the faster of both is
     taken.
     """
-    keeps = line_keeps_positions(system, q_end)
-    path, guesses = feasible_path(system, q_end, keeps), list[Guess]()
+    (keeps, path), guesses = feasible_path(system, q_end), list[Guess]()
     if keeps or path is None:
         guesses.append(replace(straight_guess(system, q_end), keeps=keeps))
     if path is not None:

@@ -24,6 +24,7 @@ from tominpmp.initial_guess.guess import (
     end_velocity,
     initial_guesses,
 )
+from tominpmp.initial_guess.inverse_kinematics import Target
 from tominpmp.initial_guess.path_velocity import waiting_guesses
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -52,7 +53,7 @@ def _guess(system: ProblemFunctions, request: GuessRequest) -> Guess | None:
         single = _alone(part, q, v).passing(q[None])
         waits = part.problem.scene.moving
         make = waiting_guesses if waits else initial_guesses
-        ahead = () if waits else constraints_after(system, place)
+        ahead = () if waits else _constraints_after(system, place)
         # A guess at rest at the start does not lead to the start of the next segment.
         one_more = replace(request, count=request.count + 1, beyond=ahead)
         guesses = make(single, one_more)
@@ -78,7 +79,7 @@ def _guess(system: ProblemFunctions, request: GuessRequest) -> Guess | None:
     )
 
 
-def constraints_after(system: ProblemFunctions, place: int) -> list[PathConstraint]:
+def _constraints_after(system: ProblemFunctions, place: int) -> list[PathConstraint]:
     """Constraints on positions that hold from the end of a segment on.
 
     Args:
@@ -92,11 +93,11 @@ def constraints_after(system: ProblemFunctions, place: int) -> list[PathConstrai
 
 def first_unreached(
     system: ProblemFunctions, rng: np.random.Generator
-) -> tuple[int, ProblemFunctions]:
+) -> tuple[int, Target]:
     """The first segment whose goal no guess reaches from the end of the previous one.
 
     Returns:
-        Number of the segment, from 0, and its functions.
+        Number of the segment, from 0, and the conditions on its final configuration.
 
     Raises:
         ProblemError: If guesses reach the goals of all segments.
@@ -104,10 +105,10 @@ def first_unreached(
     q = system.problem.q_start
     for number, part in enumerate(system.parts):
         single = _alone(part, q, np.zeros_like(q)).passing(q[None])
-        ahead = constraints_after(system, number)
+        ahead = _constraints_after(system, number)
         guess = next(initial_guesses(single, GuessRequest(1, rng, beyond=ahead)), None)
         if guess is None:
-            return number, single
+            return number, Target(single, single.problem.goal, beyond=ahead)
         q = guess.q[-1]
     raise ProblemError("segments: no guess of a motion through their goals", "segments")
 

@@ -12,7 +12,7 @@ from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.guess import KINEMATIC_STARTS
 from tominpmp.initial_guess.inverse_kinematics import Target, find_configurations
-from tominpmp.initial_guess.segments import constraints_after, first_unreached
+from tominpmp.initial_guess.segments import first_unreached
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 
@@ -21,21 +21,18 @@ def unreachable(system: ProblemFunctions, rng: np.random.Generator) -> ProblemEr
 
     Its reason is, in this order, collision, a constraint, or the distance to the goal.
     """
-    where, beyond = "", list[PathConstraint]()
+    where, target = "", Target(system, system.problem.goal)
     if system.parts:
-        number, part = first_unreached(system, rng)
-        beyond = constraints_after(system, number)
+        number, target = first_unreached(system, rng)
         where = f"segment {number + 1} of {len(system.parts)}: "
-        system = part
-    goal = system.problem.goal
-    target = Target(system, goal, beyond=beyond)
     ik = find_configurations(target, 2 * KINEMATIC_STARTS, rng)
     if ik.blocked:
-        return ProblemError(f"{where}goal: {_collision(system, ik.blocked)}", "goal")
-    reason = _against_constraints(target, rng)
+        reason = _collision(target.system, ik.blocked)
+    else:
+        reason = _against_constraints(target, rng)
     if reason:
         return ProblemError(f"{where}goal: {reason}", "goal")
-    frame = goal.frame_name
+    frame = target.goal.frame_name
     verb = "reaches it" if frame is None else f"brings frame {frame!r} there"
     return ProblemError(
         f"{where}goal: no configuration within the position limits {verb}; the nearest "
