@@ -71,6 +71,9 @@ REMAINING = 3.0
 # Least predicted gain over the incumbent for which a coarse motion is finished, as a
 # share of T.
 PROMISE = 0.003
+# A guess is too slow if it is slower by this factor than the guess of a known motion:
+# where obstacles move, descents from all of them would take half as many programs more.
+TOO_SLOW = 1.4
 # Two motions count as the same if they differ by less than SAME [rad, or shares of the
 # reach] at each of SAMPLES instants.
 SAMPLES = 12
@@ -322,9 +325,13 @@ class CoarseSearch:
     def solve_coarse(self, guess: Guess) -> Schedule[CoarseMotion | None]:
         """Descend on the coarse grid; None without a new motion.
 
-        A motion is new if it is nearly feasible and differs from all known ones.
+        A motion is new if it is nearly feasible and differs from all known ones. There
+        is no descent from a guess that is much slower than the guess of a known one.
         """
         self._tried.append(guess)
+        timed = [rough.guess.duration for rough in self.known if rough.guess.timed]
+        if guess.timed and guess.duration > TOO_SLOW * min(timed, default=np.inf):
+            return None
         make = partial(
             descend,
             self.coarse,
