@@ -51,9 +51,8 @@ def _guess(system: ProblemFunctions, request: GuessRequest) -> Guess | None:
     q, v = system.problem.q_start, system.v_start
     for place, part in enumerate(system.parts):
         single = _alone(part, q, v).passing(q[None])
-        waits = part.problem.scene.moving
-        make = waiting_guesses if waits else initial_guesses
-        ahead = () if waits else _constraints_after(system, place)
+        make = waiting_guesses if part.problem.scene.moving else initial_guesses
+        ahead = _constraints_after(system, place)
         # A guess at rest at the start does not lead to the start of the next segment.
         one_more = replace(request, count=request.count + 1, beyond=ahead)
         guesses = make(single, one_more)
