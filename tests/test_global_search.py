@@ -225,9 +225,9 @@ def test_among_moving_obstacles_other_ways_are_tried():
 def test_a_thorough_search_goes_on_among_moving_obstacles(monkeypatch):
     waves = []
 
-    def seen(self, number, wave=thorough.Waves.wave):
-        waves.append(number)
-        return wave(self, number)
+    def seen(self, wave=thorough.Waves.wave):
+        waves.append(self)
+        return wave(self)
 
     monkeypatch.setattr(thorough.Waves, "wave", seen)
     monkeypatch.setattr(thorough, "WAVES", 1)

@@ -8,7 +8,7 @@ import pytest
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 
-OPTIONS = {"intervals": 20, "control": "constant", "refine": None}
+OPTIONS = {"intervals": 40, "control": "constant", "refine": None}
 
 
 def problem(middle=0.5, end=1.0, start=0.0, **changes):

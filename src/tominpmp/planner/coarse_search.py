@@ -71,8 +71,9 @@ REMAINING = 3.0
 # Least predicted gain over the incumbent for which a coarse motion is finished, as a
 # share of T.
 PROMISE = 0.003
-# A guess is too slow if it is slower by this factor than the guess of a known motion:
-# where obstacles move, descents from all of them would take half as many programs more.
+# A further guess is too slow if it is slower by this factor than the guess of a known
+# motion: where obstacles move, descents from all of them take half as many programs
+# more.
 TOO_SLOW = 1.4
 # Two motions count as the same if they differ by less than SAME [rad, or shares of the
 # reach] at each of SAMPLES instants.
@@ -325,13 +326,9 @@ class CoarseSearch:
     def solve_coarse(self, guess: Guess) -> Schedule[CoarseMotion | None]:
         """Descend on the coarse grid; None without a new motion.
 
-        A motion is new if it is nearly feasible and differs from all known ones. There
-        is no descent from a guess that is much slower than the guess of a known one.
+        A motion is new if it is nearly feasible and differs from all known ones.
         """
         self._tried.append(guess)
-        timed = [rough.guess.duration for rough in self.known if rough.guess.timed]
-        if guess.timed and guess.duration > TOO_SLOW * min(timed, default=np.inf):
-            return None
         make = partial(
             descend,
             self.coarse,
@@ -454,7 +451,10 @@ class CoarseSearch:
         for guess in guesses:
             if guess in self._tried:
                 continue
-            rough = yield from self.solve_coarse(guess)
+            timed = (rough.guess for rough in self.known if rough.guess.timed)
+            least = min((other.duration for other in timed), default=np.inf)
+            slow = guess.timed and guess.duration > TOO_SLOW * least
+            rough = None if slow else (yield from self.solve_coarse(guess))
             failures += 1
             if rough is not None and self._promises(rough):
                 failures = 0

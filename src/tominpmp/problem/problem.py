@@ -20,7 +20,7 @@ from tominpmp.description.joint_table import example_values
 from tominpmp.description.model import sticks
 from tominpmp.exceptions import ProblemError, brief, naming, warn_caller
 from tominpmp.goals.base import Goal
-from tominpmp.goals.sets import AnyGoal, passed
+from tominpmp.goals.sets import passed, restricted
 from tominpmp.goals.turns import MOST_WAYS
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion.trajectory import Trajectory
@@ -282,10 +282,10 @@ class Problem(Record):
                 either direction; None for the first segment.
             rivals: Number of goals of the set that the goal belongs to.
         """
-        if isinstance(goal, AnyGoal):
-            rivals = len(goal.goals)
-            goals = [self._wrapped(each, before, rivals) for each in goal.goals]
-            return goal._altered(goals=tuple(goals))
+        if goal.choices[0] is not goal:
+            rivals = len(goal.choices)
+            choices = [self._wrapped(each, before, rivals) for each in goal.choices]
+            return restricted(goal, choices)
         robot, near, v = self.robot, self.q_start, self.v_start
         v = v if before is None else before.final_velocity(robot.n)
         angles = np.flatnonzero(goal.angles(robot))
