@@ -71,9 +71,10 @@ REMAINING = 3.0
 # Least predicted gain over the incumbent for which a coarse motion is finished, as a
 # share of T.
 PROMISE = 0.003
-# A further guess is too slow if it is slower by this factor than the guess of a known
-# motion: where obstacles move, descents from all of them take half as many programs
-# more.
+# A guess is too slow if it is slower by this factor than a known motion, or, after the
+# first descents, than the guess of one: where obstacles move, descents from all guesses
+# take half as many programs more. Compared with known motions only, plans of a Fetch
+# take 0.7 of the time, and six of 40 motions are 5 to 26 % slower.
 TOO_SLOW = 1.4
 # Two motions count as the same if they differ by less than SAME [rad, or shares of the
 # reach] at each of SAMPLES instants.
@@ -209,6 +210,11 @@ def _further_guesses(
     rng = np.random.default_rng(coarse.options.seed)
     detours = bumps(system, first, rng, from_base=coarse.many_joints)
     return itertools.islice(detours, max(2 * system.n, DETOURS))
+
+
+def _too_slow(guess: Guess, known: Iterable[float]) -> bool:
+    """Whether a guess is much slower than the fastest of known durations [s]."""
+    return guess.timed and guess.duration > TOO_SLOW * min(known, default=np.inf)
 
 
 def _shape_of(system: ProblemFunctions, motion: Trajectory) -> Array:
@@ -412,7 +418,8 @@ class CoarseSearch:
             wanted: Number of guesses that are compared.
         """
         for guess in itertools.islice(guesses, wanted):
-            yield from self.solve_coarse(guess)
+            if not _too_slow(guess, (rough.duration for rough in self.known)):
+                yield from self.solve_coarse(guess)
         tried: list[CoarseMotion] = []
         while True:
             untried = [rough for rough in self.known if rough not in tried]
@@ -452,8 +459,7 @@ class CoarseSearch:
             if guess in self._tried:
                 continue
             timed = (rough.guess for rough in self.known if rough.guess.timed)
-            least = min((other.duration for other in timed), default=np.inf)
-            slow = guess.timed and guess.duration > TOO_SLOW * least
+            slow = _too_slow(guess, (other.duration for other in timed))
             rough = None if slow else (yield from self.solve_coarse(guess))
             failures += 1
             if rough is not None and self._promises(rough):
