@@ -19,11 +19,11 @@ LIMITS = JointTimes(np.array([2.0, 3.0]), np.array([5.0, 4.0]), np.full(2, np.in
 ANY = JointGoal([0.0])
 
 
-def table(sizes: list[int], seed: int, ends: bool = True, **known: bool) -> LegTable:
+def table(sizes: list[int], seed: int, rules: Rules, **known: bool) -> LegTable:
     """Nodes with so many random configurations each."""
     rng = np.random.default_rng(seed)
     nodes = [rng.uniform(-2.0, 2.0, (size, 2)) for size in sizes]
-    out = LegTable(nodes, [True] * len(sizes), LIMITS, ends)
+    out = LegTable(nodes, [True] * len(sizes), LIMITS, rules)
     if known.get("known"):
         # Times that differ there and back.
         for i, j in permutations(range(len(sizes)), 2):
@@ -32,19 +32,19 @@ def table(sizes: list[int], seed: int, ends: bool = True, **known: bool) -> LegT
     return out
 
 
-def exact(legs: LegTable, rules: Rules) -> Order:
+def exact(legs: LegTable) -> Order:
     """The best order of the stations of a table."""
-    sizes = [len(rows) for rows in legs.nodes[1 : legs.stations + 1]]
-    return exact_order(sizes, legs.block, rules, legs.ends)
+    sizes = [len(rows) for rows in legs.nodes[1 : legs.rules.count + 1]]
+    return exact_order(sizes, legs.block, legs.rules)
 
 
-def brute_force(legs: LegTable, rules: Rules) -> float:
+def brute_force(legs: LegTable) -> float:
     """The best of all orders and configurations, one by one."""
-    best = np.inf
-    n = legs.stations
+    best, rules = np.inf, legs.rules
+    n = rules.count
     for order in permutations(range(n)):
         if rules.allow(order):
-            nodes = [0, *(i + 1 for i in order), *([n + 1] if legs.ends else [])]
+            nodes = [0, *(i + 1 for i in order), *([n + 1] if rules.ends else [])]
             for chosen in product(*(range(len(legs.nodes[k])) for k in nodes)):
                 places = list(zip(nodes, chosen, strict=True))
                 total = sum(legs.time((*a, *b)) for a, b in pairwise(places))
@@ -52,8 +52,10 @@ def brute_force(legs: LegTable, rules: Rules) -> float:
     return best
 
 
-def rules_of(count: int, before: set[tuple[int, int]], then: dict) -> Rules:
-    return Rules(count, frozenset(before), then)
+def rules_of(
+    count: int, before: set[tuple[int, int]], then: dict, ends: bool = True
+) -> Rules:
+    return Rules(count, frozenset(before), then, ends)
 
 
 @pytest.mark.parametrize("resting", [0, 1, 2])
@@ -104,10 +106,10 @@ def test_times_with_jerk_are_those_of_the_bounds(
 def test_exact_orders_are_the_best_of_all(
     ends: bool, known: bool, before: set[tuple[int, int]], then: dict
 ) -> None:
-    legs = table([1, 2, 3, 2, 2, *([1] if ends else [])], 4, ends, known=known)
-    rules = rules_of(4, before, then)
-    total, order, chosen = exact(legs, rules)
-    assert total == pytest.approx(brute_force(legs, rules), rel=1e-12)
+    rules = rules_of(4, before, then, ends)
+    legs = table([1, 2, 3, 2, 2, *([1] if ends else [])], 4, rules, known=known)
+    total, order, chosen = exact(legs)
+    assert total == pytest.approx(brute_force(legs), rel=1e-12)
     assert rules.allow(order)
     nodes = [0, *(i + 1 for i in order), *([5] if ends else [])]
     places = list(zip(nodes, chosen, strict=True))
@@ -115,11 +117,11 @@ def test_exact_orders_are_the_best_of_all(
 
 
 def test_no_order_where_rules_leave_none() -> None:
-    legs = table([1, 1, 1, 1], 0)
     rules = rules_of(2, set(), {0: frozenset({1}), 1: frozenset({0})})
-    assert exact(legs, rules)[0] == np.inf
+    legs = table([1, 1, 1, 1], 0, rules)
+    assert exact(legs)[0] == np.inf
     rng = np.random.default_rng(0)
-    assert search_order(legs, rules, rng)[0] == np.inf
+    assert search_order(legs, rng)[0] == np.inf
 
 
 @pytest.mark.parametrize("known", [True, False])
@@ -129,10 +131,10 @@ def test_searched_orders_are_near_the_best(
 ) -> None:
     for seed in range(3):
         # Times at random are those of no arm: there the order alone is looked for.
-        legs = table([1, *[1 if known else 2] * 8, 1], seed, known=known)
         rules = rules_of(8, before, {})
-        best = exact(legs, rules)[0]
-        found, order, _ = search_order(legs, rules, np.random.default_rng(0))
+        legs = table([1, *[1 if known else 2] * 8, 1], seed, rules, known=known)
+        best = exact(legs)[0]
+        found, order, _ = search_order(legs, np.random.default_rng(0))
         assert best - 1e-9 <= found <= 1.1 * best
         assert rules.allow(order)
 
@@ -140,10 +142,10 @@ def test_searched_orders_are_near_the_best(
 @pytest.mark.parametrize("ends", [True, False])
 def test_bounds_are_below_the_best_order(ends: bool) -> None:
     for seed in range(6):
-        legs = table([1] * (7 if ends else 6), seed, ends, known=seed % 2 == 0)
+        rules = rules_of(5, set() if seed % 3 else {(0, 4), (2, 1)}, {}, ends)
+        legs = table([1] * (7 if ends else 6), seed, rules, known=seed % 2 == 0)
         least = legs.fixed([0] * len(legs.nodes))
-        rules = rules_of(5, set() if seed % 3 else {(0, 4), (2, 1)}, {})
-        best = exact(legs, rules)[0]
+        best = exact(legs)[0]
         assert 0.3 * best < _one_tree(np.minimum(least, least.T), ends) <= best + 1e-9
 
 

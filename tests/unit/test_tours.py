@@ -16,7 +16,7 @@ from tominpmp.arrays import Array
 from tominpmp.cell.tours.legs import JointTimes, Legs, direct_motion
 from tominpmp.cell.tours.lower_bound import tour_bound
 from tominpmp.cell.tours.planning import TourSearch
-from tominpmp.cell.tours.station import Rules
+from tominpmp.cell.tours.station import Rules, TourTask
 from tominpmp.exceptions import OptionsError, PlanningFailed, ProblemError
 from tominpmp.robot.robot import Robot
 from tominpmp.verification.verification import verify
@@ -256,12 +256,11 @@ def test_no_tour_beats_the_bound_for_goals_on_frames(arm: Robot) -> None:
     problem = tm.Problem(arm, HOME, tm.JointGoal(HOME), motion_limits=LIMITS)
     for _ in range(8):
         points = rng.uniform(-1.2, 1.2, (3, 2))
-        stations = [
+        stations = tuple(
             tm.Station(str(k), tm.PositionGoal(tip(arm), (*p, 0.0)))
             for k, p in enumerate(points)
-        ]
-        rules = Rules.of(stations)
-        bound = tour_bound(problem, stations, rules, HOME).T
+        )
+        bound = tour_bound(TourTask(problem, stations, Rules.of(stations))).T
         assert 0.0 < bound <= least_cycle(arm, [reached(*p) for p in points])
 
 

@@ -13,15 +13,15 @@ trials shrinks.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.cell.tours.legs import LegTable
-from tominpmp.cell.tours.station import Station
+from tominpmp.cell.tours.legs import JointTimes, LegTable, carrying
+from tominpmp.cell.tours.station import TourTask
 from tominpmp.goals.base import Goal
 from tominpmp.goals.frames import FrameTarget, frame_target
 from tominpmp.goals.joints import nearest_turns
@@ -138,18 +138,21 @@ class Configurations:
         goals: Their goals.
         weights: Weights of the joints in the length of a displacement, shape (n,).
         leaving: By the index of a station with a payload, the problem with the payload.
+        rng: Random numbers.
     """
 
-    def __init__(
-        self,
-        problem: Problem,
-        stations: Sequence[Station],
-        weights: Array,
-        leaving: Mapping[int, Problem],
-    ) -> None:
+    def __init__(self, task: TourTask, rng: np.random.Generator) -> None:
+        problem, stations = task.problem, task.stations
         goals = tuple(station.goal for station in stations)
         self.problem, self.stations, self.goals = problem, stations, goals
-        self.weights, self.leaving = weights, leaving
+        self.weights, self.rng = JointTimes.of(problem).weights, rng
+        # The next station is unknown, so the allowed contacts of all stations count.
+        touch = [pair for station in stations for pair in station.may_touch]
+        self.leaving = {
+            k: carrying(problem, station.payload, touch)
+            for k, station in enumerate(stations)
+            if station.payload is not None
+        }
         # The alternatives of all goals in one list: their number by goal, and the index
         # of the first alternative of each goal.
         every = [alternative for goal in goals for alternative in goal.alternatives]
@@ -227,12 +230,11 @@ class Configurations:
             kept &= np.all(holding(loaded.robot, q)[1], axis=1)
         return kept
 
-    def search(self, count: int, rng: np.random.Generator) -> list[Array]:
+    def search(self, count: int) -> list[Array]:
         """Find some configurations for each station.
 
         Args:
             count: Largest number of configurations kept of a station.
-            rng: Random numbers.
 
         Returns:
             Configurations by station, shape (k, n) each; k is zero if none was found.
@@ -249,21 +251,19 @@ class Configurations:
                     pools[g] = pools[g][self.free(pools[g], g)]
             if len(rows) < len(fixed):
                 searched.append(g)
-        self._from_starts(pools, searched, STARTS, rng)
+        self._from_starts(pools, searched, STARTS)
         self._from_neighbours(pools, searched)
         empty = [g for g in searched if not len(pools[g])]
-        self._from_starts(pools, empty, MORE_STARTS, rng)
+        self._from_starts(pools, empty, MORE_STARTS)
         return [self.spread(rows, count) for rows in pools]
 
-    def _from_starts(
-        self, pools: list[Array], which: list[int], count: int, rng: np.random.Generator
-    ) -> None:
+    def _from_starts(self, pools: list[Array], which: list[int], count: int) -> None:
         """Add solutions from random starts to the pools of stations."""
         home, starts, aims = self.problem.q_start, [], []
         for g in which:
             # Alternatives are aimed at in turn.
             aim = self._first[g] + np.arange(count) % self._counts[g]
-            q = self._random(rng, g, count)
+            q = self._random(self.rng, g, count)
             q[0] = home
             # Joints that do not carry the frame keep their positions.
             starts.append(np.where(self._idle[aim], home, q))
@@ -391,10 +391,7 @@ LEAST_RADIUS = 2e-3
 
 
 def refined(
-    configurations: Configurations,
-    table: LegTable,
-    places: Sequence[tuple[int, int]],
-    rng: np.random.Generator,
+    configurations: Configurations, table: LegTable, places: Sequence[tuple[int, int]]
 ) -> list[Array]:
     """Improve the configurations of a tour in a given order.
 
@@ -403,12 +400,12 @@ def refined(
         table: Estimates of the times of legs.
         places: The nodes of the tour in their order, with the index of a configuration
             of each.
-        rng: Random numbers.
 
     Returns:
         A configuration of each place, shape (n,) each [rad or m].
     """
-    goals, nodes = configurations.goals, [node for node, _ in places]
+    goals, rng = configurations.goals, configurations.rng
+    nodes = [node for node, _ in places]
     # Stations whose goals leave the configuration free, by their places.
     searched = {
         k: g

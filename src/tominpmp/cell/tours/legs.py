@@ -21,7 +21,7 @@ from itertools import pairwise
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.cell.tours.station import Station, label_of
+from tominpmp.cell.tours.station import Rules, Station, label_of
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.joints import JointGoal
@@ -162,8 +162,7 @@ class LegTable:
         nodes: Configurations of each node, shape (k, n) each.
         rests: Whether the arm is at rest at each node.
         times: Least times of the joints, from which times are estimated.
-        ends: Whether the last node is the end of the tour; otherwise the tour ends at
-            any station.
+        rules: Orders of the stations that are allowed.
         factor: Factor of the estimates.
         known: Times of planned legs [s]; infinite where no motion was found.
     """
@@ -171,23 +170,17 @@ class LegTable:
     nodes: list[Array]
     rests: Sequence[bool]
     times: JointTimes
-    ends: bool
+    rules: Rules
     factor: float = 1.0
     known: dict[Leg, float] = field(default_factory=dict)
 
-    @property
-    def stations(self) -> int:
-        """Number of stations."""
-        return len(self.nodes) - 1 - self.ends
-
     def station(self, node: int) -> int | None:
         """Index of the station at a node; None for the start and the end."""
-        return node - 1 if 0 < node <= self.stations else None
+        return node - 1 if 0 < node <= self.rules.count else None
 
     def way(self, order: Sequence[int]) -> list[int]:
         """Nodes of an order of stations, with the start and the end."""
-        end = [self.stations + 1] if self.ends else []
-        return [0, *(i + 1 for i in order), *end]
+        return self.rules.along(0, (i + 1 for i in order), self.rules.count + 1)
 
     def rows(self, leg: Leg) -> tuple[Array, Array]:
         """Configurations that a leg begins and ends at, shape (n,) each."""
@@ -226,7 +219,7 @@ class LegTable:
     def along(self, order: Sequence[int], rows: list[Array]) -> LegTable:
         """A table of the nodes of a tour in their order, with other configurations."""
         rests = [self.rests[node] for node in order]
-        return replace(self, nodes=rows, rests=rests, ends=True, known={})
+        return replace(self, nodes=rows, rests=rests, known={})
 
     def fixed(self, chosen: Sequence[int]) -> Array:
         """Times between the nodes with one configuration each, shape (nodes, nodes)."""

@@ -11,7 +11,6 @@ itself is found. Dwell times are added.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
 from contextlib import suppress
 from itertools import permutations
 
@@ -23,11 +22,10 @@ from tominpmp.bounds.lower_bound import lower_bound
 from tominpmp.bounds.result import LowerBound
 from tominpmp.cell.tours.legs import JointTimes
 from tominpmp.cell.tours.orders import exact_order
-from tominpmp.cell.tours.station import Rules, Station, least_stays
+from tominpmp.cell.tours.station import TourTask, least_stays
 from tominpmp.exceptions import ProblemError, TominpmpWarning
 from tominpmp.goals.base import Goal
 from tominpmp.goals.joints import JointGoal
-from tominpmp.problem.problem import Problem
 
 # Steps of the ascent on the multipliers of the 1-tree.
 ASCENT = 300
@@ -40,48 +38,32 @@ MOST_LEGS, MOST_FRAMES = 400, 8
 ROUNDING = 1e-9
 
 
-def tour_bound(
-    problem: Problem,
-    stations: Sequence[Station],
-    rules: Rules,
-    q_end: Array | None,
-) -> LowerBound:
-    """Lower bound for the duration of every tour.
-
-    Args:
-        problem: Robot, start and limits.
-        stations: The stations.
-        rules: Orders that are allowed.
-        q_end: Configuration at the end, shape (n,) [rad or m]; None for an open end.
-    """
-    least = _least_times(problem, stations, q_end)
-    stays = least_stays(problem.robot, [(s.goal, s.dwell) for s in stations])
-    ends = q_end is not None
+def tour_bound(task: TourTask) -> LowerBound:
+    """Lower bound for the duration of every tour."""
+    least, stations, rules = _least_times(task), task.stations, task.rules
+    stays = least_stays(task.problem.robot, [(s.goal, s.dwell) for s in stations])
     if len(stations) <= MOST_EXACT:
         reason, sizes = "the best order", [1] * len(stations)
-        total = exact_order(
-            sizes, lambda i, j: least[i : i + 1, j : j + 1], rules, ends
-        )[0]
+        total = exact_order(sizes, lambda i, j: least[i : i + 1, j : j + 1], rules)[0]
         total = total if np.isfinite(total) else 0.0
     else:
-        reason, total = "a 1-tree", _one_tree(np.minimum(least, least.T), ends)
+        reason, total = "a 1-tree", _one_tree(np.minimum(least, least.T), rules.ends)
     return LowerBound(
         total * (1.0 - ROUNDING) + stays,
         f"{reason} of the times that no leg can beat, and all stays",
     )
 
 
-def _least_times(
-    problem: Problem, stations: Sequence[Station], q_end: Array | None
-) -> Array:
+def _least_times(task: TourTask) -> Array:
     """Lower bounds of the times of legs between start, stations and end.
 
     Returns:
         Times [s], shape (m, m): from the place of the row to the place of the column.
     """
-    end = [] if q_end is None else [JointGoal(q_end)]
-    goals: list[Goal] = [JointGoal(problem.q_start), *(s.goal for s in stations), *end]
-    rests = [True, *(station.stop for station in stations), *(True for _ in end)]
+    problem, stations, rules = task.problem, task.stations, task.rules
+    start, end = JointGoal(problem.q_start), JointGoal(task.q_end)
+    goals: list[Goal] = rules.along(start, (s.goal for s in stations), end)
+    rests = rules.along(True, (station.stop for station in stations), True)
     loaded = {k for k, s in enumerate(stations, 1) if s.payload is not None}
     fixed, times = [goal.configuration for goal in goals], JointTimes.of(problem)
     # Ranges of the joints of each alternative of a goal.
@@ -94,9 +76,9 @@ def _least_times(
     # Between configurations, limits of acceleration alone give nearly the whole bound.
     limited = bool(np.all(np.isfinite(times.acceleration)))
     few_joints = not limited and known**2 <= MOST_LEGS
-    few_frames = known * (len(goals) - known) <= MOST_FRAMES * (1 + len(end))
+    few_frames = known * (len(goals) - known) <= MOST_FRAMES * (1 + rules.ends)
     out = np.zeros((len(goals), len(goals)))
-    last = len(goals) - len(end)
+    last = len(goals) - rules.ends
     for i, j in permutations(range(len(goals)), 2):
         if i == last or j == 0:
             continue  # no tour leaves its end or enters its start

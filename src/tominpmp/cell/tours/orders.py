@@ -47,24 +47,18 @@ Order = tuple[float, tuple[int, ...], tuple[int, ...]]
 
 
 def best_order(
-    table: LegTable,
-    rules: Rules,
-    rng: np.random.Generator,
-    begin: Sequence[int] = (),
+    table: LegTable, rng: np.random.Generator, begin: Sequence[int] = ()
 ) -> Order:
     """The best order of few stations, a good one of many; see :func:`search_order`."""
-    n = table.stations
+    n = table.rules.count
     sizes = [len(rows) for rows in table.nodes[1 : n + 1]]
     if n <= MOST_STATIONS and 2.0**n * sum(sizes) ** 2 <= MOST_WORK:
-        return exact_order(sizes, table.block, rules, table.ends)
-    return search_order(table, rules, rng, begin)
+        return exact_order(sizes, table.block, table.rules)
+    return search_order(table, rng, begin)
 
 
 def exact_order(
-    sizes: Sequence[int],
-    block: Callable[[int, int], Array],
-    rules: Rules,
-    ends: bool,
+    sizes: Sequence[int], block: Callable[[int, int], Array], rules: Rules
 ) -> Order:
     """Find the best order of stations, with their configurations.
 
@@ -72,10 +66,9 @@ def exact_order(
         sizes: Number of configurations of each station.
         block: Times from each configuration of a node to each of another, shape (k, m)
             [s]; nodes are the start (0), the stations from 1, and the end.
-        rules: Orders that are allowed.
-        ends: Whether the end is a node; otherwise the tour ends at any station.
+        rules: Orders that are allowed; without an end, the tour ends at any station.
     """
-    n = len(sizes)
+    n, ends = len(sizes), rules.ends
     # An open end is a node that every station reaches in zero time.
     last, full = block(1, n + 1).shape[1] if ends else 1, (1 << n + 2) - 1
     # Configurations of all nodes stand one after the other.
@@ -123,22 +116,18 @@ def exact_order(
 
 
 def search_order(
-    table: LegTable,
-    rules: Rules,
-    rng: np.random.Generator,
-    begin: Sequence[int] = (),
+    table: LegTable, rng: np.random.Generator, begin: Sequence[int] = ()
 ) -> Order:
     """Find a good order of stations, with their configurations.
 
     Args:
-        table: Times of the legs.
-        rules: Orders that are allowed.
+        table: Times of the legs, and the orders that are allowed.
         rng: Random numbers.
         begin: Order of a warm start; empty for a search from scratch.
     """
-    order, length = list(begin), np.inf
+    order, length, rules = list(begin), np.inf, table.rules
     if not order:
-        first = _OrderSearch(_least_times(table), rules, table.ends)
+        first = _OrderSearch(_least_times(table), rules)
         order = first.improved([], HOT, STEPS, rng)
     for left in range(ROUNDS, -1, -1):
         before = length
@@ -147,7 +136,7 @@ def search_order(
             break
         by_node = np.zeros(len(table.nodes), dtype=int)
         by_node[table.way(order)] = chosen
-        search = _OrderSearch(table.fixed(by_node.tolist()), rules, table.ends)
+        search = _OrderSearch(table.fixed(by_node.tolist()), rules)
         order = search.improved(order, WARM, FEW_STEPS, rng)
     if not rules.allow(order):
         return np.inf, (), ()
@@ -170,14 +159,13 @@ class _OrderSearch:
 
     Args:
         cost: Times between the nodes, shape (m, m); the start is node 0.
-        rules: Orders that are allowed.
-        ends: Whether the last node is the end.
+        rules: Orders that are allowed, and whether the last node is the end.
     """
 
-    def __init__(self, cost: Array, rules: Rules, ends: bool) -> None:
+    def __init__(self, cost: Array, rules: Rules) -> None:
         n = rules.count
         cost = np.where(np.isfinite(cost), cost, FORBIDDEN)
-        if not ends:
+        if not rules.ends:
             # An open end is a node that every station reaches in zero time.
             cost = np.pad(cost, ((0, 1), (0, 1)))
         for i, allowed in rules.then.items():

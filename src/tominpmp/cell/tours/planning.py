@@ -22,12 +22,13 @@ from tominpmp.arrays import Array
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.bounds.result import LowerBound
 from tominpmp.cell.tours.configurations import Configurations, refined
-from tominpmp.cell.tours.legs import DIRECT, JointTimes, Leg, Legs, LegTable, carrying
+from tominpmp.cell.tours.legs import DIRECT, JointTimes, Leg, Legs, LegTable
 from tominpmp.cell.tours.lower_bound import tour_bound
 from tominpmp.cell.tours.orders import best_order
 from tominpmp.cell.tours.station import (
     Rules,
     Station,
+    TourTask,
     Visit,
     arm_of,
     checked_stations,
@@ -85,30 +86,18 @@ class TourSearch:
     Attributes:
         legs: Problems and motions of the legs.
         table: Times of the legs.
-        rules: Orders that are allowed.
         configurations: The search for configurations of the stations.
         rng: Random numbers.
         exact: Whether the estimates of unplanned legs are lower bounds.
     """
 
     def __init__(
-        self,
-        problem: Problem,
-        stations: tuple[Station, ...],
-        rules: Rules,
-        q_end: Array | None,
-        count: int,
-        options: Options,
-        exact: bool,
+        self, task: TourTask, count: int, options: Options, exact: bool
     ) -> None:
         """Find configurations at all stations.
 
         Args:
-            problem: Robot, start, obstacles and limits.
-            stations: The stations.
-            rules: Orders that are allowed.
-            q_end: Configuration at the end, shape (n,) [rad or m]; None for an open
-                end.
+            task: What the tour is asked to do.
             count: Largest number of configurations kept of a station.
             options: Options of the planner for the legs.
             exact: Whether the estimates of unplanned legs are lower bounds.
@@ -116,18 +105,11 @@ class TourSearch:
         Raises:
             ProblemError: If a station has no configuration, with its name.
         """
-        self.rules, self.exact = rules, exact
-        self.rng = np.random.default_rng(options.seed)
+        problem, stations, rules = task.problem, task.stations, task.rules
+        self.exact, self.rng = exact, np.random.default_rng(options.seed)
         times = JointTimes.of(problem)
-        # The next station is unknown, so the allowed contacts of all stations count.
-        touch = [pair for station in stations for pair in station.may_touch]
-        leaving = {
-            k: carrying(problem, station.payload, touch)
-            for k, station in enumerate(stations)
-            if station.payload is not None
-        }
-        self.configurations = Configurations(problem, stations, times.weights, leaving)
-        by_station = self.configurations.search(count, self.rng)
+        self.configurations = Configurations(task, self.rng)
+        by_station = self.configurations.search(count)
         for number, rows in enumerate(by_station):
             if not len(rows):
                 raise ProblemError(
@@ -137,10 +119,9 @@ class TourSearch:
                 )
         if not exact:
             times = replace(times, acceleration=_accelerations(problem, by_station))
-        last = [] if q_end is None else [q_end[None]]
-        nodes = [problem.q_start[None], *by_station, *last]
-        rests = [True, *(station.stop for station in stations), *(True for _ in last)]
-        self.table = LegTable(nodes, rests, times, q_end is not None)
+        nodes = rules.along(problem.q_start[None], by_station, task.q_end[None])
+        rests = rules.along(True, (station.stop for station in stations), True)
+        self.table = LegTable(nodes, rests, times, rules)
         self.legs = Legs(problem, stations, options, self.table)
 
     def run(self) -> Tour:
@@ -177,8 +158,8 @@ class TourSearch:
     def _order(self, before: Route | None = None) -> Route | None:
         """Best order found with known and estimated times; None if none is allowed."""
         table = self.table
-        begin = [node - 1 for node, _ in (before or [])[1 : table.stations + 1]]
-        length, order, chosen = best_order(table, self.rules, self.rng, begin)
+        begin = [node - 1 for node, _ in (before or [])[1 : table.rules.count + 1]]
+        length, order, chosen = best_order(table, self.rng, begin)
         if not np.isfinite(length):
             return None
         return list(zip(table.way(order), chosen, strict=True))
@@ -186,7 +167,7 @@ class TourSearch:
     def _refine(self, route: Route) -> bool:
         """Add better configurations for an order; return whether there are any."""
         nodes, improved = self.table.nodes, False
-        better = refined(self.configurations, self.table, route, self.rng)
+        better = refined(self.configurations, self.table, route)
         for (node, _), new in zip(route, better, strict=True):
             if np.min(np.max(np.abs(nodes[node] - new), axis=1)) > APART:
                 nodes[node] = np.concatenate([nodes[node], new[None]])
@@ -395,11 +376,11 @@ def plan_tour(
     chosen = Options(effort="quick") if options is None else Options.of(options)
     chosen = chosen.changed(changes)
     items = checked_stations(stations)
-    rules = Rules.of(items, precedence)
+    rules = Rules.of(items, precedence, q_end is not None)
     with raised_as(OptionsError):
         count = whole(configurations, "configurations", 1, MOST_CONFIGURATIONS)
     exact = flag(exact, "exact")
-    problem, end = _problem(
+    problem = _problem(
         robot,
         q_start,
         q_end,
@@ -410,20 +391,19 @@ def plan_tour(
         self_collision=self_collision,
         may_touch=may_touch,
     )
-    items = _checked_goals(problem, items, rules)
+    task = _checked_task(problem, items, rules)
     bound = LowerBound(0.0, "")
     with bounded(chosen.max_planning_time):
         try:
-            search = TourSearch(problem, items, rules, end, count, chosen, exact)
-            tour = search.run()
+            tour = TourSearch(task, count, chosen, exact).run()
         except (Stop, KeyboardInterrupt) as stop:
             status = _status(stop)
             text = f"{status.value} No tour was found by then."
-            tour = Tour(problem, items, status, text)
+            tour = Tour(problem, task.stations, status, text)
         else:
             # If the time ends before the bound is known, the tour has no bound.
             with suppress(Stop, KeyboardInterrupt):
-                bound = tour_bound(problem, items, rules, end)
+                bound = tour_bound(task)
     message = tour.message
     if bound.useful(tour.cycle_time):
         message = f"{message} No tour beats {bound.T:.4g} s: {bound.reason}."
@@ -438,8 +418,8 @@ def plan_tour(
 
 def _problem(
     robot: Robot, q_start: JointsLike, q_end: object, **fields: Any
-) -> tuple[Problem, Array | None]:
-    """The problem from start to end, and the end configuration if it is given."""
+) -> Problem:
+    """The problem from start to end; to the start if the tour has no end."""
     if isinstance(q_end, str) and q_end != "start":
         raise wrong(q_end, "q_end", 'a configuration, "start" or None')
     instance(robot, Robot, "robot", "a Robot (see load_robot)")
@@ -457,19 +437,18 @@ def _problem(
         q, snapped = onto_limits(robot, "position", position, name)
         for message in snapped:
             warn_caller(message)
-        problem = Problem(robot, q if anywhere else q_start, JointGoal(q), **fields)
+        return Problem(robot, q if anywhere else q_start, JointGoal(q), **fields)
     except ProblemError as error:
         text = str(error)
         if not text.startswith("goal"):
             raise
         text = name + text.removeprefix("goal.q").removeprefix("goal")
         raise ProblemError(text, name) from error
-    return problem, None if q_end is None else problem.goal.configuration
 
 
-def _checked_goals(
+def _checked_task(
     problem: Problem, stations: Sequence[Station], rules: Rules
-) -> tuple[Station, ...]:
+) -> TourTask:
     """Check that the goal of each station is valid, and that no two are in one place.
 
     Returns:
@@ -503,4 +482,4 @@ def _checked_goals(
                     f"station: one of {brief(', '.join(sorted(known)))}",
                     f"stations[{k}].may_touch",
                 )
-    return tuple(checked)
+    return TourTask(problem, tuple(checked), rules)

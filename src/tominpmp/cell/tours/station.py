@@ -7,17 +7,22 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from graphlib import CycleError, TopologicalSorter
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any, TypeAlias, TypeVar
+
+import numpy as np
 
 from tominpmp.arrays import Array, Record, record
 from tominpmp.checks import of_type, wrong
 from tominpmp.exceptions import ProblemError, brief, naming
 from tominpmp.goals.base import Goal
+from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import Dwell, Flag, Pairs, PayloadOrNone, checked_pairs
 from tominpmp.robot.robot import Robot
 
 # Larger numbers of stations are rejected as a mistake.
 MOST_STATIONS = 5_000
+
+T = TypeVar("T")
 
 
 def _names(given: object, field: str) -> tuple[str, ...]:
@@ -186,17 +191,27 @@ class Rules:
         before: Pairs (earlier, later).
         then: By station, the stations of which one comes directly after it; a station
             that is no key may be followed by any other.
+        ends: Whether the tour has an end of its own, after the last station.
     """
 
     count: int
     before: frozenset[tuple[int, int]]
     then: Mapping[int, frozenset[int]]
+    ends: bool = True
 
     @classmethod
     def of(
-        cls, stations: Sequence[Station], precedence: Sequence[tuple[str, str]] = ()
+        cls,
+        stations: Sequence[Station],
+        precedence: Sequence[tuple[str, str]] = (),
+        ends: bool = True,
     ) -> Rules:
         """Take the rules of stations, and pairs of names (earlier, later).
+
+        Args:
+            stations: The stations, with distinct names.
+            precedence: Pairs of names.
+            ends: Whether the tour has an end of its own, after the last station.
 
         Raises:
             ProblemError: If a name is unknown, or no order is possible at all.
@@ -219,7 +234,7 @@ class Rules:
             if station.then
         }
         pairs |= {(i, min(others)) for i, others in then.items() if len(others) == 1}
-        rules = cls(len(stations), frozenset(pairs), then)
+        rules = cls(len(stations), frozenset(pairs), then, ends)
         try:
             _ = rules.all_needs
         except CycleError as error:
@@ -248,6 +263,10 @@ class Rules:
             closure[k] = self.needs[k].union(*(closure[i] for i in self.needs[k]))
         return tuple(closure[k] for k in range(self.count))
 
+    def along(self, start: T, stations: Iterable[T], end: T) -> list[T]:
+        """What belongs to start, stations and end; the end is left out without one."""
+        return [start, *stations, *([end] if self.ends else [])]
+
     def follows(self, last: int, station: int) -> bool:
         """Whether a station may come directly after another."""
         return last not in self.then or station in self.then[last]
@@ -264,6 +283,26 @@ class Rules:
             and self.may_end(order[-1])
             and all(self.follows(i, j) for i, j in itertools.pairwise(order))
         )
+
+
+@dataclass(frozen=True, eq=False)
+class TourTask:
+    """What a tour is asked to do.
+
+    Attributes:
+        problem: Robot, start, obstacles and limits.
+        stations: The stations.
+        rules: Orders that are allowed.
+    """
+
+    problem: Problem
+    stations: tuple[Station, ...]
+    rules: Rules
+
+    @property
+    def q_end(self) -> Array:
+        """Configuration of the end, if the tour has one, shape (n,) [rad or m]."""
+        return np.asarray(self.problem.goal.configuration)
 
 
 def arm_of(robot: Robot, goal: Goal) -> str | None:
