@@ -33,6 +33,10 @@ OBSTACLE_WEIGHT = 2.0
 GAP, SLOPE, SAMPLES = 0.3, 1.0, 7
 
 
+# A warm start: the number of the problem that the motion solves, and the motion.
+Start = tuple[int, Trajectory]
+
+
 @dataclass(frozen=True, eq=False)
 class Rounds:
     """The order in which the problems of a batch are planned.
@@ -46,8 +50,8 @@ class Rounds:
     rounds: tuple[IntArray, ...]
     near: dict[int, list[tuple[int, float]]]
 
-    def start(self, number: int, motions: Mapping[int, Trajectory]) -> int | None:
-        """The problem whose motion is the warm start of a problem; None for a cold one.
+    def start(self, number: int, motions: Mapping[int, Trajectory]) -> Start | None:
+        """The warm start of a problem; None for a cold one.
 
         It is the nearest problem that has a motion, unless the second nearest takes
         another path: only a search finds out which of two paths is the faster here.
@@ -64,7 +68,7 @@ class Rounds:
             paths = [_path(motions[k]) for k in (first, second)]
             if np.max(np.abs(paths[0] - paths[1])) > GAP + SLOPE * (apart + away):
                 return None
-        return first
+        return first, motions[first]
 
 
 def _path(motion: Trajectory) -> Array:

@@ -29,7 +29,7 @@ import numpy as np
 from tominpmp.arrays import Record
 from tominpmp.cell.batch.dataset import LIST, Entry, Outcome, file_of, write_outcome
 from tominpmp.cell.batch.executor import Executor
-from tominpmp.cell.batch.neighbours import rounds_of
+from tominpmp.cell.batch.neighbours import Start, rounds_of
 from tominpmp.checks import flag, instance, whole, wrong
 from tominpmp.description.paths import checked_path
 from tominpmp.description.urdf import urdf_file
@@ -130,23 +130,21 @@ def plan_many(
     items = _iterator(problems)
     Options.of(options).changed(changes)
     folder = None if results is None else _folder(results)
-    settings = Settings(options, changes, folder)
     if workers is not None:
         expected = f"a number from 1 to {MOST_WORKERS}"
         workers = whole(workers, "workers", 1, MOST_WORKERS, expected)
     ordered, warm_start = flag(ordered, "ordered"), flag(warm_start, "warm_start")
-    first_seed = whole(seed, "seed", most=math.inf)
+    seed = whole(seed, "seed", most=math.inf)
     if backend is not None:
         instance(backend, str, "backend", "the name of a backend of joblib")
     if progress is not None and not callable(progress):
         raise wrong(progress, "progress", "a function")
     executor = Executor(_run_packed, workers, backend)
     total = len(problems) if isinstance(problems, Sized) else None
-    tasks = (_task(index, item, first_seed) for index, item in enumerate(items))
-    if warm_start:
-        outcomes = _in_rounds(executor, settings, tasks)
-    else:
-        outcomes = _outcomes(executor, settings, tasks, {})
+    settings = Settings(options, changes, folder, seed)
+    tasks = (_task(index, item, settings) for index, item in enumerate(items))
+    run = _in_rounds if warm_start else _outcomes
+    outcomes = run(executor, tasks)
     if folder is not None:
         outcomes = _listed(outcomes, folder)
     if progress is not None:
@@ -186,18 +184,13 @@ def _folder(results: str | Path) -> Path:
     return folder
 
 
-def _outcomes(
-    executor: Executor,
-    settings: Settings,
-    tasks: Iterable[BatchTask],
-    starts: Mapping[int, Start],
-) -> Iterator[Outcome]:
-    """Outcomes of tasks as they finish; some tasks have warm starts."""
+def _outcomes(executor: Executor, tasks: Iterable[BatchTask]) -> Iterator[Outcome]:
+    """Outcomes of tasks as they finish."""
 
     def work() -> Iterator[tuple[BatchTask, bytes]]:
         for task in tasks:
             try:
-                packed = _packed((task, settings, starts.get(task.index)))
+                packed = _packed(task)
             except Exception as error:  # pickling a caller's object may raise any error
                 reason = f"the problem cannot be sent: {brief(str(error), 300)}"
                 packed = _packed(task.failed(BROKEN, reason))
@@ -210,9 +203,7 @@ def _outcomes(
             yield pickle.loads(result)
 
 
-def _in_rounds(
-    executor: Executor, settings: Settings, tasks: Iterable[BatchTask]
-) -> Iterator[Outcome]:
+def _in_rounds(executor: Executor, tasks: Iterable[BatchTask]) -> Iterator[Outcome]:
     """Outcomes of tasks that are warm-started with the motions of their neighbours."""
     all_tasks = list(tasks)
     problems: list[Problem | None] = [None] * len(all_tasks)
@@ -222,10 +213,9 @@ def _in_rounds(
     rounds = rounds_of(problems)
     motions: dict[int, Trajectory] = {}
     for numbers in rounds.rounds:
-        chosen = [all_tasks[k] for k in numbers.tolist()]
-        neighbours = {task.index: rounds.start(task.index, motions) for task in chosen}
-        starts = {k: (j, motions[j]) for k, j in neighbours.items() if j is not None}
-        for outcome in _outcomes(executor, settings, chosen, starts):
+        starts = {k: rounds.start(k, motions) for k in numbers.tolist()}
+        chosen = [replace(all_tasks[k], start=start) for k, start in starts.items()]
+        for outcome in _outcomes(executor, chosen):
             solution = outcome.solution
             if outcome.success and solution is not None and solution.trajectory:
                 motions[outcome.index] = solution.trajectory
@@ -268,8 +258,6 @@ def _watched(
 
 
 BROKEN, LOST = "BROKEN", "LOST"
-# A warm start: the number of the problem that the motion solves, and the motion.
-Start = tuple[int, Trajectory]
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,33 +270,38 @@ class BatchTask:
         seed: The seed of its plan.
         source: A Problem, a Scenario or the path of a scenario file, as the caller gave
             it; an object of another type becomes a failed outcome.
+        settings: Settings of the batch.
+        start: Its warm start; None for a cold one.
     """
 
     index: int
     name: str
     seed: int
     source: Any
+    settings: Settings
+    start: Start | None = None
 
     def failed(self, status: str, message: str) -> Outcome:
         """The outcome of a task that was not planned."""
         return Outcome(self.index, self.name, self.seed, False, status, message)
 
 
-def _task(index: int, item: Any, seed: int) -> BatchTask:
+def _task(index: int, item: Any, settings: Settings) -> BatchTask:
     """Name a problem, and derive the seed of its plan.
 
     Args:
         index: Number of the problem.
         item: A problem, a scenario, a path, or a pair of a name and one of these.
-        seed: The seed of the batch.
+        settings: Settings of the batch.
     """
     named = isinstance(item, tuple) and len(item) == 2 and isinstance(item[0], str)
     name, source = item if named else (None, item)
     if name is None and isinstance(source, str | Path):
         name = Path(source).stem
     key = index if name is None else zlib.crc32(name.encode())
-    numbers = np.random.SeedSequence([seed, key]).generate_state(1)
-    return BatchTask(index, name or f"problem {index}", int(numbers[0]), source)
+    numbers = np.random.SeedSequence([settings.seed, key]).generate_state(1)
+    name = name or f"problem {index}"
+    return BatchTask(index, name, int(numbers[0]), source, settings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -320,12 +313,14 @@ class Settings:
             defaults.
         changes: Options by name, which take precedence over ``options``.
         folder: Folder of the results; None to store no results.
+        seed: The seed of the batch, from which those of the plans are derived.
         parent: Id of the process that hands out the work.
     """
 
     options: Options | None
     changes: Mapping[str, Any]
     folder: Path | None
+    seed: int
     parent: int = field(default_factory=os.getpid)
 
 
@@ -371,15 +366,14 @@ def _run_packed(number: int, packed: bytes) -> tuple[int, bytes]:
 
     Args:
         number: Number of the work item, which is returned, too.
-        packed: The pickle of a task, the settings and a warm start; or of the outcome
-            of a task that could not be pickled, which is returned unchanged.
+        packed: The pickle of a task; or of the outcome of a task that could not be
+            pickled, which is returned unchanged.
     """
-    message = pickle.loads(packed)
-    if isinstance(message, Outcome):
+    task = pickle.loads(packed)
+    if isinstance(task, Outcome):
         return number, packed
-    task, settings, start = message
-    _end_with(settings.parent)
-    return number, _packed(_planned(task, settings, start))
+    _end_with(task.settings.parent)
+    return number, _packed(_planned(task))
 
 
 @cache
@@ -389,14 +383,16 @@ def _end_with(handing_out: int) -> None:
         end_with(handing_out)
 
 
-def _planned(task: BatchTask, settings: Settings, start: Start | None) -> Outcome:
+def _planned(task: BatchTask) -> Outcome:
     """Plan a problem and store the result, unless a former run has stored it."""
+    settings = task.settings
     folder, text, reason, digest = settings.folder, "", "", ""
     try:
         problem, options = _problem(task.source, settings.options)
         options = options.changed(settings.changes)
         options = replace(options, callback=None, processes=1, seed=task.seed)
-        number, motion = (None, None) if problem.segments else start or (None, None)
+        start = None if problem.segments else task.start
+        number, motion = start or (None, None)
         if folder is not None:
             text, reason = _written(problem, options, folder)
             if text:
