@@ -121,23 +121,13 @@ class Place(NamedTuple):
 
     def selected(self, mask: BoolArray) -> Place:
         """The conditions on the values of a mask, shape (k,)."""
-        return Place(
-            self.value[mask],
-            self.by_q[mask],
-            self.lower[mask],
-            self.upper[mask],
-            tuple(self.labels[i] for i in np.flatnonzero(mask)),
-        )
+        labels = tuple(self.labels[i] for i in np.flatnonzero(mask))
+        return Place(*(part[mask] for part in self[:4]), labels)
 
     def joined(self, other: Place) -> Place:
         """These conditions, followed by other conditions."""
-        return Place(
-            np.concatenate([self.value, other.value]),
-            np.vstack([self.by_q, other.by_q]),
-            np.concatenate([self.lower, other.lower]),
-            np.concatenate([self.upper, other.upper]),
-            self.labels + other.labels,
-        )
+        parts = zip(self[:4], other[:4], strict=True)
+        return Place(*map(np.concatenate, parts), self.labels + other.labels)
 
 
 class Scales(NamedTuple):
