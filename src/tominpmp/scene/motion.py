@@ -84,6 +84,18 @@ class Twist(NamedTuple):
     angular: Array
 
 
+class Speeds(NamedTuple):
+    """Upper bounds on the speeds of an obstacle.
+
+    Attributes:
+        linear: Of the origin [m/s], shape (m,).
+        angular: Angular speeds [rad/s], shape (m,).
+    """
+
+    linear: Array
+    angular: Array
+
+
 class Motion(Record, ABC):
     """Motion of an obstacle: its placement at each time from 0 on [s]."""
 
@@ -119,19 +131,13 @@ class Motion(Record, ABC):
         """Velocities at times [s], shape (m,); at a jump the velocity after it."""
 
     @abstractmethod
-    def speed_bounds(
-        self, begin: Array, end: Array, start: Placement
-    ) -> tuple[Array, Array]:
+    def speed_bounds(self, begin: Array, end: Array, start: Placement) -> Speeds:
         """Upper bounds on the speeds within time intervals.
 
         Args:
             begin: Beginnings of the intervals [s], shape (m,).
             end: Ends of the intervals [s], shape (m,).
             start: Placement at time 0.
-
-        Returns:
-            Bounds on the speed of the origin [m/s] and on the angular speed [rad/s],
-            shape (m,) each.
         """
 
 
@@ -290,16 +296,14 @@ class ConstantVelocity(Motion):
         angular = np.broadcast_to(self.angular, linear.shape)
         return Twist(moving * linear, moving * angular)
 
-    def speed_bounds(
-        self, begin: Array, end: Array, start: Placement
-    ) -> tuple[Array, Array]:
+    def speed_bounds(self, begin: Array, end: Array, start: Placement) -> Speeds:
         """Largest speeds between two times."""
         turn = float(np.linalg.norm(self.angular))
         lever = float(np.linalg.norm(self._lever(start)))
         begin, end = _checked_intervals(begin, end)
         moving = (end > self.begin) & (begin < self.end)
         speed = float(np.linalg.norm(self.velocity)) + turn * lever
-        return np.where(moving, speed, 0.0), np.where(moving, turn, 0.0)
+        return Speeds(np.where(moving, speed, 0.0), np.where(moving, turn, 0.0))
 
 
 def _checked_times(value: Any, name: str) -> Array:
@@ -449,15 +453,13 @@ class Waypoints(Motion):
             angular = np.einsum("mij,mj->mi", self.rotations[k], angular)
         return Twist(linear, angular)
 
-    def speed_bounds(
-        self, begin: Array, end: Array, start: Placement
-    ) -> tuple[Array, Array]:
+    def speed_bounds(self, begin: Array, end: Array, start: Placement) -> Speeds:
         """Largest speeds between two times."""
         begin, end = _checked_intervals(begin, end)
         first = self._passed(begin)
         last = np.maximum(np.searchsorted(self.times, end, side="left"), first + 1)
         linear, angular = (np.linalg.norm(rate, axis=1) for rate in self._rates)
-        return _largest(linear, first, last), _largest(angular, first, last)
+        return Speeds(_largest(linear, first, last), _largest(angular, first, last))
 
 
 def _turns(rotations: Array) -> Array:
@@ -594,14 +596,12 @@ class PoseFunction(Motion):
                 f"the speed {speeds[k]:.6g}: expected an upper bound"
             )
 
-    def speed_bounds(
-        self, begin: Array, end: Array, start: Placement
-    ) -> tuple[Array, Array]:
+    def speed_bounds(self, begin: Array, end: Array, start: Placement) -> Speeds:
         """Bounds on the speeds within time intervals; estimates without bounds."""
         begin, end = _checked_intervals(begin, end)
         linear, angular = self.speed, self.angular_speed
         if linear is not None and angular is not None:
-            return np.full(begin.shape, linear), np.full(begin.shape, angular)
+            return Speeds(np.full(begin.shape, linear), np.full(begin.shape, angular))
         shares = np.linspace(0.0, 1.0, LOOKS)
         times = begin[:, None] + (end - begin)[:, None] * shares
         twist = self.twists(times.ravel(), start)
@@ -609,7 +609,7 @@ class PoseFunction(Motion):
             SAFETY * np.linalg.norm(rate, axis=1).reshape(times.shape).max(axis=1)
             for rate in twist
         ]
-        return (
+        return Speeds(
             estimates[0] if linear is None else np.full(begin.shape, linear),
             estimates[1] if angular is None else np.full(begin.shape, angular),
         )
