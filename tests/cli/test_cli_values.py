@@ -26,7 +26,9 @@ def test_positions_by_name(planar3r: Robot) -> None:
     base = np.array([1.0, 2.0, 3.0])
 
     def read(text: str, **options: Any) -> list[float]:
-        return positions(text, "--goal", planar3r, **options).tolist()
+        return positions(
+            ProblemOptions(goal=text), "goal", planar3r, **options
+        ).tolist()
 
     assert read("joint2=-1", base=base) == [1.0, -1.0, 3.0]
     assert read("joint3=0.1 joint1=0.2", base=base) == [0.2, 2.0, 0.1]
@@ -39,10 +41,11 @@ def test_positions_by_name(planar3r: Robot) -> None:
 
 
 def test_degrees_are_for_joints_that_turn(slider: Robot) -> None:
-    read = positions("1.5, 90", "--start", slider, degrees=True)
+    given = ProblemOptions(start="1.5, 90", goal="swing=-180", degrees=True)
+    read = positions(given, "start", slider)
     np.testing.assert_allclose(read, [1.5, math.pi / 2], rtol=1e-15)
     base = np.array([0.25, 1.0])
-    read = positions("swing=-180", "--goal", slider, base=base, degrees=True)
+    read = positions(given, "goal", slider, base=base)
     np.testing.assert_allclose(read, [0.25, -math.pi], rtol=1e-15)
     given = ProblemOptions(start_velocity="slide=2,swing=180", degrees=True)
     read = velocities(given, "start_velocity", slider)
@@ -51,7 +54,8 @@ def test_degrees_are_for_joints_that_turn(slider: Robot) -> None:
 
 
 def test_degrees_leave_group_states_alone(planar3r: Robot) -> None:
-    read = positions("start,joint1=90", "--start", planar3r, degrees=True)
+    given = ProblemOptions(start="start,joint1=90", degrees=True)
+    read = positions(given, "start", planar3r)
     np.testing.assert_allclose(read, [math.pi / 2, 1.7, -1.7], rtol=1e-15)
 
 
@@ -98,7 +102,8 @@ def test_numbers_arrive_as_they_were_typed(numbers: list[float]) -> None:
         (word,) = join_lists(words, LISTS)
         option, _, text = word.partition("=")
         assert option == "--start"
-        assert positions(text, option, robot).tolist() == numbers
+        read = positions(ProblemOptions(start=text), "start", robot)
+        assert read.tolist() == numbers
 
 
 _loaded: list[Robot] = []
@@ -135,7 +140,7 @@ def test_any_obstacle_text_is_an_obstacle_or_a_scene_error(text: str) -> None:
 @given(st.text(alphabet="startjoint123=,. -e+inf[]()\u0663\n", max_size=30))
 def test_any_positions_are_read_or_refused(text: str) -> None:
     try:
-        read = positions(text, "--start", load_robot_once())
+        read = positions(ProblemOptions(start=text), "start", load_robot_once())
     except OptionsError as error:
         assert str(error)
     else:

@@ -142,9 +142,10 @@ def joint_values(text: str, name: str) -> float | list[float] | dict[str, float]
 
 
 def _in_si(
-    values: list[float] | dict[str, float], robot: Robot, degrees: bool
+    args: ProblemOptions, name: str, items: Sequence[str], robot: Robot
 ) -> list[float] | dict[str, float]:
-    """Convert values of joints to SI units, from degrees for revolute joints."""
+    """Values of joints in words of an option, from degrees for revolute joints."""
+    values, degrees = joint_numbers(items, _flag(name)), args.degrees
     revolute = {j.name for j in robot.description.joints if j.kind != "prismatic"}
 
     def converted(name: str, value: float) -> float:
@@ -158,24 +159,18 @@ def _in_si(
 
 
 def positions(
-    text: str,
-    name: str,
-    robot: Robot,
-    *,
-    base: Array | None = None,
-    degrees: bool = False,
+    args: ProblemOptions, name: str, robot: Robot, base: Array | None = None
 ) -> Array:
-    """Read joint positions.
+    """The joint positions of an option that was typed.
 
     The text has numbers in joint order; or the name of a group state; or
     ``JOINT=VALUE`` pairs, which may follow the name of a group state.
 
     Args:
-        text: The text.
-        name: The option.
+        args: The options.
+        name: Name of the option.
         robot: The robot.
         base: Positions of joints that the text does not name, shape (n,) [rad or m].
-        degrees: Whether numbers for revolute joints are in degrees.
 
     Returns:
         Positions, shape (n,) [rad or m].
@@ -184,14 +179,15 @@ def positions(
         OptionsError: If positions are wrong, or the group state is unknown.
     """
     states = {} if robot.srdf is None else robot.srdf.group_states
+    text = getattr(args, name)
     items, table = words(text), dict[str, Any]()
     if text.strip() in states:
         items, table["state"] = [], text.strip()
     elif number(items[0]) is None and "=" not in items[0]:
         table["state"] = items.pop(0)
     if items:
-        table["q"] = _in_si(joint_numbers(items, name), robot, degrees)
-    return scenario.positions(Typed(table, key=name), robot, base)
+        table["q"] = _in_si(args, name, items, robot)
+    return scenario.positions(Typed(table, key=_flag(name)), robot, base)
 
 
 def obstacle(text: str) -> Obstacle:
@@ -414,7 +410,7 @@ def _typed_problem(name: str, args: ProblemOptions) -> Problem:
         flags = " or ".join(map(_flag, GOALS))
         raise ProblemError(f"{message}: give {flags}", "goal")
     scene = _obstacles(args, robot)
-    q_start = positions(args.start, "--start", robot, degrees=args.degrees)
+    q_start = positions(args, "start", robot)
     v_start = velocities(args, "start_velocity", robot)
     goal = _goal(args, robot, q_start)
     more = _changes(args, robot, {})
@@ -441,7 +437,7 @@ def _degrees_hint(args: ProblemOptions, robot: Robot, q: Array, goal: Goal) -> s
 def _goal(args: ProblemOptions, robot: Robot, q_start: Array) -> Goal:
     text = args.goal_velocity
     if args.goal is not None:
-        q = positions(args.goal, "--goal", robot, base=q_start, degrees=args.degrees)
+        q = positions(args, "goal", robot, q_start)
         return JointGoal(q, velocities(args, "goal_velocity", robot), wrap=_wrap(args))
     if args.wrap is not None:
         raise OptionsError("--wrap is about the joints of a --goal", "--wrap")
@@ -467,11 +463,11 @@ def velocities(args: ProblemOptions, name: str, robot: Robot) -> Array | None:
     Raises:
         OptionsError: If a word is no number, or a joint is unknown or named twice.
     """
-    text, flag = getattr(args, name), _flag(name)
+    text = getattr(args, name)
     if text is None:
         return None
-    values = _in_si(joint_numbers(words(text), flag), robot, args.degrees)
-    return scenario.vector(Typed(values, key=flag), robot)
+    values = _in_si(args, name, words(text), robot)
+    return scenario.vector(Typed(values, key=_flag(name)), robot)
 
 
 def _refuse(what: str, args: RobotOptions, keep: Collection[str] = ()) -> None:
