@@ -122,12 +122,13 @@ class Place(NamedTuple):
     def selected(self, mask: BoolArray) -> Place:
         """The conditions on the values of a mask, shape (k,)."""
         labels = tuple(self.labels[i] for i in np.flatnonzero(mask))
-        return Place(*(part[mask] for part in self[:4]), labels)
+        return Place._make([*(part[mask] for part in self[:4]), labels])
 
     def joined(self, other: Place) -> Place:
         """These conditions, followed by other conditions."""
-        parts = zip(self[:4], other[:4], strict=True)
-        return Place(*map(np.concatenate, parts), self.labels + other.labels)
+        pairs = zip(self[:4], other[:4], strict=True)
+        labels = self.labels + other.labels
+        return Place._make([*map(np.concatenate, pairs), labels])
 
 
 class Scales(NamedTuple):
