@@ -148,10 +148,10 @@ def _scenarios_in(source: str | Path) -> list[tuple[str, Path]]:
     if path.is_dir():
         folder, scenarios = path, sorted(path.rglob(f"*{ENDING}"))
     else:
-        content = read_toml(path)
+        document = read_toml(path)
+        content = document.table()
         if "problems" not in content and any(key in content for key in SECTIONS):
             return [(path.stem, path)]
-        document = Field(content, path)
         document.only("problems")
         for item in document.need("problems").items():
             files = _matching(folder, item.text())

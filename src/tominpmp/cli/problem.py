@@ -281,7 +281,7 @@ def load_problem(
     changes = partial(_changes, args)
     if is_scenario(robot):
         _refuse("a scenario file", args, ALLOWED)
-        loaded = scenario.changed_scenario(robot, changes)
+        loaded = scenario.read_scenario(scenario.read_toml(robot), changes)
         return loaded.problem, replace(loaded.options, **typed)
     if args.request is not None:
         if args.scene is None:

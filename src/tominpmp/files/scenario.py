@@ -745,16 +745,17 @@ def load_scenario(path: str | Path) -> Scenario:
     Raises:
         ScenarioError: If the file, or the problem in it, is wrong; names the key.
     """
-    return changed_scenario(path, lambda robot, conditions: {})
+    return read_scenario(read_toml(path))
 
 
-def changed_scenario(
-    path: str | Path, changes: Callable[[Robot, Mapping[str, Any]], dict[str, Any]]
+def read_scenario(
+    document: Field,
+    changes: Callable[[Robot, Mapping[str, Any]], dict[str, Any]] = lambda *_: {},
 ) -> Scenario:
-    """Load a scenario file whose problem has other conditions.
+    """Read the content of a scenario file; its problem may have other conditions.
 
     Args:
-        path: As for :func:`load_scenario`.
+        document: The whole file.
         changes: Finds the arguments of the problem that go before those of the file,
             from the robot and from these.
 
@@ -762,8 +763,6 @@ def changed_scenario(
         ScenarioError: As :func:`load_scenario`.
         TominpmpError: If an argument that goes before those of the file is wrong.
     """
-    path = checked_path(path, "path", ScenarioError)
-    document = Field(read_toml(path), path)
     document.only(*SECTIONS)
     robot = read_robot(document.need("robot"))
     options = read_options(document.get("options"))
@@ -913,17 +912,30 @@ def scenario_text(
     return text
 
 
-def read_toml(path: Path) -> dict[str, Any]:
+def read_toml(path: str | Path) -> Field:
     """Read a TOML file.
 
     Raises:
         ScenarioError: If the file is missing or not TOML.
     """
-    content = read_bytes(path, MAX_BYTES)
+    path = checked_path(path, "path", ScenarioError)
+    return parse_toml(read_bytes(path, MAX_BYTES), path)
+
+
+def parse_toml(content: bytes, path: Path) -> Field:
+    """Parse the content of a TOML file.
+
+    Args:
+        content: The content.
+        path: The file; paths in it are relative to its folder.
+
+    Raises:
+        ScenarioError: If the content is not TOML.
+    """
     if re.search(rb"[0-9_]{%d}" % MAX_DIGITS, content):
         raise ScenarioError(f"{path} holds a number of {MAX_DIGITS} digits", path)
     try:
-        return tomllib.loads(content.decode("utf-8-sig"))
+        return Field(tomllib.loads(content.decode("utf-8-sig")), path)
     except (ValueError, RecursionError) as error:
         raise ScenarioError(f"{path} is no TOML: {error}", path) from error
 

@@ -31,7 +31,7 @@ from tominpmp.checks import whole
 from tominpmp.description.paths import checked_path
 from tominpmp.dynamics import torques_of
 from tominpmp.exceptions import BRIEF, ScenarioError, brief, optional, shortened
-from tominpmp.files.scenario import Scenario, load_scenario
+from tominpmp.files.scenario import Scenario, parse_toml, read_scenario
 from tominpmp.files.writing import write_file
 from tominpmp.motion.trajectory import MAX_SAMPLES, Trajectory
 from tominpmp.options import Options
@@ -250,12 +250,8 @@ class Entry(Record):
             reason = self.about.get("no_scenario") or "it was never made"
             raise ScenarioError(f"{self.path} holds no problem: {reason}", self.path)
         # Paths in it are relative to the folder of the results.
-        temporary = self.path.parent.parent / f".{self.path.stem}.toml"
-        write_file(temporary, lambda file: file.write(self.scenario.encode()))
-        try:
-            return load_scenario(temporary)
-        finally:
-            temporary.unlink(missing_ok=True)
+        place = self.path.parent.parent / f".{self.path.stem}.toml"
+        return read_scenario(parse_toml(self.scenario.encode(), place))
 
     def sampled(self, count: int) -> Array:
         """The motion at instants equally spaced in time, shape (count, 3 n).

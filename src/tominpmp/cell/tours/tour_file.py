@@ -42,8 +42,7 @@ from typing import Any
 from tominpmp.arrays import Array
 from tominpmp.cell.tours.station import Station
 from tominpmp.description.fields import Field
-from tominpmp.description.paths import checked_path
-from tominpmp.exceptions import ProblemError, ScenarioError, brief
+from tominpmp.exceptions import ProblemError, brief
 from tominpmp.files import scenario
 from tominpmp.robot.robot import Robot
 
@@ -66,8 +65,7 @@ def load_tour(path: str | Path) -> dict[str, Any]:
     Raises:
         ScenarioError: If the file or its content is wrong, with the key.
     """
-    path = checked_path(path, "path", ScenarioError)
-    document = Field(scenario.read_toml(path), path)
+    document = scenario.read_toml(path)
     document.only(*SECTIONS)
     robot = scenario.read_robot(document.need("robot"))
     options, start = document.get("options"), document.need("start")
