@@ -127,6 +127,16 @@ CHUNK = 8_192
 STARTS, MORE_STARTS = 24, 400
 # Number of nearby stations whose configurations are starts for a station.
 NEIGHBOURS = 4
+# Rounds of the refinement, random trials of a station in each round, and the radius of
+# the trials in the first round [rad].
+ROUNDS = 24
+TRIALS = 4
+RADIUS = 0.4
+# Factor by which the radius shrinks, and the gain of a round, as a share of the time,
+# below which it does.
+SHRINK, LEAST_GAIN = 0.6, 2e-3
+# Radius at which the refinement ends [rad].
+LEAST_RADIUS = 2e-3
 
 
 class Configurations:
@@ -326,6 +336,70 @@ class Configurations:
             chosen.append(int(np.argmax(apart)))
         return np.asarray(rows[sorted(chosen)])
 
+    def refined(
+        self, table: LegTable, places: Sequence[tuple[int, int]]
+    ) -> list[Array]:
+        """Improve the configurations of a tour in a given order.
+
+        Args:
+            table: Estimates of the times of legs.
+            places: The nodes of the tour in their order, with the index of a
+                configuration of each.
+
+        Returns:
+            A configuration of each place, shape (n,) each [rad or m].
+        """
+        goals, nodes = self.goals, [node for node, _ in places]
+        # Stations whose goals leave the configuration free, by their places.
+        searched = {
+            k: g
+            for k, g in enumerate(map(table.station, nodes))
+            if g is not None and goals[g].configuration is None
+        }
+        route, radius, before = [table.nodes[k][c] for k, c in places], RADIUS, np.inf
+        for _ in range(ROUNDS if searched else 0):
+            starts = [self._around(route, k, radius) for k in searched]
+            place = np.repeat([*searched], [len(rows) for rows in starts])
+            which: IntArray = np.array([searched[k] for k in place.tolist()])
+            q, good = self.projected(np.concatenate(starts), which)
+            q, place = q[good], place[good]
+            choices = [
+                np.concatenate([row[None], q[place == k]])
+                for k, row in enumerate(route)
+            ]
+            now, bad = 0.0, [(0, 0)]
+            while bad:
+                trial = table.along(nodes, choices)
+                now, chosen = trial.best_configurations(range(len(nodes)))
+                # Collision checks are dear: only chosen configurations are checked.
+                bad = [
+                    (k, chosen[k])
+                    for k, g in searched.items()
+                    if chosen[k] and not self.free(choices[k][[chosen[k]]], g)[0]
+                ]
+                for k, c in bad:
+                    choices[k] = np.delete(choices[k], c, axis=0)
+            route = [choices[k][c] for k, c in enumerate(chosen)]
+            if now > before * (1.0 - LEAST_GAIN):
+                radius *= SHRINK
+            if radius < LEAST_RADIUS:
+                break
+            before = now
+        return route
+
+    def _around(self, route: Sequence[Array], k: int, radius: float) -> Array:
+        """Starts for other configurations of a place of a tour, shape (m, n)."""
+        here, before = route[k], route[k - 1]
+        aims = [before, before]
+        if k + 1 < len(route):
+            aims = [before, route[k + 1], 0.5 * (before + route[k + 1])]
+        # Steps are at most twice the radius, so that the arm keeps its branch.
+        steps = np.stack(aims) - here
+        longest = np.max(np.abs(steps), axis=1, keepdims=True, initial=0.0)
+        steps *= np.minimum(1.0, 2.0 * radius / np.maximum(longest, 1e-300))
+        random = here + radius * self.rng.uniform(-1.0, 1.0, (TRIALS, here.size))
+        return np.concatenate([here + steps, random])
+
     def unreached(self, g: int) -> str:
         """The reason why no configuration was found for a station, in a clause."""
         starts = self._random(np.random.default_rng(0), g, 60)
@@ -376,84 +450,3 @@ def distinct(rows: Array) -> Array:
             continue
         chosen.append(i)
     return rows[chosen]
-
-
-# Rounds of the refinement, random trials of a station in each round, and the radius of
-# the trials in the first round [rad].
-ROUNDS = 24
-TRIALS = 4
-RADIUS = 0.4
-# Factor by which the radius shrinks, and the gain of a round, as a share of the time,
-# below which it does.
-SHRINK, LEAST_GAIN = 0.6, 2e-3
-# Radius at which the refinement ends [rad].
-LEAST_RADIUS = 2e-3
-
-
-def refined(
-    configurations: Configurations, table: LegTable, places: Sequence[tuple[int, int]]
-) -> list[Array]:
-    """Improve the configurations of a tour in a given order.
-
-    Args:
-        configurations: The search for configurations of the stations.
-        table: Estimates of the times of legs.
-        places: The nodes of the tour in their order, with the index of a configuration
-            of each.
-
-    Returns:
-        A configuration of each place, shape (n,) each [rad or m].
-    """
-    goals, rng = configurations.goals, configurations.rng
-    nodes = [node for node, _ in places]
-    # Stations whose goals leave the configuration free, by their places.
-    searched = {
-        k: g
-        for k, g in enumerate(map(table.station, nodes))
-        if g is not None and goals[g].configuration is None
-    }
-    route, radius, before = [table.nodes[k][c] for k, c in places], RADIUS, np.inf
-    for _ in range(ROUNDS if searched else 0):
-        starts = [_around(route, k, radius, rng) for k in searched]
-        place = np.repeat([*searched], [len(rows) for rows in starts])
-        which: IntArray = np.array([searched[k] for k in place.tolist()])
-        q, good = configurations.projected(np.concatenate(starts), which)
-        q, place = q[good], place[good]
-        choices = [
-            np.concatenate([row[None], q[place == k]]) for k, row in enumerate(route)
-        ]
-        now, bad = 0.0, [(0, 0)]
-        while bad:
-            trial = table.along(nodes, choices)
-            now, chosen = trial.best_configurations(range(len(nodes)))
-            # Collision checks are dear: only chosen configurations are checked.
-            bad = [
-                (k, chosen[k])
-                for k, g in searched.items()
-                if chosen[k] and not configurations.free(choices[k][[chosen[k]]], g)[0]
-            ]
-            for k, c in bad:
-                choices[k] = np.delete(choices[k], c, axis=0)
-        route = [choices[k][c] for k, c in enumerate(chosen)]
-        if now > before * (1.0 - LEAST_GAIN):
-            radius *= SHRINK
-        if radius < LEAST_RADIUS:
-            break
-        before = now
-    return route
-
-
-def _around(
-    route: Sequence[Array], k: int, radius: float, rng: np.random.Generator
-) -> Array:
-    """Starts for other configurations of a place of a tour, shape (m, n)."""
-    here, before = route[k], route[k - 1]
-    aims = [before, before]
-    if k + 1 < len(route):
-        aims = [before, route[k + 1], 0.5 * (before + route[k + 1])]
-    # Steps are at most twice the radius, so that the arm keeps its branch.
-    steps = np.stack(aims) - here
-    longest = np.max(np.abs(steps), axis=1, keepdims=True, initial=0.0)
-    steps *= np.minimum(1.0, 2.0 * radius / np.maximum(longest, 1e-300))
-    random = here + radius * rng.uniform(-1.0, 1.0, (TRIALS, here.size))
-    return np.concatenate([here + steps, random])

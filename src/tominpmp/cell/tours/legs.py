@@ -149,6 +149,8 @@ def _with_jerk(distance: Array, v: Array, a: Array, jerk: Array) -> Array:
 
 # A leg: node and configuration of its begin, node and configuration of its end.
 Leg = tuple[int, int, int, int]
+# Indices of the stations where a leg begins and ends; None for those of the tour.
+Ends = tuple[int | None, int | None]
 
 
 @dataclass(eq=False)
@@ -344,9 +346,7 @@ class Legs:
     planned: int = 0
     errors: list[str] = field(default_factory=list)
     motions: dict[Leg, Solution | None] = field(default_factory=dict)
-    _settings: dict[tuple[int | None, int | None], Problem] = field(
-        default_factory=dict
-    )
+    _settings: dict[Ends, Problem] = field(default_factory=dict)
 
     # -- problems of legs --------------------------------------------------------------
 
@@ -370,7 +370,7 @@ class Legs:
             self._settings[key] = carrying(self.problem, payload, touch)
         return self._settings[key]
 
-    def _problem(self, leg: Leg, begin: int | None, end: int | None) -> Problem:
+    def _problem(self, leg: Leg, ends: Ends) -> Problem:
         """The problem of a leg between two stations.
 
         Raises:
@@ -378,7 +378,7 @@ class Legs:
         """
         q_start, q_end = self.table.rows(leg)
         goal = JointGoal(q_end, wrap=False)
-        return self._setting(begin, end).with_ends(q_start, goal)
+        return self._setting(*ends).with_ends(q_start, goal)
 
     def stays(self, leg: Leg) -> bool:
         """Whether a leg begins and ends at the same configuration."""
@@ -399,22 +399,21 @@ class Legs:
         if leg not in self.motions:
             check()
             ends = self.table.station(leg[0]), self.table.station(leg[2])
-            self.motions[leg] = self._solved(partial(self._problem, leg, *ends), *ends)
+            self.motions[leg] = self._solved(partial(self._problem, leg, ends), ends)
         return self.motions[leg]
 
     def _solved(
-        self, make_problem: Callable[[], Problem], begin: int | None, end: int | None
+        self, make_problem: Callable[[], Problem], ends: Ends
     ) -> Solution | None:
         """The direct motion, or a motion planned in the remaining time.
 
         Args:
             make_problem: Makes the problem; its errors are noted.
-            begin: Index of the station where the motion begins; None for the start.
-            end: Index of the station where it ends; None for the end of the tour.
+            ends: Indices of the stations where the motion begins and ends.
         """
         named = [
             other if k is None else label_of(k + 1, self.stations[k].name)
-            for k, other in ((begin, "the start"), (end, "the end"))
+            for k, other in zip(ends, ("the start", "the end"), strict=True)
         ]
         where = f"from {named[0]} to {named[1]}: "
         try:
@@ -472,4 +471,4 @@ class Legs:
             begin, end = q[0], goals[-1]
             return replace(self.problem, q_start=begin, goal=end, segments=segments)
 
-        return self._solved(make_problem, indices[0], indices[-1])
+        return self._solved(make_problem, (indices[0], indices[-1]))

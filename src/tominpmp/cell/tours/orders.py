@@ -127,8 +127,8 @@ def search_order(
     """
     order, length, rules = list(begin), np.inf, table.rules
     if not order:
-        first = _OrderSearch(_least_times(table), rules)
-        order = first.improved([], HOT, STEPS, rng)
+        first = _OrderSearch(_least_times(table), rules, rng)
+        order = first.improved([], HOT, STEPS)
     for left in range(ROUNDS, -1, -1):
         before = length
         length, chosen = table.best_configurations(table.way(order))
@@ -136,8 +136,8 @@ def search_order(
             break
         by_node = np.zeros(len(table.nodes), dtype=int)
         by_node[table.way(order)] = chosen
-        search = _OrderSearch(table.fixed(by_node.tolist()), rules)
-        order = search.improved(order, WARM, FEW_STEPS, rng)
+        search = _OrderSearch(table.fixed(by_node.tolist()), rules, rng)
+        order = search.improved(order, WARM, FEW_STEPS)
     if not rules.allow(order):
         return np.inf, (), ()
     return length, tuple(order), tuple(chosen)
@@ -160,9 +160,10 @@ class _OrderSearch:
     Args:
         cost: Times between the nodes, shape (m, m); the start is node 0.
         rules: Orders that are allowed, and whether the last node is the end.
+        rng: Random numbers.
     """
 
-    def __init__(self, cost: Array, rules: Rules) -> None:
+    def __init__(self, cost: Array, rules: Rules, rng: np.random.Generator) -> None:
         n = rules.count
         cost = np.where(np.isfinite(cost), cost, FORBIDDEN)
         if not rules.ends:
@@ -171,7 +172,7 @@ class _OrderSearch:
         for i, allowed in rules.then.items():
             others = [j + 1 for j in range(n) if j not in allowed]
             cost[i + 1, [*others, n + 1]] = FORBIDDEN
-        self.cost, self.n = cost, n
+        self.cost, self.n, self.rng = cost, n, rng
         inner = cost[1 : n + 1, 1 : n + 1]
         self.near = np.argsort(inner + inner.T, axis=1, kind="stable") + 1
         # By node, the nodes that have to precede it.
@@ -182,25 +183,22 @@ class _OrderSearch:
         """Time of a path over nodes, from the start to the end."""
         return float(np.sum(self.cost[path[:-1], path[1:]]))
 
-    def improved(
-        self, order: Sequence[int], hot: float, steps: int, rng: np.random.Generator
-    ) -> list[int]:
+    def improved(self, order: Sequence[int], hot: float, steps: int) -> list[int]:
         """A shorter order of the stations, or the same order.
 
         Args:
             order: The stations in their order; missing stations are inserted first.
             hot: Initial temperature, as a share of the mean leg.
             steps: Number of removals, for each station.
-            rng: Random numbers.
         """
-        path = [0, *(k + 1 for k in order), self.n + 1]
+        rng, path = self.rng, [0, *(k + 1 for k in order), self.n + 1]
         missing = sorted({*range(1, self.n + 1)} - {*path})
         self._insert(path, rng.permutation(missing).tolist())
         best, length = path, self.length(path)
         least, mean = length, min(length, FORBIDDEN) / (self.n + 1)
         for step in range(steps * self.n if self.n > 1 else 0):
             check()
-            removed = self._stretches(path, rng)
+            removed = self._stretches(path)
             trial = [node for node in path if node not in removed]
             skipped = rng.random((len(removed), len(path))) < SKIPPED
             self._insert(trial, rng.permutation(sorted(removed)).tolist(), skipped)
@@ -213,17 +211,17 @@ class _OrderSearch:
                     best, least = path, length
         return [node - 1 for node in best[1:-1]]
 
-    def _stretches(self, path: Sequence[int], rng: np.random.Generator) -> set[int]:
+    def _stretches(self, path: Sequence[int]) -> set[int]:
         """Nodes to be removed: stretches of the path about neighbours of one node."""
-        most = int(rng.integers(1, min(self.n, MOST_REMOVED) + 1))
-        size = int(rng.integers(1, most + 1))
+        most = int(self.rng.integers(1, min(self.n, MOST_REMOVED) + 1))
+        size = int(self.rng.integers(1, most + 1))
         place = {node: k for k, node in enumerate(path)}
         removed: set[int] = set()
-        for node in self.near[rng.integers(self.n)].tolist():
+        for node in self.near[self.rng.integers(self.n)].tolist():
             if len(removed) >= most:
                 break
             if node not in removed:
-                first = max(1, place[node] - int(rng.integers(size)))
+                first = max(1, place[node] - int(self.rng.integers(size)))
                 removed.update(path[first : min(first + size, len(path) - 1)])
         return removed
 

@@ -21,7 +21,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.bounds.result import LowerBound
-from tominpmp.cell.tours.configurations import Configurations, refined
+from tominpmp.cell.tours.configurations import Configurations
 from tominpmp.cell.tours.legs import DIRECT, JointTimes, Leg, Legs, LegTable
 from tominpmp.cell.tours.lower_bound import tour_bound
 from tominpmp.cell.tours.orders import best_order
@@ -167,7 +167,7 @@ class TourSearch:
     def _refine(self, route: Route) -> bool:
         """Add better configurations for an order; return whether there are any."""
         nodes, improved = self.table.nodes, False
-        better = refined(self.configurations, self.table, route)
+        better = self.configurations.refined(self.table, route)
         for (node, _), new in zip(route, better, strict=True):
             if np.min(np.max(np.abs(nodes[node] - new), axis=1)) > APART:
                 nodes[node] = np.concatenate([nodes[node], new[None]])
