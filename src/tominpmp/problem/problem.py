@@ -26,7 +26,6 @@ from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits, kinds_of
 from tominpmp.notebook import card, skeletons, table
-from tominpmp.problem import state_checks
 from tominpmp.problem.controls import control_bounds, durations_alone
 from tominpmp.problem.segments import (
     SOME_GOAL,
@@ -37,6 +36,7 @@ from tominpmp.problem.segments import (
     check_names,
     checked_segments,
 )
+from tominpmp.problem.state_checks import StateChecks, joint_vector, onto_limits
 from tominpmp.robot.robot import Robot, datasheet_hint
 from tominpmp.scene.scene import Scene, SceneLike, as_scene
 
@@ -129,7 +129,7 @@ class Problem(Record):
             self._keep(segments=self._aiming_at([phase.goal for phase in phases]))
             self._keep(goal=self.segments[-1].goal)
         else:
-            state_checks.check_start(self, self.q_start, self.v_start)
+            self._checks.start(self.q_start, self.v_start)
             snapped_goals = self._take_goal(self.goal)
         for message in (*snapped, *snapped_goals):
             warn_caller(message)
@@ -231,18 +231,16 @@ class Problem(Record):
         goal = segment.goal if last else segment.goal_on_the_way()
         goal.validate(robot)
         if number == 0:
-            state_checks.check_start(phase, q_start, phase.v_start)
+            phase._checks.start(q_start, phase.v_start)
         elif self.segments[number - 1].goal.configuration is not None:
             if not same:
-                state_checks.check_clear(phase, q_start, "start", later=True)
+                phase._checks.clear(q_start, "start", later=True)
             passing = not self.segments[number - 1].stop
-            state_checks.check_constraints(
-                phase, q_start, phase.v_start, "start", passing=passing
-            )
+            phase._checks.admit(q_start, phase.v_start, "start", passing=passing)
         rests = goal is segment.goal
         before = self.segments[number - 1].goal if number else None
         wrapped = phase._wrapped(segment.goal, before)
-        checked_goal, messages = state_checks.checked_goal(phase, wrapped, rests)
+        checked_goal, messages = phase._checks.goal(wrapped, rests)
         if not rests:
             checked_goal = passed(checked_goal)
         phase._keep(goal=checked_goal)
@@ -268,8 +266,7 @@ class Problem(Record):
 
     def _take_goal(self, goal: Goal) -> list[str]:
         """Check a goal and keep it, with its nearest joint angles; returns warnings."""
-        wrapped = self._wrapped(goal)
-        checked_goal, messages = state_checks.checked_goal(self, wrapped)
+        checked_goal, messages = self._checks.goal(self._wrapped(goal))
         self._keep(goal=checked_goal)
         return messages
 
@@ -304,14 +301,21 @@ class Problem(Record):
             v, most = np.ones_like(v), 1 + 2 * angles.size
         return goal.wrapped(robot, near, v, most)
 
+    @property
+    def _checks(self) -> StateChecks:
+        """Checks of starts and goals, which need no planning."""
+        return StateChecks(
+            self.robot, self.scene, self.checker, self.margin, self.ready_constraints
+        )
+
     def _snap_start(self) -> list[str]:
         """Move the start onto limits that it exceeds by rounding; returns warnings."""
-        q = state_checks.joint_vector(self.robot, self.q_start, "q_start")
+        q = joint_vector(self.robot, self.q_start, "q_start")
         v = np.zeros_like(q)
         if self.v_start is not None:
-            v = state_checks.joint_vector(self.robot, self.v_start, "v_start")
-        q, of_q = state_checks.onto_limits(self.robot, "position", q, "q_start")
-        v, of_v = state_checks.onto_limits(self.robot, "velocity", v, "v_start")
+            v = joint_vector(self.robot, self.v_start, "v_start")
+        q, of_q = onto_limits(self.robot, "position", q, "q_start")
+        v, of_v = onto_limits(self.robot, "velocity", v, "v_start")
         self._keep(q_start=frozen_array(q), v_start=frozen_array(v))
         return of_q + of_v
 
@@ -421,7 +425,7 @@ class Problem(Record):
         snapped = other._snap_start()
         goal = goal.resolved(self.robot, other.q_start)
         goal.validate(self.robot)
-        state_checks.check_start(other, other.q_start, other.v_start)
+        other._checks.start(other.q_start, other.v_start)
         for message in (*snapped, *other._take_goal(goal)):
             warn_caller(where + message)
         return other
