@@ -84,7 +84,7 @@ class Twist(NamedTuple):
     angular: Array
 
 
-class Speeds(NamedTuple):
+class SpeedBounds(NamedTuple):
     """Upper bounds on the speeds of an obstacle.
 
     Attributes:
@@ -131,7 +131,7 @@ class Motion(Record, ABC):
         """Velocities at times [s], shape (m,); at a jump the velocity after it."""
 
     @abstractmethod
-    def speed_bounds(self, begin: Array, end: Array, start: Placement) -> Speeds:
+    def speed_bounds(self, begin: Array, end: Array, start: Placement) -> SpeedBounds:
         """Upper bounds on the speeds within time intervals.
 
         Args:
@@ -296,14 +296,14 @@ class ConstantVelocity(Motion):
         angular = np.broadcast_to(self.angular, linear.shape)
         return Twist(moving * linear, moving * angular)
 
-    def speed_bounds(self, begin: Array, end: Array, start: Placement) -> Speeds:
+    def speed_bounds(self, begin: Array, end: Array, start: Placement) -> SpeedBounds:
         """Largest speeds between two times."""
         turn = float(np.linalg.norm(self.angular))
         lever = float(np.linalg.norm(self._lever(start)))
         begin, end = _checked_intervals(begin, end)
         moving = (end > self.begin) & (begin < self.end)
         speed = float(np.linalg.norm(self.velocity)) + turn * lever
-        return Speeds(np.where(moving, speed, 0.0), np.where(moving, turn, 0.0))
+        return SpeedBounds(np.where(moving, speed, 0.0), np.where(moving, turn, 0.0))
 
 
 def _checked_times(value: Any, name: str) -> Array:
@@ -453,13 +453,13 @@ class Waypoints(Motion):
             angular = np.einsum("mij,mj->mi", self.rotations[k], angular)
         return Twist(linear, angular)
 
-    def speed_bounds(self, begin: Array, end: Array, start: Placement) -> Speeds:
+    def speed_bounds(self, begin: Array, end: Array, start: Placement) -> SpeedBounds:
         """Largest speeds between two times."""
         begin, end = _checked_intervals(begin, end)
         first = self._passed(begin)
         last = np.maximum(np.searchsorted(self.times, end, side="left"), first + 1)
-        linear, angular = (np.linalg.norm(rate, axis=1) for rate in self._rates)
-        return Speeds(_largest(linear, first, last), _largest(angular, first, last))
+        speeds = (np.linalg.norm(rate, axis=1) for rate in self._rates)
+        return SpeedBounds(*(_largest(each, first, last) for each in speeds))
 
 
 def _turns(rotations: Array) -> Array:
@@ -596,23 +596,20 @@ class PoseFunction(Motion):
                 f"the speed {speeds[k]:.6g}: expected an upper bound"
             )
 
-    def speed_bounds(self, begin: Array, end: Array, start: Placement) -> Speeds:
+    def speed_bounds(self, begin: Array, end: Array, start: Placement) -> SpeedBounds:
         """Bounds on the speeds within time intervals; estimates without bounds."""
         begin, end = _checked_intervals(begin, end)
-        linear, angular = self.speed, self.angular_speed
-        if linear is not None and angular is not None:
-            return Speeds(np.full(begin.shape, linear), np.full(begin.shape, angular))
-        shares = np.linspace(0.0, 1.0, LOOKS)
-        times = begin[:, None] + (end - begin)[:, None] * shares
-        twist = self.twists(times.ravel(), start)
-        estimates = [
-            SAFETY * np.linalg.norm(rate, axis=1).reshape(times.shape).max(axis=1)
-            for rate in twist
-        ]
-        return Speeds(
-            estimates[0] if linear is None else np.full(begin.shape, linear),
-            estimates[1] if angular is None else np.full(begin.shape, angular),
-        )
+        stated = self.speed, self.angular_speed
+        bounds = [np.full(begin.shape, np.nan if x is None else x) for x in stated]
+        if None in stated:
+            shares = np.linspace(0.0, 1.0, LOOKS)
+            times = begin[:, None] + (end - begin)[:, None] * shares
+            rates = self.twists(times.ravel(), start)
+            looks = [np.linalg.norm(x, axis=1).reshape(times.shape) for x in rates]
+            for bound, speeds in zip(bounds, looks, strict=True):
+                estimate = SAFETY * speeds.max(axis=1)
+                bound[:] = np.where(np.isnan(bound), estimate, bound)
+        return SpeedBounds(*bounds)
 
 
 def as_motion(value: object) -> Motion:

@@ -37,7 +37,7 @@ from tominpmp.scene.motion import (
     ConstantVelocity,
     Motion,
     Placement,
-    Speeds,
+    SpeedBounds,
     Twist,
     as_motion,
     triple,
@@ -177,7 +177,7 @@ class Obstacle(Record):
         with self._named():
             return (self.motion or REST).twists(times, self._start)
 
-    def speed_bounds(self, begin: Array, end: Array) -> Speeds:
+    def speed_bounds(self, begin: Array, end: Array) -> SpeedBounds:
         """Upper bounds on the speeds between times [s], shape (m,) each.
 
         Returns:
