@@ -13,7 +13,7 @@ evaluated.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -51,6 +51,8 @@ from tominpmp.motion.trajectory import Trajectory
 # :mod:`~tominpmp.files.tables`, the second messages with as many values as YAML may
 # have [bytes].
 MAX_BYTES, MAX_MESSAGE = 2**28, 2**26
+# What is said of other endings.
+NOT_KEPT = "motions are not kept as"
 
 
 def export(
@@ -88,7 +90,7 @@ def export(
         MissingDependency: If a package for bags is not installed.
     """
     instance(trajectory, Trajectory, "trajectory")
-    write = _chosen(WRITERS, path)
+    write = WRITERS[checked_ending(path, WRITERS, NOT_KEPT)]
     check_options(path, with_effort, message)
     samples = file_samples(trajectory, path, dt, with_effort=with_effort)
     for key, (row, joint) in _not_finite(samples):
@@ -188,7 +190,7 @@ def read_motion(
     Returns:
         The samples; and the ROS message as plain values, None for other files.
     """
-    read = _chosen(READERS, path)
+    read = READERS[checked_ending(path, READERS, NOT_KEPT)]
     if interpolation is not None:
         check_interpolation(interpolation)
     path = checked_path(path)
@@ -205,12 +207,6 @@ def read_motion(
     if interpolation is not None:
         samples = replace(samples, interpolation=interpolation)
     return samples, message
-
-
-def _chosen(
-    table: Mapping[str, Callable[..., Any]], path: str | Path
-) -> Callable[..., Any]:
-    return table[checked_ending(path, table, "motions are not kept as")]
 
 
 def _checked(samples: Samples, path: Path) -> Samples:

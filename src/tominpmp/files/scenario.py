@@ -79,7 +79,7 @@ from __future__ import annotations
 import re
 import tempfile
 import warnings
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -310,7 +310,7 @@ def _row(value: Field, robot: Robot, known: dict[str, float]) -> Array:
 SEGMENT_KEYS = tuple(field.name for field in fields(Segment))
 
 
-def read_segments(table: Field, robot: Robot, q_start: Array) -> tuple[Segment, ...]:
+def _read_segments(table: Field, robot: Robot, q_start: Array) -> tuple[Segment, ...]:
     """Read the segments of a problem.
 
     Args:
@@ -340,15 +340,12 @@ def _read_segment(table: Field, robot: Robot, before: Array | None) -> Segment:
         key_of(table, error.field).fail(str(error))
     with blaming(table.get("payload")):
         loaded = segment.robot(robot)
-    check_names(table, loaded, segment.goal, segment.constraints)
+    _check_names(table, loaded, segment.goal, conditions)
     return segment
 
 
-def check_names(
-    table: Field,
-    robot: Robot,
-    goal: Goal | None,
-    constraints: Sequence[PathConstraint],
+def _check_names(
+    table: Field, robot: Robot, goal: Goal | None, conditions: Mapping[str, Any]
 ) -> None:
     """Check that a robot has the frames and joints that a table names.
 
@@ -356,12 +353,13 @@ def check_names(
         table: Table of a scenario or a segment.
         robot: The robot, with the payload of the segment.
         goal: Goal in the table, if there is one.
-        constraints: Constraints in the table.
+        conditions: What :func:`read_conditions` made of the table.
 
     Raises:
         ScenarioError: If the robot lacks a frame or joint.
     """
     parts: list[tuple[Field, Any]] = [(table.get("goal"), goal)] if goal else []
+    constraints = conditions.get("constraints", ())
     parts += zip(table.get("constraints").items(), constraints, strict=True)
     for item, part in parts:
         with blaming(item):
@@ -646,7 +644,7 @@ def robot_table(
     return table | _overrides(robot, locked)
 
 
-def check_given_back(
+def _check_given_back(
     robot: Robot, table: Mapping[str, Any], path: Path, files: dict[str, bytes]
 ) -> None:
     """Check that a robot that is written and loaded again is the same.
@@ -773,9 +771,9 @@ def read_scenario(
     if target.value is None and not document.get("segments").given:
         target.fail("is missing, and there are no segments; expected one or the other")
     goal = None if target.value is None else read_goal(target, robot, q_start)
-    segments = read_segments(document.get("segments"), robot, q_start)
+    segments = _read_segments(document.get("segments"), robot, q_start)
     conditions = read_conditions(document, robot)
-    check_names(document, robot, goal, conditions.get("constraints", ()))
+    _check_names(document, robot, goal, conditions)
     changed = changes(robot, conditions)
     try:
         problem = Problem(
@@ -891,7 +889,7 @@ def scenario_text(
                 return to_table(part, path.parent)
             table = robot_table(part, path, files)
             if check:
-                check_given_back(part, table, path, files or {})
+                _check_given_back(part, table, path, files or {})
         except TypeError as error:
             reason = f"{path}: {key}: cannot be saved: {error}"
             raise ScenarioError(reason, path, key) from error
