@@ -240,19 +240,23 @@ def from_table(table: Field, kinds: Mapping[str, type[Any]], noun: str) -> Any:
             f"there is no {noun} {brief(kind.value)}{closest(kind.value, list(kinds))}"
             f"; there are: {', '.join(kinds)}"
         )
-    values = {k: v for k, v in table.table().items() if k != "type"}
-    return make(kinds[kind.value], values, table, kinds)
+    return make(kinds[kind.value], table, kinds, "type")
 
 
-def make(
-    kind: type[T], values: Mapping[str, Field], table: Field, kinds: Mapping[str, Any]
-) -> T:
+def make(kind: type[T], table: Field, kinds: Mapping[str, Any], *beside: str) -> T:
     """Make a record from the fields of a table.
+
+    Args:
+        kind: Class of the record.
+        table: The table.
+        kinds: Classes of tables in it, by the names that ``type`` may have there.
+        *beside: Keys of the table that are no fields of the record.
 
     Raises:
         ScenarioError: If a field is unknown, missing or wrong.
     """
     known = {field.name: field for field in fields(kind) if field.init}  # type: ignore[arg-type]
+    values = {k: v for k, v in table.table().items() if k not in beside}
     for name, item in values.items():
         if name not in known:
             item.unknown(known)

@@ -372,7 +372,7 @@ def _read_payload(table: Field) -> Payload:
     Raises:
         ScenarioError: If the table is not a valid payload.
     """
-    return make(Payload, table.table(), table, classes(Obstacle))
+    return make(Payload, table, classes(Obstacle))
 
 
 def read_pairs(
@@ -948,4 +948,4 @@ def read_options(table: Field) -> Options:
         return Options()
     if "callback" in table.table():
         table.get("callback").fail("a file cannot hold a function")
-    return make(Options, table.table(), table, {})
+    return make(Options, table, {})
