@@ -1,7 +1,8 @@
 """Single shooting over arcs: the nonlinear program in their lengths and free torques.
 
 The motion is integrated from the start over all arcs; rows require that it ends at the
-goal and keeps the limits.
+goal, enters arcs on which a joint is held with the speed limit of the joint, and keeps
+the limits to which its margin is small.
 """
 
 from __future__ import annotations
@@ -11,10 +12,11 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.interpolate import BarycentricInterpolator
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.base import States
-from tominpmp.exact.held_joints import FOLLOWS, HOLDS
+from tominpmp.exact.held_joints import FOLLOWS, HOLDS, differentiate_rates
 from tominpmp.exact.radau import (
     NODES,
     STAGES,
@@ -23,18 +25,29 @@ from tominpmp.exact.radau import (
     integrate,
 )
 from tominpmp.exact.structure import Arcs
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.stopping import check
+from tominpmp.transcription.base import NOT_INTEGRATED
 from tominpmp.transcription.controls import SPEED_FACTOR
 from tominpmp.transcription.problem_functions import ProblemFunctions
+from tominpmp.transcription.rows import Rows
 
 # Limits become rows where the margin of a motion is smaller than this: a share of the
 # limit and, for clearances, a share of the reach.
 NEAR = 0.1
 CLOSE = 0.05
-# Kinds of limits.
+# Kinds of limits, and their names.
 POSITION, VELOCITY, TORQUE, CLEARANCE = range(4)
+KINDS = ("position", "velocity", "torque", "clearance")
+# Kinds of the other rows, which come first: equations, and the bounds of a goal region.
+EQUATIONS = ("goal", "speed")
+GOAL_ROWS = (*EQUATIONS, "goal region")
 # Kind of limit by the field of its constraint.
 FIELDS = {"q": POSITION, "v": VELOCITY, "u": TORQUE}
+# Number of parts of a step with a held joint, whose torque changes during the step.
+CUTS = 4
+# Steps shorter than this share of the duration are left out of the motion.
+VANISHED = 1e-9
 
 
 class WatchedLimits(NamedTuple):
@@ -108,7 +121,9 @@ class Shot:
 class ArcProgram:
     """Minimum-time program in the lengths of arcs and the free torques.
 
-    The unknowns are y = (lengths over the initial duration, free torque shares).
+    It has the interface :class:`~tominpmp.transcription.base.ProgramInterface`, for the
+    records of plans. The unknowns are y = (lengths over the initial duration, free
+    torque shares).
 
     Attributes:
         system: The functions of the problem.
@@ -169,6 +184,76 @@ class ArcProgram:
         levels[arcs.free] = np.clip(y[count:], -1.0, 1.0)
         lengths = np.maximum(y[:count], 0.0) * self.duration
         return replace(arcs, lengths=lengths, levels=levels)
+
+    # -- as a program of a plan --------------------------------------------------------
+
+    @property
+    def rows(self) -> Rows:
+        """Bounds, kinds and groups of the rows."""
+        low, high = self.system.goal_bounds
+        exact = low == high
+        region = np.isfinite(np.stack([low, high])[:, ~exact])
+        counts = [int(part.sum()) for part in (exact, self.arcs.entries, region)]
+        counts += np.bincount(self.watched.kind, minlength=len(KINDS)).tolist()
+        parts = []
+        for name, count in zip((*GOAL_ROWS, *KINDS), counts, strict=True):
+            most = np.full(count, 0.0 if name in EQUATIONS else np.inf)
+            group = np.zeros(count, dtype=np.int64)
+            if count:
+                parts.append((name, np.zeros(count), most, group))
+        return Rows.stack(parts)
+
+    @property
+    def of_lengths(self) -> Array:
+        """Gradient of the duration in units of the initial duration, shape (size,)."""
+        return np.where(np.arange(self.size) < self.arcs.count, 1.0, 0.0)
+
+    @property
+    def cost(self) -> Array:
+        """Gradient of the duration."""
+        return self.duration * self.of_lengths
+
+    def evaluate(self, z: Array, attention: float = np.inf) -> Array:
+        """Row values."""
+        shot = self.shoot(z)
+        if shot is None:
+            return np.full(self.rows.size, -NOT_INTEGRATED)
+        return shot.rows.value
+
+    def time_scale(self, z: Array, factor: float) -> Array:
+        """Iterate with the same torques on longer arcs."""
+        return np.where(self.of_lengths > 0.0, factor * z, z)
+
+    def trajectory(self, z: Array) -> Trajectory:
+        """The motion of an iterate, with nodes at the ends of all steps."""
+        system, n, shot = self.system, self._n, self.shoot(z)
+        if shot is None:
+            raise ValueError("the motion cannot be integrated")
+        motion, levels = shot.motion, self.unpack(z).levels
+        u = system.effort_middle + system.effort_half * levels[self.arc_of_step]
+        steps = np.flatnonzero(motion.h > VANISHED * motion.h.sum())
+        parts = np.where(self.modes.any(axis=1), CUTS, 1)
+        of = np.repeat(steps, parts[steps])
+        parts, part = parts[of], np.arange(of.size) - np.searchsorted(of, of)
+        # Collocation polynomials through the starts and the stages of the steps.
+        known, ticks = np.append(0.0, NODES), np.arange(1, 2 * CUTS + 1) / (2 * CUTS)
+        points = np.concatenate([motion.x[None, :-1], np.swapaxes(motion.stages, 0, 1)])
+        inside = BarycentricInterpolator(known, points)(ticks)
+        middle = inside[CUTS // parts * (2 * part + 1) - 1, of]
+        ends = inside[CUTS // parts * (2 * part + 2) - 1, of]
+        held = differentiate_rates(system.dynamics, middle, u[of], self.modes[of])
+        torque = np.where(self.follows[of], held.tau, u[of]) + system.resistance
+        states = np.vstack([motion.x[:1], ends])
+        return Trajectory(
+            joint_names=system.problem.robot.joint_names,
+            t=np.append(0.0, np.cumsum(motion.h[of] / parts)),
+            q=states[:, :n],
+            v=states[:, n:],
+            u=np.concatenate([torque, torque[-1:]]),
+            holding=system.dynamics.inverse,
+        )
+
+    # -- shooting ----------------------------------------------------------------------
 
     def shoot(self, y: Array) -> Shot | None:
         """Motion and rows for given unknowns; None if integration fails."""

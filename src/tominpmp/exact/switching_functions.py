@@ -54,10 +54,9 @@ def _multipliers(program: ArcProgram, y: Array, shot: Shot) -> Array:
     """
     count = program.arcs.count
     moving = np.concatenate([y[:count] > ON_BOUND, np.abs(y[count:]) < 1.0 - ON_BOUND])
-    cost = np.concatenate([np.ones(count), np.zeros(y.size - count)])
     active = np.flatnonzero(shot.margin < ACTIVE)
     matrix = np.vstack([shot.by_equal, -shot.by_margin[active]])[:, moving]
-    found = np.linalg.lstsq(matrix.T, -cost[moving], rcond=1e-10)[0]
+    found = np.linalg.lstsq(matrix.T, -program.of_lengths[moving], rcond=1e-10)[0]
     weights, equal = np.zeros(shot.rows.value.size), shot.equal.size
     weights[:equal], weights[equal + active] = found[:equal], -found[equal:]
     return weights

@@ -21,12 +21,11 @@ from tominpmp.exact.switching_times import (
     refine_arcs,
     sharpen,
 )
-from tominpmp.exact.transcription import ArcTranscription
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.solvers.iterate import Iterate, SlpResult
+from tominpmp.solvers.iterate import SlpResult
 from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import EVALUATIONS, Budget
 from tominpmp.transcription.controls import driven_joints
@@ -110,7 +109,7 @@ class Search:
         logger.debug("%d arcs: %.9g s", motion.arcs.count, motion.duration)
         if motion.duration <= self.duration:
             self.found.append(motion)
-            self.progress.keep(*_iterate(motion))
+            self.progress.keep(motion.program, motion.iterate)
         return motion.duration <= self.limit
 
     def optimise_motion(self, trajectory: Trajectory, evaluations: int) -> bool:
@@ -153,9 +152,9 @@ def exact_switches(
     search = Search(smooth, progress, budget, limit)
     _search(search, options, without_friction(smooth, plan))
     for motion in reversed(search.found):
-        arcs, iterate = _iterate(sharpen(motion, budget.share()))
-        records = tuple(progress.records)
-        result = SlpResult(Status.CONVERGED, iterate, iterate, records, arcs)
+        sharp = sharpen(motion, budget.share())
+        iterate, records = sharp.iterate, tuple(progress.records)
+        result = SlpResult(Status.CONVERGED, iterate, iterate, records, sharp.program)
         exact = Candidate.of(attempt.name, attempt.initial, result)
         exact = exact.verified(system.problem, options)
         if exact.confirmed:
@@ -207,9 +206,3 @@ def _finer(search: Search, options: Options, plan: Trajectory) -> Iterator[Traje
         ends = np.cumsum(interval_shares("uniform", intervals))
         path = plan(np.append(0.0, ends) * plan.duration).q
         yield on_grid(search.system, few, search.record, path, plan.duration)
-
-
-def _iterate(motion: OptimisedArcs) -> tuple[ArcTranscription, Iterate]:
-    """Optimised arcs as a program, and as an iterate of this program."""
-    arcs = ArcTranscription(motion.program, motion.shot)
-    return arcs, Iterate.of(arcs, motion.y, 1.0)

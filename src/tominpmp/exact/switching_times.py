@@ -12,6 +12,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from tominpmp.arrays import Array, IntArray
 from tominpmp.exact.shooting import ArcProgram, Shot
 from tominpmp.exact.structure import Arcs
 from tominpmp.exact.switching_functions import find_changes
+from tominpmp.solvers.iterate import Iterate
 from tominpmp.stopping import EVALUATIONS, Budget
 from tominpmp.transcription.base import NOT_INTEGRATED
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -95,6 +97,11 @@ class OptimisedArcs:
     def duration(self) -> float:
         """Duration T [s]."""
         return self.arcs.duration
+
+    @cached_property
+    def iterate(self) -> Iterate:
+        """The arcs as an iterate of their program."""
+        return Iterate.of(self.program, self.y, 1.0)
 
     @property
     def feasible(self) -> bool:
@@ -203,12 +210,10 @@ def _minimize(
         budget: Budget of evaluations and time.
         rough: Whether to stop when progress becomes slow.
     """
-    count, size = program.arcs.count, program.size
-    cost = np.concatenate([np.ones(count), np.zeros(size - count)])
+    cost = program.of_lengths
     first = program.shoot(y)
     assert first is not None  # noqa: S101
-    low = np.concatenate([np.zeros(count), -np.ones(size - count)])
-    high = np.concatenate([np.full(count, LONGEST), np.ones(size - count)])
+    low, high = cost - 1.0, np.where(cost > 0.0, LONGEST, 1.0)
     last, paid, exact = y, program.evaluations, EXACT if rough else STILL
     durations: list[float] = []
 
