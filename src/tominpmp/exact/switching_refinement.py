@@ -1,36 +1,47 @@
-"""Switching refinement: from a motion on a grid to exact switching times."""
+"""Switching refinement: from a motion on a grid to exact switching times.
+
+The same problem often has several locally time-optimal motions, which differ by the
+order of their switches and are not connected by small changes. Randomly perturbed paths
+lead to them (multi-start): an optimisation of torques on a coarse grid turns each path
+into a motion near a local optimum, whose arcs are then optimised. For a single motor,
+local optima differ by the number of switches only, and all small numbers are tried.
+"""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from itertools import chain, repeat
 
 import numpy as np
 
+from tominpmp.arrays import Array
 from tominpmp.exact.detection import arcs_of, constant_signs, without_friction
-from tominpmp.exact.perturbed_starts import (
-    on_grid,
-    perturbed_motions,
-    single_motor_motions,
-)
 from tominpmp.exact.structure import Arcs
 from tominpmp.exact.switching_times import (
     OptimisedArcs,
     States,
     refine_arcs,
     sharpen,
+    solve_lengths,
 )
+from tominpmp.initial_guess.inverse_kinematics import Target, find_configurations
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.solvers.iterate import SlpResult
+from tominpmp.solvers.loop import solve
+from tominpmp.solvers.objective import MinimumTime
+from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import EVALUATIONS, Budget
+from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.controls import driven_joints
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.problem_functions import ProblemFunctions
+from tominpmp.transcription.program import NonlinearProgram
 
 logger = logging.getLogger(__name__)
 
@@ -52,6 +63,28 @@ EXPLORED_MOTORS = 3
 # Time limit of a refinement [s], for at most EXPLORED_MOTORS motors and for more.
 PATIENCE = 45.0
 PATIENCE_OF_MANY = 20.0
+# Number of intervals, largest number of iterations, tolerance, trust region radius and
+# weight of the total variation of the optimisation that turns a path into a motion.
+INTERVALS = 30
+ITERATIONS = 25
+TOLERANCE = 1e-3
+RADIUS = 0.5
+SMOOTHING = 1e-4
+# Number of sine waves that are added to a path, their amplitude [rad], and the standard
+# deviation of the logarithm of its duration.
+WAVES = 3
+AMPLITUDE = 1.0
+SPREAD = 0.3
+# Number of final configurations of perturbed paths, if the goal does not fix one.
+ENDS = 8
+# Least and largest number of arcs of motions of a single motor.
+FEWEST, MOST = 2, 8
+# Number of steps over a whole motion, and of evaluations of the dynamics, in the first
+# solve of such a motion.
+ROUGH_STEPS = 24
+ROUGH_EVALUATIONS = 10_000
+# Largest violation of goal and limits of motions that are optimised further.
+PROMISING = 1e-2
 KEPT = (
     "No exact switching was found that is faster and that the replay confirms: the "
     "motion on the grid was kept."
@@ -70,6 +103,7 @@ class Search:
 
     Attributes:
         system: The functions of the problem.
+        options: Options of the plan.
         progress: State of the plan, which receives records and incumbents.
         budget: Budget of the whole search.
         limit: Largest duration of a useful motion [s].
@@ -77,6 +111,7 @@ class Search:
     """
 
     system: ProblemFunctions
+    options: Options
     progress: PlanState
     budget: Budget
     limit: float
@@ -120,6 +155,125 @@ class Search:
             arcs, lambda times: np.hstack(trajectory(times)[:2]), evaluations
         )
 
+    def run(self, plan: Trajectory) -> None:
+        """Optimise arcs of the plan, of perturbed motions, and of finer grids."""
+        small = driven_joints(self.system).size <= EXPLORED_MOTORS
+        near = self.optimise_motion(plan, TRY_EVALUATIONS if small else EVALUATIONS)
+        # No multi-start for options with a single start, nor with assumed velocity
+        # signs, which perturbed motions would not have.
+        if small and self.options.starts != 1 and self.system.signs is None:
+            self._explore(plan)
+        # Arcs near the plan remain of interest even if others were found.
+        if small and not near:
+            near = self.optimise_motion(plan, EVALUATIONS)
+        for trajectory in self._finer(plan):
+            if near:
+                return
+            near = self.optimise_motion(trajectory, EVALUATIONS)
+
+    def _explore(self, plan: Trajectory) -> None:
+        """Multi-start: optimise arcs of perturbed motions."""
+        rng = np.random.default_rng(self.options.seed)
+        # A larger option ``starts`` never reduces the number of tries.
+        tries = range(max(TRIES, (self.options.starts or 1) - 1))
+        for _, trajectory in zip(tries, self._perturbed(plan, rng), strict=False):
+            if self.budget.spent:
+                return
+            self.optimise_motion(trajectory, TRY_EVALUATIONS)
+        if driven_joints(self.system).size == 1:
+            duration = self.duration if self.found else plan.duration
+            for rough in self._of_single_motor(duration, rng, self.budget.share()):
+                self.optimise(rough.arcs.cleaned(), rough.states, TRY_EVALUATIONS)
+
+    def _perturbed(
+        self, plan: Trajectory, rng: np.random.Generator
+    ) -> Iterator[Trajectory]:
+        """Generate motions from randomly perturbed paths, without end."""
+        system, options = self.system, self.options
+        rough = replace(
+            options,
+            max_iterations=min(options.max_iterations, ITERATIONS),
+            tolerance=max(options.tolerance, TOLERANCE),
+            trust_region=RADIUS,
+        )
+        limits = system.problem.robot.limits
+        start, goal, ends = system.problem.q_start, system.problem.goal, [plan.q[-1]]
+        if goal.configuration is None:
+            ends += find_configurations(Target(system, goal), ENDS, rng).best
+        s = np.linspace(0.0, 1.0, INTERVALS + 1)[:, None]
+        reach = AMPLITUDE * np.minimum(
+            system.step_scale, limits.position_upper - limits.position_lower
+        )
+        # The first path is straight, which often leads to the best motion.
+        for amplitude in chain([np.zeros_like(reach)], repeat(reach)):
+            end = ends[int(rng.integers(len(ends)))]
+            path = start + s * (end - start)
+            for wave in range(1, WAVES + 1):
+                height = rng.normal(size=system.n) * amplitude
+                path = path + height * np.sin(wave * np.pi * s)
+            path = np.clip(path, limits.position_lower, limits.position_upper)
+            duration = plan.duration * float(np.exp(rng.normal(0.0, SPREAD)))
+            yield self._on_grid(rough, path, duration)
+
+    def _of_single_motor(
+        self, duration: float, rng: np.random.Generator, budget: Budget
+    ) -> Iterator[OptimisedArcs]:
+        """Generate bang-bang motions of a single motor that almost reach the goal.
+
+        The number of switches increases from one.
+
+        Args:
+            duration: Approximate duration of the motions [s].
+            rng: Source of random lengths of the arcs.
+            budget: Budget for all motions.
+        """
+        joint = driven_joints(self.system)
+        for count in range(FEWEST, MOST + 1):
+            for sign in (1.0, -1.0):
+                if budget.spent:
+                    return
+                levels = np.zeros((count, self.system.n))
+                levels[:, joint] = sign * (-1.0) ** np.arange(count)[:, None]
+                lengths = rng.dirichlet(np.full(count, 2.0)) * duration
+                held = np.zeros(levels.shape, dtype=np.int64)
+                arcs = Arcs(lengths, levels, held.astype(bool), held)
+                share = budget.share(ROUGH_EVALUATIONS)
+                found = solve_lengths(self.system, arcs, None, share, ROUGH_STEPS)
+                budget.deduct(share)
+                if found is not None and found.violation < PROMISING:
+                    yield found
+
+    def _finer(self, plan: Trajectory) -> Iterator[Trajectory]:
+        """Generate the plan with piecewise constant torques, on finer grids."""
+        most = min(self.options.max_iterations, GRID_ITERATIONS)
+        for intervals in GRIDS:
+            if self.budget.spent:
+                return
+            ends = np.cumsum(interval_shares("uniform", intervals))
+            path = plan(np.append(0.0, ends) * plan.duration).q
+            few = replace(self.options, max_iterations=most)
+            yield self._on_grid(few, path, plan.duration)
+
+    def _on_grid(self, options: Options, path: Array, duration: float) -> Trajectory:
+        """An almost optimal motion with piecewise constant torques on a uniform grid.
+
+        The motion need not keep all constraints.
+
+        Args:
+            options: Options of the optimisation.
+            path: Initial positions at the nodes, shape (N + 1, n) [rad or m].
+            duration: Initial duration [s].
+        """
+        shares = interval_shares("uniform", path.shape[0] - 1)
+        grid = CollocationTranscription(self.system, shares, duration)
+        start = grid.start(path, np.array([duration]))
+        program = NonlinearProgram.of(grid).at(start)
+        least = MinimumTime.of(options, SMOOTHING * duration)
+        method = trust_regions(options)
+        found = solve(program, least, start, *method, callback=self.record)
+        last = found.iterate if found.best is None else found.best
+        return program.trajectory(last.z)
+
 
 def exact_switches(
     system: ProblemFunctions, options: Options, attempt: Candidate, progress: PlanState
@@ -149,8 +303,8 @@ def exact_switches(
         # A motion that its replay does not confirm may be slightly too fast; if no arcs
         # are about as fast, a finer grid is better.
         limit = plan.duration * (1.0 + (LONGER if attempt.confirmed else UNCONFIRMED))
-    search = Search(smooth, progress, budget, limit)
-    _search(search, options, without_friction(smooth, plan))
+    search = Search(smooth, options, progress, budget, limit)
+    search.run(without_friction(smooth, plan))
     for motion in reversed(search.found):
         sharp = sharpen(motion, budget.share())
         iterate, records = sharp.iterate, tuple(progress.records)
@@ -160,49 +314,3 @@ def exact_switches(
         if exact.confirmed:
             return exact
     return replace(attempt, history=(), remark=KEPT)
-
-
-def _search(search: Search, options: Options, plan: Trajectory) -> None:
-    """Optimise arcs of the plan, of perturbed motions, and of finer grids."""
-    small = driven_joints(search.system).size <= EXPLORED_MOTORS
-    near = search.optimise_motion(plan, TRY_EVALUATIONS if small else EVALUATIONS)
-    # No multi-start for options with a single start, nor with assumed velocity signs,
-    # which perturbed motions would not have.
-    if small and options.starts != 1 and search.system.signs is None:
-        _explore(search, options, plan)
-    # Arcs near the plan remain of interest even if others were found.
-    if small and not near:
-        near = search.optimise_motion(plan, EVALUATIONS)
-    for trajectory in _finer(search, options, plan):
-        if near:
-            return
-        near = search.optimise_motion(trajectory, EVALUATIONS)
-
-
-def _explore(search: Search, options: Options, plan: Trajectory) -> None:
-    """Multi-start: optimise arcs of perturbed motions."""
-    system, budget = search.system, search.budget
-    rng = np.random.default_rng(options.seed)
-    # A larger option ``starts`` never reduces the number of tries.
-    tries = range(max(TRIES, (options.starts or 1) - 1))
-    perturbed = perturbed_motions(system, options, search.record, plan, rng)
-    for _, trajectory in zip(tries, perturbed, strict=False):
-        if budget.spent:
-            return
-        search.optimise_motion(trajectory, TRY_EVALUATIONS)
-    if driven_joints(system).size == 1:
-        part = budget.share()
-        duration = search.duration if search.found else plan.duration
-        for rough in single_motor_motions(system, duration, rng, part):
-            search.optimise(rough.arcs.cleaned(), rough.states, TRY_EVALUATIONS)
-
-
-def _finer(search: Search, options: Options, plan: Trajectory) -> Iterator[Trajectory]:
-    """Generate the plan with piecewise constant torques, optimised on finer grids."""
-    few = replace(options, max_iterations=min(options.max_iterations, GRID_ITERATIONS))
-    for intervals in GRIDS:
-        if search.budget.spent:
-            return
-        ends = np.cumsum(interval_shares("uniform", intervals))
-        path = plan(np.append(0.0, ends) * plan.duration).q
-        yield on_grid(search.system, few, search.record, path, plan.duration)
