@@ -60,6 +60,20 @@ class TimeIntervals(NamedTuple):
     spread: Array
 
 
+class Cases(NamedTuple):
+    """Pairs in time intervals, which the search examines, k in all.
+
+    Attributes:
+        intervals: The intervals.
+        interval: Index of the interval of each case, shape (k,).
+        pair: Index of the pair of each case, shape (k,).
+    """
+
+    intervals: TimeIntervals
+    interval: IntArray
+    pair: IntArray
+
+
 class ClosestApproach:
     """Search for the least clearance along a motion.
 
@@ -116,9 +130,8 @@ class ClosestApproach:
         low, high = t[max(row - ROWS, 0)], t[min(row + ROWS, t.size - 1)]
 
         def clearances(times: Array) -> Array:
-            pair = np.full(times.size, self.pair)
-            instants = self._intervals(times, times)
-            return self._measure(instants, np.arange(times.size), pair)
+            instants, pair = np.arange(times.size), np.full(times.size, self.pair)
+            return self._measure(Cases(self._intervals(times, times), instants, pair))
 
         least_between(clearances, low, high)
         margin = float(self._margins[self.pair])
@@ -174,34 +187,27 @@ class ClosestApproach:
         lower = self._checker.lower_bounds(intervals.q, intervals.time) - self._margins
         if self.clearance == np.inf:
             nearest = np.argsort(lower, axis=None, kind="stable")[:FIRST]
-            self._measure(intervals, *divmod(nearest, lower.shape[1]))
+            self._measure(Cases(intervals, *divmod(nearest, lower.shape[1])))
         rows, every = (np.arange(size) for size in lower.shape)
-        accepted = self._accepted(self._tolerated(intervals, rows[:, None], every))
+        table = Cases(intervals, rows[:, None], every)
+        accepted = self._accepted(self._tolerated(table))
         interval, pair = np.nonzero(lower - closing < accepted)
         for first in range(0, interval.size, MEASURED):
             chosen = interval[first : first + MEASURED], pair[first : first + MEASURED]
-            self._refine(intervals, closing[chosen], *chosen)
+            self._refine(Cases(intervals, *chosen), closing[chosen])
 
-    def _refine(
-        self,
-        intervals: TimeIntervals,
-        closing: Array,
-        interval: IntArray,
-        pair: IntArray,
-        cuts: int = 0,
-    ) -> None:
+    def _refine(self, cases: Cases, closing: Array, cuts: int = 0) -> None:
         """Measure pairs in intervals, and subdivide where they may be too close.
 
         Args:
-            intervals: The intervals.
+            cases: The pairs in intervals.
             closing: Largest decrease of each distance within its interval, shape (k,)
                 [m].
-            interval: Index of each interval, shape (k,).
-            pair: Index of each pair, shape (k,).
             cuts: Number of successive subdivisions so far.
         """
-        lower = self._measure(intervals, interval, pair, closing) - closing
-        tolerated = self._tolerated(intervals, interval, pair)
+        intervals, interval, pair = cases
+        lower = self._measure(cases, closing) - closing
+        tolerated = self._tolerated(cases)
         open_ = lower < self._accepted(tolerated)
         self.intervals += interval.size
         if cuts == CUTS or self.intervals > self._most:
@@ -223,24 +229,19 @@ class ClosestApproach:
             index = (PARTS * index[:, None] + np.arange(PARTS)).ravel()
             column = np.repeat(column, PARTS)
             closer = self._checker.decrease(parts.q, parts.spread, begin, end, some)
-            self._refine(parts, closer[index, column], index, some[column], cuts + 1)
+            finer = Cases(parts, index, some[column])
+            self._refine(finer, closer[index, column], cuts + 1)
 
-    def _measure(
-        self,
-        intervals: TimeIntervals,
-        interval: IntArray,
-        pair: IntArray,
-        closing: Array | None = None,
-    ) -> Array:
+    def _measure(self, cases: Cases, closing: Array | None = None) -> Array:
         """Clearances of pairs in the middle of intervals, shape (k,) [m].
 
         Large clearances are replaced by lower bounds, where a lower bound suffices.
         """
+        (_, _, times, q, _), interval, pair = cases
         margins, enough = self._margins[pair], np.full(pair.size, np.inf)
-        tolerated = self._tolerated(intervals, interval, pair)
+        tolerated = self._tolerated(cases)
         if closing is not None:
             enough = margins + self._accepted(tolerated) + closing
-        q, times = intervals.q, intervals.time
         distance = self._checker.measured(q, interval, pair, enough, times)
         clearance = distance - margins
         exact = distance < enough
@@ -263,13 +264,12 @@ class ClosestApproach:
         """Clearance below which the search for the least clearance goes on [m]."""
         return self.clearance - max(RESOLUTION * abs(self.clearance), LEAST_RESOLUTION)
 
-    def _tolerated(
-        self, intervals: TimeIntervals, interval: IntArray, pair: IntArray
-    ) -> Array:
+    def _tolerated(self, cases: Cases) -> Array:
         """Tolerated violations of pairs, positive only near the start and the end.
 
         Shape (k,) [m], or (m, pairs) for indices that span a table.
         """
+        intervals, interval, pair = cases
         tolerated = np.zeros(np.broadcast(interval, pair).shape)
         for q, allowed in zip(self._ends, self._allowed, strict=True):
             distance = np.max(np.abs(intervals.q - q) + intervals.spread, axis=1)
