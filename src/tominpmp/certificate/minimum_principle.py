@@ -135,12 +135,10 @@ class Findings(NamedTuple):
 
     Attributes:
         certificate: The certificate.
-        motion: The motion on its grid; None if the conditions cannot be evaluated.
         dual: Costates and multipliers; None if the conditions cannot be evaluated.
     """
 
     certificate: Certificate
-    motion: Motion | None
     dual: DualSolution | None
 
 
@@ -173,8 +171,8 @@ def examine(
             dual = solve_dual_program(motion, ENOUGH * tolerance, near=near)
             if dual is not None:
                 out = _certificate(motion, dual, verification, tolerance, rounding)
-                return Findings(out, motion, dual)
-    return Findings(_unevaluated(trajectory, verification, tolerance), None, None)
+                return Findings(out, dual)
+    return Findings(_unevaluated(trajectory, verification, tolerance), None)
 
 
 def _unevaluated(
@@ -309,9 +307,7 @@ def _active(motion: Motion, dual: DualSolution) -> Iterator[ActiveLimit]:
 # -- costates by the adjoint equation --------------------------------------------------
 
 
-def _integrated(
-    motion: Motion, dual: DualSolution, replay: Replay | None = None
-) -> Array:
+def _integrated(motion: Motion, dual: DualSolution, replay: Replay | None) -> Array:
     """Integrate the adjoint equation backwards over each interval.
 
     The integration of each interval starts with the costate of the linear program at

@@ -268,7 +268,7 @@ class CertifiedDescent:
         promise = 100.0 * findings.certificate.stationarity
         remark = f"Small changes promise {promise:.2g} % of T"
         intervals = best.trajectory.t.size - 1
-        if findings.motion is not None and findings.motion.changes.N > intervals:
+        if findings.certificate.t.size - 1 > intervals:
             remark += f", some of them on a grid finer than its {intervals} intervals"
         if findings.certificate.stationarity <= self.tolerance:  # other condition
             remark += f". {findings.certificate.message}".rstrip(".")
