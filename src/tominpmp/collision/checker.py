@@ -128,10 +128,6 @@ class CollisionChecker(PairDistances):
         pieces = self.geometry == "convex" and self.cut is None
         return single and pieces and self.self_collision
 
-    def using(self, geometry: Geometry) -> CollisionChecker:
-        """The checker with another representation of the meshes of its links."""
-        return replace(self, geometry=geometry)
-
     def with_cut(self, cut: frozenset[str]) -> CollisionChecker:
         """The checker with some links decomposed into pieces, and hulls of others."""
         if cut not in self._variants:

@@ -64,15 +64,8 @@ class NarrowPhase:
         self._pairs = pairs
         self._results = _results(geometry)
         self._obstacles = obstacles
-        self._moving = [
-            (
-                geometry.geometryObjects[index],
-                body.joint - model.njoints,
-                body.placement,
-            )
-            for index, body in enumerate(bodies)
-            if body.joint >= model.njoints
-        ]
+        each = zip(geometry.geometryObjects, bodies, strict=True)
+        self._moving = [pair for pair in each if pair[1].joint >= model.njoints]
         self._time: float | None = None
 
     def place(self, q: Array, time: float, obstacles: tuple[Array, Array]) -> None:
@@ -98,8 +91,9 @@ class NarrowPhase:
         R, p = self._obstacles.placements(np.array([time])) if known is None else known
         R, p = R.reshape(-1, 3, 3), p.reshape(-1, 3)
         placements = [pin.SE3(*place) for place in zip(R, p, strict=True)]
-        for item, number, offset in self._moving:
-            item.placement = placements[number] * offset
+        for item, body in self._moving:
+            number = body.joint - self.model.njoints
+            item.placement = placements[number] * body.placement
         self._time = time
 
     def distances(self, pairs: Sequence[int]) -> list[float]:

@@ -340,4 +340,6 @@ def _checkers(
     if checker is not None and len(stages) == 1:
         return [checker]
     own = [stage.problem.checker for stage in stages]
-    return own if geometry == "convex" else [item.using(geometry) for item in own]
+    if geometry == "convex":
+        return own
+    return [replace(item, geometry=geometry) for item in own]
