@@ -17,13 +17,7 @@ from scipy.interpolate import BarycentricInterpolator
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.base import States
 from tominpmp.exact.held_joints import FOLLOWS, HOLDS, differentiate_rates
-from tominpmp.exact.radau import (
-    NODES,
-    STAGES,
-    IntegratedArcs,
-    explicit_stages,
-    integrate,
-)
+from tominpmp.exact.radau import NODES, STAGES, IntegratedArcs, Steps
 from tominpmp.exact.structure import Arcs
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.stopping import check
@@ -271,14 +265,14 @@ class ArcProgram:
         system, arcs, of = self.system, self.unpack(y), self.arc_of_step
         u = system.effort_middle + system.effort_half * arcs.levels[of]
         h, guess = (arcs.lengths / self.steps)[of], self.guess
-        drive = system.dynamics, self._start, u, self.modes, h
+        steps = Steps(system.dynamics, self._start, u, self.modes, h)
         if self._base is not None:
             # Guess: first-order prediction from the last motion.
             z, shot = self._base
             guess = shot.motion.stages + shot.by_stages @ (y - z)
-        motion, cost = integrate(*drive, guess)
+        motion, cost = steps.integrate(guess)
         if motion is None:
-            motion, more = integrate(*drive, explicit_stages(*drive))
+            motion, more = steps.integrate(steps.explicit_stages())
             cost += h.size + more
         self.evaluations += cost
         return motion
