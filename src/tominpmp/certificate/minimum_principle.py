@@ -124,9 +124,7 @@ def certify(
     whole, problem = problem, problem.alternative_of(trajectory)
     if verification is None:
         verification = verify(whole, trajectory)
-    problem, trajectory = without_dwells(problem, trajectory)
-    rounding = 0.0 if period is None else clock_share(trajectory, period)
-    findings = examine(problem, trajectory, verification, tolerance, rounding=rounding)
+    findings = examine(problem, trajectory, verification, tolerance, period=period)
     return replace(findings.certificate, seconds=time.perf_counter() - begin)
 
 
@@ -149,20 +147,26 @@ def examine(
     tolerance: float,
     *,
     near: bool = True,
-    rounding: float = 0.0,
+    period: float | None = None,
 ) -> Findings:
     """Check the first-order conditions of a motion whose joints were checked before.
 
     Args:
         problem: The problem that the motion solves.
-        trajectory: The motion, without dwells.
+        trajectory: The motion, whose dwells are left out.
         verification: Verification of the motion, if there is one.
         tolerance: Largest predicted gain of small changes, as a share of the duration.
         near: Whether obstacles are near; otherwise distances have rows only if the
             predicted gain without them is too large.
-        rounding: Share of the duration that rounding to a clock may have cost, which is
-            added to the tolerance.
+        period: Period of the controller clock of the motion [s]: the share of the
+            duration that rounding to it may have cost is added to the tolerance. None
+            without a clock.
+
+    Raises:
+        ProblemError: If the motion has a dwell while obstacles move.
     """
+    problem, trajectory = without_dwells(problem, trajectory)
+    rounding = 0.0 if period is None else clock_share(trajectory, period)
     tolerance += rounding
     # A segment of zero duration has no interval.
     if all(span.begin < span.end for span in spans_of(trajectory, ())):

@@ -18,7 +18,7 @@ import numpy as np
 
 from tominpmp.certificate.minimum_principle import TOLERANCE, Findings, examine
 from tominpmp.certificate.motion import LONGEST
-from tominpmp.certificate.stays import dwells_among_motion, without_dwells
+from tominpmp.certificate.stays import dwells_among_motion
 from tominpmp.options import Options
 from tominpmp.planner.automatic_options import warm_start_options
 from tominpmp.planner.candidate import Candidate
@@ -197,11 +197,8 @@ class CertifiedDescent:
 
     def examine(self, candidate: Candidate) -> Findings:
         """The certificate of a motion, with the multipliers behind it."""
-        problem, replay = self.system.problem, candidate.verification
-        near = _anything_near(problem, candidate)
-        motion = candidate.trajectory
-        if problem.segments:
-            problem, motion = without_dwells(problem, motion)
+        problem, motion = self.system.problem, candidate.trajectory
+        near, replay = _anything_near(problem, candidate), candidate.verification
         findings = examine(problem, motion, replay, self.tolerance, near=near)
         promise = findings.certificate.stationarity
         logger.info("T %.5f s, small changes promise %.1e", candidate.duration, promise)
