@@ -115,7 +115,7 @@ def test_the_least_room_is_what_dense_samples_find(rail: tm.Robot) -> None:
     sampled = np.min(checker.distances(rows.q, 0.3, rows.t))
     assert found.min_clearance == pytest.approx(sampled, rel=0.1)
     pairs = len(checker.pairs)
-    search = ClosestApproach(checker, rows, np.zeros(pairs), np.zeros((2, pairs)), 0.0)
+    search = ClosestApproach(checker, rows, np.zeros(pairs), np.zeros((2, pairs)))
     least = search.run()
     assert not least.violated
     assert least.possible_violation == 0.0

@@ -406,7 +406,7 @@ def _may_peak(part: Motion, item: JointLimit, excess: Array) -> BoolArray:
     end leaves the speeds at both ends unchanged, but not the speed in between; for
     joints with a small inertia this change is large.
     """
-    strongest = (2.0 * part.system.effort_half / part.inertia[0])[item.joints]
+    strongest = (2.0 * part.system.effort_half / part.inertia[0])[item.of_joints]
     h = part.changes.h[slice(*part.span), None]
     return np.asarray(h * strongest / 8.0 > -excess[:, MIDDLE] * item.scale)
 

@@ -29,14 +29,14 @@ class JointLimit(Record, Constraint):
 
     Attributes:
         kind: The kind of limit, with the order of the derivative.
-        joints: The joints with bounds, shape (k,).
+        of_joints: The joints with bounds, shape (k,).
         lower: Lower bounds, shape (k,).
         upper: Upper bounds, shape (k,).
         scale: Scale of the values, shape (k,).
     """
 
     kind: LimitKind
-    joints: IntArray
+    of_joints: IntArray
     lower: Array
     upper: Array
     scale: Array
@@ -63,14 +63,9 @@ class JointLimit(Record, Constraint):
         return self.kind.name
 
     @property
-    def of_joints(self) -> IntArray:
-        """Joint of each value."""
-        return self.joints
-
-    @property
     def count(self) -> int:
         """Number of values at an instant: one for each joint with a limit."""
-        return int(self.joints.size)
+        return int(self.of_joints.size)
 
     def bounds(self, instants: int) -> tuple[Array, Array]:
         """Bounds, divided by the scale."""
@@ -81,10 +76,10 @@ class JointLimit(Record, Constraint):
     def evaluate(self, states: States, attention: float = np.inf) -> Array:
         """Values of the derivative, divided by the scale."""
         if self.order > 2:
-            steps = states.a[1::2, self.joints] - states.a[::2, self.joints]
+            steps = states.a[1::2, self.of_joints] - states.a[::2, self.of_joints]
             return np.asarray(steps / np.diff(states.t)[::2, None] / self.scale)
         values = (states.q, states.v, states.a)[self.order]
-        return np.asarray(values[:, self.joints] / self.scale)
+        return np.asarray(values[:, self.of_joints] / self.scale)
 
     def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
         """Unit vectors, divided by the scale; for jerks, at both instants of a pair."""
@@ -93,7 +88,7 @@ class JointLimit(Record, Constraint):
             (both_instants(at), np.tile(which, 2)) if slopes else (at, which)
         )
         by = np.zeros((place.size, states.q.shape[1]))
-        by[np.arange(place.size), self.joints[column]] = 1.0 / self.scale[column]
+        by[np.arange(place.size), self.of_joints[column]] = 1.0 / self.scale[column]
         by_q, by_v, by_a = (by if k == min(self.order, 2) else None for k in range(3))
         found = Partials(place, by_q, by_v, by_a)
         if not slopes:

@@ -445,13 +445,13 @@ class DerivativeHull(HullRows[SplineMotion]):
         """Control points of the derivative, over the scale of the limit."""
         limit = self._limit
         points = motion.derivative(limit.order)[self._points]
-        return np.asarray(points[:, limit.joints] / limit.scale).ravel()
+        return np.asarray(points[:, limit.of_joints] / limit.scale).ravel()
 
     def by_unknowns(self, motion: SplineMotion) -> sp.csr_matrix:
         """Jacobian of the control points of the derivative."""
         limit, points, of = self._limit, self._points, self._of
         bands = motion.knots.bands(limit.order)[points]
-        by_points, places = of_each_joint(bands, points, limit.joints, of.system.n)
+        by_points, places = of_each_joint(bands, points, limit.of_joints, of.system.n)
         by_points /= np.tile(limit.scale, points.size)[:, None]
         by_points /= motion.unit**limit.order
         by_durations = motion.by_durations(self.of_motion, limit.order)

@@ -135,7 +135,7 @@ class Speeds(HullRows[SplineMotion]):
         """Excess of the speeds over their limits, in both directions."""
         limit, apart = self._limit, (self._apart @ motion.eta)[:, None]
         steps = np.diff(motion.points, axis=0)[self._nodes]
-        ratio = 2.0 * steps[:, limit.joints] / limit.upper
+        ratio = 2.0 * steps[:, limit.of_joints] / limit.upper
         return (np.stack([ratio - apart, -ratio - apart]) / self._unit).ravel()
 
     def by_unknowns(self, motion: SplineMotion) -> sp.csr_matrix:
@@ -143,7 +143,7 @@ class Speeds(HullRows[SplineMotion]):
         limit, n, count = self._limit, self._of.system.n, self._nodes.size
         slope = np.tile(2.0 / (limit.upper * self._unit), count)
         data = np.stack([-slope, slope], axis=1)
-        before = (self._nodes[:, None] * n + limit.joints).reshape(-1, 1)
+        before = (self._nodes[:, None] * n + limit.of_joints).reshape(-1, 1)
         places = np.tile(before + np.array([0, n]), (2, 1))
         apart = np.repeat(-self._apart / self._unit, limit.count, axis=0)
         return self._of.by_unknowns(

@@ -37,6 +37,9 @@ RESOLUTION, LEAST_RESOLUTION = 0.1, 1e-6
 TABLE, MEASURED, CUT = 400_000, 20_000, 300
 # Largest number of pairs in intervals before the search is given up.
 MOST = 5_000_000
+# Largest distance of the joints from the start or the end of a motion at which their
+# tolerated violations hold [rad or m].
+NEAR_END = 0.05
 # Number of pairs in intervals that are measured first, to bound the least clearance.
 FIRST = 8
 
@@ -85,8 +88,6 @@ class ClosestApproach:
         margins: Distances to keep by pair, shape (pairs,) [m].
         allowed: Tolerated violations near the start and near the end, shape (2, pairs)
             [m]; None without tolerance.
-        near: Largest distance of the joints from the start or the end at which their
-            tolerated violations hold [rad or m].
         drift: Largest deviations of the real motion from the replay by joint, shape
             (n,) [rad or m].
         most: Largest number of pairs in intervals before the search is given up.
@@ -108,7 +109,6 @@ class ClosestApproach:
         replay: Replay,
         margins: Array,
         allowed: Array | None = None,
-        near: float = 0.0,
         drift: Array | float = 0.0,
         most: int = MOST,
     ) -> None:
@@ -116,7 +116,7 @@ class ClosestApproach:
             moment, q = np.array([0.0, INSTANT]), np.vstack([replay.q, replay.q])
             replay = replace(replay, t=moment, q=q, v=np.zeros_like(q))
         self._checker, self._margins = checker, margins
-        self._motion, self._drift, self._near = replay, drift, near
+        self._motion, self._drift = replay, drift
         self._allowed = np.zeros((2, margins.size)) if allowed is None else allowed
         self._ends = replay.q[0], replay.q[-1]
         self.pair, self.time, self.clearance = 0, float(replay.t[0]), np.inf
@@ -273,6 +273,6 @@ class ClosestApproach:
         tolerated = np.zeros(np.broadcast(interval, pair).shape)
         for q, allowed in zip(self._ends, self._allowed, strict=True):
             distance = np.max(np.abs(intervals.q - q) + intervals.spread, axis=1)
-            near = (distance <= self._near)[interval]
+            near = (distance <= NEAR_END)[interval]
             tolerated = np.maximum(tolerated, np.where(near, allowed[pair], 0.0))
         return tolerated

@@ -17,9 +17,6 @@ from tominpmp.verification.replay import Replay
 if TYPE_CHECKING:
     from tominpmp.problem.problem import Problem
 
-# Largest distance of the joints from a start or goal that is itself at the margin, up
-# to which a small violation is tolerated [rad or m].
-NEAR_END = 0.05
 # Largest number of rows of a replay at which pairs that are not checked are tested.
 GLANCES = 250
 
@@ -80,7 +77,7 @@ def closest(
         try:
             margins = coarse.margins(problem.margin)
             allowed = _tolerated(ends, coarse, margins, tolerance)
-            search = ClosestApproach(coarse, replay, margins, allowed, NEAR_END).run()
+            search = ClosestApproach(coarse, replay, margins, allowed).run()
         except Stop:
             # Without the time to decompose meshes, a bound is better than no distance.
             if bound is None:
