@@ -73,11 +73,7 @@ class Arrival(Constraint):
     latest: float
 
     name = "arrival"
-
-    @property
-    def count(self) -> int:
-        """Number of values: one time."""
-        return 1
+    count = 1
 
     def bounds(self, instants: int) -> tuple[Array, Array]:
         """Bounds of the time [s]."""

@@ -6,7 +6,6 @@ the state, and on the rates of controls (section 4).
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -90,10 +89,12 @@ class MotorLimit(Constraint):
     Attributes:
         motors: Functions of the torques.
         kind: Kind of limit: of torques, or of the accelerations of a kinematic robot.
+        of_joints: Joint of each value at an instant, shape (count,).
     """
 
     motors: Motors
     kind: LimitKind
+    of_joints: IntArray
 
     order = 2
     curable = True
@@ -104,13 +105,8 @@ class MotorLimit(Constraint):
         return self.kind.name.replace("effort", "torque")
 
     @property
-    @abstractmethod
-    def of_joints(self) -> IntArray:
-        """Joint of each value, shape (count,)."""
-
-    @property
     def count(self) -> int:
-        """Number of values at an instant: the number of these joints."""
+        """Number of values at an instant."""
         return int(self.of_joints.size)
 
     @property
@@ -168,14 +164,12 @@ class MotorLimit(Constraint):
 
 @dataclass(frozen=True, eq=False)
 class TorqueLimit(MotorLimit):
-    """Torques as shares of their limits: u_l <= u <= u_u (paper, equation 3)."""
+    """Torques of all joints as shares of their limits, u_l <= u <= u_u.
+
+    These are the limits of the paper's equation 3.
+    """
 
     field = "u"
-
-    @property
-    def of_joints(self) -> IntArray:
-        """All joints."""
-        return np.arange(self.motors.half.size)
 
     def bounds(self, instants: int) -> tuple[Array, Array]:
         """Bounds -1 and 1; tighter where a joint with dry friction reverses."""
@@ -197,16 +191,13 @@ class TorqueLimit(MotorLimit):
 class TorqueOverSpeed(MotorLimit):
     """Torques within bounds that depend on the speed, as shares of the bounds.
 
+    The values belong to the upper side of the bounds first, then to the lower side.
+
     Attributes:
         by_speed: Speed-dependent bound of each limited joint, by its index.
     """
 
     by_speed: Mapping[int, Any]
-
-    @property
-    def of_joints(self) -> IntArray:
-        """The joints with a bound, once for each side (upper and lower)."""
-        return np.tile([*self.by_speed], len(SIDES))
 
     def _excess(self, states: States) -> Iterator[tuple[int, Array, Array, Array]]:
         """Joint, value, and derivatives by torque share and speed, value by value."""
@@ -245,19 +236,12 @@ class TorqueRate(MotorLimit):
     Both instants of each pair are in the same interval.
 
     Attributes:
-        joints: Joints with a limit, shape (k,).
-        limit: Limit of each of these joints, shape (k,) [N m/s or N/s].
+        limit: Limit of each joint with a limit, shape (count,) [N m/s or N/s].
     """
 
-    joints: IntArray
     limit: Array
 
     order = 3
-
-    @property
-    def of_joints(self) -> IntArray:
-        """The joints with a limit."""
-        return self.joints
 
     def bounds(self, instants: int) -> tuple[Array, Array]:
         """Bounds -1 and 1 for each pair of instants."""
@@ -269,13 +253,13 @@ class TorqueRate(MotorLimit):
 
         Jumps of dry friction are left out, as no motor can follow them.
         """
-        tau = self.motors.torque(states)[:, self.joints]
+        tau = self.motors.torque(states)[:, self.of_joints]
         span = np.diff(states.t)[::2, None]
         return np.asarray((tau[1::2] - tau[::2]) / (span * self.limit))
 
     def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
         """Derivatives at both instants of each pair, and by their times."""
-        joint = np.tile(self.joints[which], 2)
+        joint = np.tile(self.of_joints[which], 2)
         by = self.motors.differentiate(states, both_instants(at), joint)
         by = by.times(
             self.motors.half[joint, None] / np.tile(self.limit[which], 2)[:, None]

@@ -17,7 +17,7 @@ from tominpmp.constraints.joint_limits import JointLimit
 from tominpmp.constraints.torque import Motors, TorqueLimit, TorqueOverSpeed, TorqueRate
 from tominpmp.dynamics import Dynamics, RobotDynamics
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
-from tominpmp.motion_limits import MotionLimits
+from tominpmp.motion_limits import SIDES, MotionLimits
 from tominpmp.problem.controls import effort_range
 from tominpmp.problem.joint_limits import joint_limits
 
@@ -240,11 +240,12 @@ class ProblemFunctions:
         for item in joint_limits(self.problem.robot, self.motion_limits):
             joints, kind, most = item.joints, item.kind, item.upper
             if kind.quantity == "u":
-                limits.append(TorqueLimit(self.motors, kind))
+                limits.append(TorqueLimit(self.motors, kind, np.arange(self.n)))
             elif kind.quantity == "du":
                 limits.append(TorqueRate(self.motors, kind, joints, most[joints]))
             elif kind.quantity == "uv":
-                limits.append(TorqueOverSpeed(self.motors, kind, item.by_speed))
+                both = self.motors, kind, np.tile(joints, len(SIDES))
+                limits.append(TorqueOverSpeed(*both, item.by_speed))
             elif joints.size:
                 scale = most if kind.order else self.step_scale
                 rows = item.lower[joints], most[joints], scale[joints]
