@@ -158,13 +158,7 @@ class LimitRows:
 
     def selected(self, rows: IntArray | BoolArray) -> LimitRows:
         """The rows of an index or a mask."""
-
-        def subset(item: Any) -> Any:
-            if isinstance(item, Instants):
-                return Instants(item.interval[rows], item.share[rows])
-            return item[rows]
-
-        return LimitRows(*(subset(getattr(self, item.name)) for item in fields(self)))
+        return LimitRows(*(getattr(self, item.name)[rows] for item in fields(self)))
 
     @classmethod
     def joined(cls, parts: Sequence[LimitRows]) -> LimitRows:
@@ -331,8 +325,7 @@ def _rows_of(
             if by is not None:
                 np.hsplit(slopes, 2)[k][:] = by
     # Values of pairs of instants are assigned to the first instant.
-    which = partials.at[: len(slopes)]
-    at = Instants(at.interval[which], at.share[which])
+    at = at[partials.at[: len(slopes)]]
     return LimitRows(np.array(kind), at, slopes=slopes, change=change, **more)
 
 
@@ -344,10 +337,7 @@ def _of_joints(part: Motion, item: JointLimit | MotorLimit) -> Iterator[LimitRow
     sampled = SampledConstraint.of(part, item, part.instants(*SHARES))
     shape = sampled.values.shape
     chosen = _chosen(part, item, sampled.excess.reshape(-1, len(SHARES), item.count))
-    if isinstance(item, JointLimit):
-        unit = item.scale if item.order == 0 else 1.0
-        yield sampled.rows(item.kind.name, item.of_joints, chosen.reshape(shape), unit)
-        return
+    unit = item.scale if isinstance(item, JointLimit) and item.order == 0 else 1.0
     if isinstance(item, TorqueLimit):
         if part.changes.shape == "torques":
             # Torques may have been merged into their mean over the interval.
@@ -358,7 +348,7 @@ def _of_joints(part: Motion, item: JointLimit | MotorLimit) -> Iterator[LimitRow
         passive[:, MIDDLE] = np.isin(item.of_joints, part.driven, invert=True)
         chosen[:, :, ~np.isin(item.of_joints, part.driven)] = False
         yield sampled.rows(PASSIVE, item.of_joints, passive.reshape(shape), equal=True)
-    yield sampled.rows(item.kind.name, item.of_joints, chosen.reshape(shape))
+    yield sampled.rows(item.kind.name, item.of_joints, chosen.reshape(shape), unit)
 
 
 def _chosen(part: Motion, item: JointLimit | MotorLimit, excess: Array) -> BoolArray:

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from tominpmp.arrays import Array, IntArray
+from tominpmp.arrays import Array, BoolArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,12 +80,14 @@ class Instants:
         """Number of instants."""
         return int(self.interval.size)
 
+    def __getitem__(self, chosen: IntArray | BoolArray) -> Instants:
+        """The instants of an index or a mask."""
+        return Instants(self.interval[chosen], self.share[chosen])
+
     def within(self, first: int, end: int) -> Instants:
         """The instants in the intervals from ``first`` to before ``end``."""
         mine = (self.interval >= first) & (self.interval < end)
-        if np.all(mine):
-            return self
-        return Instants(self.interval[mine], self.share[mine])
+        return self if np.all(mine) else self[mine]
 
     def joined(self, other: Instants) -> Instants:
         """These instants and others."""
