@@ -246,5 +246,5 @@ def _base_overlap(robot: Robot, first: str, second: str) -> float | None:
     pairs = np.array(list(product(first_bodies, second_bodies)))
     if not pairs.size:
         return None
-    bases = PairDistances(robot, watched=(fixed, pairs))
+    bases = PairDistances(robot, (fixed, pairs))
     return -float(np.min(bases.distances(np.zeros((1, robot.n)))))

@@ -87,7 +87,6 @@ class CollisionChecker(PairDistances):
     def __post_init__(self) -> None:
         """Check that moving links have geometry, and prepare the pairs."""
         robot, scene = self.robot, self.scene
-        super().__init__(robot, MovingObstacles(scene.moving, robot.model.njoints))
         shapes = robot.collision_model.geometryObjects
         if len(scene) and not any(item.parentJoint for item in shapes):
             raise SceneError(
@@ -98,6 +97,11 @@ class CollisionChecker(PairDistances):
         self._variants: dict[frozenset[str], CollisionChecker] = {}
         if len(scene):
             _ = self.broad, self.narrow  # set up now, as every plan uses them
+
+    @cached_property
+    def obstacles(self) -> MovingObstacles:
+        """Placements of the moving obstacles of the scene."""
+        return MovingObstacles(self.scene.moving, self.robot.model.njoints)
 
     @cached_property
     def links(self) -> tuple[Body, ...]:

@@ -41,25 +41,20 @@ class PairDistances:
 
     Attributes:
         robot: The robot.
-        obstacles: Placements of the moving obstacles.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        obstacles: MovingObstacles | None = None,
-        watched: tuple[Sequence[Body], Pairs] | None = None,
-    ) -> None:
-        """Set the bodies and their collision pairs; None if a subclass has them."""
-        self.robot = robot
-        self.obstacles = obstacles or MovingObstacles((), robot.model.njoints)
-        if watched is not None:
-            self.watched = watched
+    def __init__(self, robot: Robot, watched: tuple[Sequence[Body], Pairs]) -> None:
+        self.robot, self.watched = robot, watched
 
     @cached_property
     def watched(self) -> tuple[Sequence[Body], Pairs]:
         """The bodies, and the collision pairs of bodies."""
         raise NotImplementedError
+
+    @cached_property
+    def obstacles(self) -> MovingObstacles:
+        """Placements of the moving obstacles, of which there are none."""
+        return MovingObstacles((), self.robot.model.njoints)
 
     @cached_property
     def pairs(self) -> tuple[tuple[str, str], ...]:

@@ -105,7 +105,7 @@ def links_touching(
     """
     rows, bodies = robot.expand(q), links_of(robot, "hull")
     pairs = _named(bodies, wanted)
-    overlap = PairDistances(robot, watched=(bodies, pairs)).distances(q, 0.0) < 0.0
+    overlap = PairDistances(robot, (bodies, pairs)).distances(q, 0.0) < 0.0
     meshes, found = links_of(robot, "mesh"), {}
     for names, columns in _columns(bodies, pairs).items():
         instants = np.flatnonzero(np.any(overlap[:, columns], axis=1))
