@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +11,6 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.description.joint_table import JointLimits
 from tominpmp.kinematics import prismatic_joints
-from tominpmp.motion.curves import states
 from tominpmp.motion.trajectory import State, Trajectory
 from tominpmp.motion_limits import ACCELERATION, MotionLimits
 from tominpmp.robot.robot import datasheet_hint
@@ -102,8 +101,8 @@ def peak_acceleration(problem: Problem, trajectory: Trajectory) -> PeakAccelerat
     shares = np.array([1e-9, 0.25, 0.5, 0.75, 1.0 - 1e-9])
     inside = (nodes[:-1, None] + steps[:, None] * shares).ravel()
     times = inside if steps.size else nodes
-    motion = trajectory.t, trajectory.q, trajectory.v, trajectory.a
-    sizes = np.abs(states(*motion, times)[2])
+    # Torques are not needed.
+    sizes = np.abs(replace(trajectory, inverse_dynamics=None)(times).a)
     limits, names = problem.motion_limits or MotionLimits(), problem.robot.joint_names
     bounded = np.isfinite(limits.by_joint("acceleration", names))
     considered = sizes if np.all(bounded) else np.where(bounded, -1.0, sizes)

@@ -20,7 +20,7 @@ from tominpmp.arrays import Array, BoolArray, IntArray, array_or_nan, in_brief
 from tominpmp.checks import array, number, whole, wrong
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, brief
-from tominpmp.motion.curves import polynomials, states, velocities
+from tominpmp.motion.curves import Curve
 from tominpmp.motion.samples import Samples, TimedRows, clock
 from tominpmp.motion.turns import Turns
 from tominpmp.notebook import motion_card
@@ -240,7 +240,7 @@ class Trajectory(TimedRows):
         """
         # Derivatives beyond the degree are zero, and SciPy loops up to the order.
         order = min(whole(nu, "nu"), 9)
-        curve = polynomials(*self._nodes)
+        curve = self._curve.polynomials()
         return curve.derivative(order) if order else curve
 
     def _repr_html_(self) -> str:
@@ -268,13 +268,13 @@ class Trajectory(TimedRows):
         return State(q, v, a, u)
 
     @property
-    def _nodes(self) -> tuple[Array, Array, Array, Array | None]:
-        """The nodes, as arguments of the functions for the curve between them."""
-        return self.t, self.q, self.v, self.a
+    def _curve(self) -> Curve:
+        """The polynomials between the nodes."""
+        return Curve(self.t, self.q, self.v, self.a)
 
     def _evaluate(self, times: Array) -> State:
         """The states at times within the motion, shape (m,)."""
-        q, v, a = states(*self._nodes, times)
+        q, v, a = self._curve.states(times)
         node = np.searchsorted(self.t, times, side="right") - 1
         if self.inverse_dynamics is None:
             return State(q, v, a, self.u[node])
@@ -308,7 +308,7 @@ class Trajectory(TimedRows):
         """Directions of motion of the joints, and their reversals."""
         if self.t.size == 1:
             return Turns.of_instant(self.t, self.v)
-        return Turns.of(self.t, velocities(*self._nodes))
+        return Turns.of(self.t, self._curve.velocities())
 
     def with_torques(
         self,
@@ -329,7 +329,7 @@ class Trajectory(TimedRows):
             holding=None,
             segment_dynamics=segment_dynamics,
         )
-        a = states(*self._nodes, self.t)[2]
+        a = self._curve.states(self.t)[2]
         return replace(motion, u=motion._torques(self.t, self.q, self.v, a))
 
     def sample(self, dt: float) -> Samples:

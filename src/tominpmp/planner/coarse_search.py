@@ -25,7 +25,6 @@ from tominpmp.arrays import Array
 from tominpmp.constraints.friction import EFFORT_TOLERANCE
 from tominpmp.initial_guess.bumps import bumps
 from tominpmp.initial_guess.guess import SAMPLED, Guess
-from tominpmp.motion.curves import states
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Control, Options
 from tominpmp.planner.candidate import Candidate
@@ -220,8 +219,8 @@ def _too_slow(guess: Guess, known: Iterable[float]) -> bool:
 def _shape_of(system: ProblemFunctions, motion: Trajectory) -> Array:
     """Scaled configurations at evenly spaced instants, shape (SAMPLES, n)."""
     times = np.linspace(0.0, 1.0, SAMPLES) * motion.duration
-    q, _, _ = states(motion.t, motion.q, motion.v, motion.a, times)
-    return np.asarray(q / system.step_scale)
+    state = replace(motion, inverse_dynamics=None)(times)  # torques are not needed
+    return np.asarray(state.q / system.step_scale)
 
 
 @dataclass(frozen=True, eq=False)

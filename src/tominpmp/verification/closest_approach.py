@@ -13,14 +13,13 @@ the least and the largest of its Bézier points.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.collision.checker import CollisionChecker, Contact
-from tominpmp.motion.curves import states
+from tominpmp.motion.curves import Curve
 from tominpmp.motion.extrema import least_between
 from tominpmp.verification.replay import Replay
 
@@ -165,7 +164,7 @@ class ClosestApproach:
             end: Ends of the intervals [s], shape (m,).
         """
         rows, time = self._motion, 0.5 * (begin + end)
-        t, curve = rows.t, partial(states, rows.t, rows.q, rows.v, None)
+        t, curve = rows.t, Curve(rows.t, rows.q, rows.v).states
         q, _, _ = curve(time)
         first = np.searchsorted(t[1:-1], begin, "right")
         last = np.searchsorted(t[1:-1], end, "left")
