@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -143,6 +144,26 @@ def test_a_joint_that_cannot_stop_goes_on_for_two_turns(robot: tm.Robot) -> None
     found = tm.plan(problem)
     assert found.trajectory.q[-1, 0] == pytest.approx(0.5 + 2.0 * TURN, abs=1e-4)
     assert found.T == pytest.approx(found.lower_bound.T, rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    "goal", [tm.JointGoal([1.0]), tm.AnyGoal([tm.JointGoal([1.0])] * 2)]
+)
+def test_problems_of_passed_goals_are_made_anew(goal: tm.Goal) -> None:
+    segments = [tm.Segment(goal, stop=False), tm.Segment(tm.JointGoal([1.5]))]
+    first = tm.Problem(endless_arm(1), [0.0], segments=segments).phases[0]
+    again = replace(first, margin=0.01)
+    assert again.margin == 0.01
+    ends = [each.configuration for each in again.goal.alternatives]
+    assert ends == [each.configuration for each in first.goal.alternatives]
+
+
+def test_copies_of_problems_have_the_same_turns() -> None:
+    problem = tm.Problem(endless_arm(2), [0.0, 0.0], tm.JointGoal([1.0, -1.0]))
+    copied = replace(problem, margin=0.01)
+    ends = [[one.goal.q for one in each.alternatives] for each in (problem, copied)]
+    assert len(ends[0]) > 1
+    np.testing.assert_array_equal(*ends)
 
 
 @pytest.mark.parametrize(

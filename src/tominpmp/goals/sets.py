@@ -98,14 +98,16 @@ class PassedGoal(Record, Goal):
     @property
     def alternatives(self) -> tuple[Goal, ...]:
         """A via point for each alternative of the inner goal."""
-        if len(self.goal.alternatives) == 1:
-            return (self,)
-        return tuple(PassedGoal(goal) for goal in self.goal.alternatives)
+        return self._passing(self.goal.alternatives)
 
     @property
     def choices(self) -> tuple[Goal, ...]:
         """A via point for each choice of the inner goal."""
-        return tuple(PassedGoal(goal) for goal in self.goal.choices)
+        return self._passing(self.goal.choices)
+
+    def _passing(self, goals: Sequence[Goal]) -> tuple[Goal, ...]:
+        """A via point for each of some goals; this one for a single goal."""
+        return (self,) if len(goals) == 1 else tuple(map(PassedGoal, goals))
 
     def prefixed(self, prefix: str, robot: Robot) -> Goal:
         """The via point with the names of a combined robot."""
@@ -304,4 +306,6 @@ class AllGoals(GoalSet):
 
 def restricted(goal: Goal, choices: Sequence[Goal]) -> Goal:
     """The goal with only some of its choices."""
+    if isinstance(goal, PassedGoal):
+        return PassedGoal(restricted(goal.goal, [item.stopped for item in choices]))
     return joined_turns(choices) if goal.turning else AnyGoal(choices)

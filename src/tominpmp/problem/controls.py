@@ -20,13 +20,13 @@ from tominpmp.motion_limits import (
     MotionLimits,
 )
 
-# Accelerations and jerks beyond this count as unlimited, and accelerations below its
-# inverse as this inverse [rad/s^2, rad/s^3].
-MOST = 1e9
-
 if TYPE_CHECKING:
     from tominpmp.motion.trajectory import State
     from tominpmp.robot.robot import Robot
+
+# Accelerations and jerks beyond this count as unlimited, and accelerations below its
+# inverse as this inverse [rad/s^2, rad/s^3].
+MOST = 1e9
 
 
 def control_kind(robot: Robot) -> LimitKind:
@@ -108,10 +108,8 @@ def durations_alone(
     """
     jerk = (limits or MotionLimits()).by_joint("jerk", robot.joint_names)
     jerk = np.minimum(jerk, MOST)
-    a = np.minimum(
-        accelerations_alone(robot, limits, q[None])[0], np.sqrt(change * jerk)
-    )
-    a = np.clip(a, 1.0 / MOST, MOST)
+    alone = accelerations_alone(robot, limits, q[None])[0]
+    a = np.clip(np.minimum(alone, np.sqrt(change * jerk)), 1.0 / MOST, MOST)
     return np.asarray(change / a + a / jerk)
 
 

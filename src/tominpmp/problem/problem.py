@@ -282,7 +282,7 @@ class Problem(Record):
                 either direction; None for the first segment.
             rivals: Number of goals of the set that the goal belongs to.
         """
-        if goal.choices[0] is not goal:
+        if not goal.turning and goal.choices[0] is not goal:
             rivals = len(goal.choices)
             choices = [self._wrapped(each, before, rivals) for each in goal.choices]
             return restricted(goal, choices)
