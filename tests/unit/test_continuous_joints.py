@@ -108,6 +108,13 @@ def endless_arm(joints: int) -> tm.Robot:
     return tm.load_robot(text + "</robot>")
 
 
+def coasting(goal: tm.Goal, velocity: float, **limits: float) -> tm.Problem:
+    """A single joint without end that moves at the start, with motion limits."""
+    robot, motion_limits = endless_arm(1), tm.MotionLimits(**limits)
+    v_start = [velocity]
+    return tm.Problem(robot, [0.0], goal, v_start=v_start, motion_limits=motion_limits)
+
+
 POST = tm.Cylinder("post", radius=0.03, length=1.0, position=(0.3, 0.0, 0.0))
 
 
@@ -179,14 +186,7 @@ def test_goals_of_all_kinds_are_reached_where_a_joint_comes_by_itself(
     goal: tm.Goal,
 ) -> None:
     """It comes to rest 31 rad away at the earliest."""
-    problem = tm.Problem(
-        endless_arm(1),
-        [0.0],
-        goal,
-        v_start=[-2.5],
-        motion_limits=tm.MotionLimits(acceleration=0.1),
-    )
-    found = tm.plan(problem, effort="quick")
+    found = tm.plan(coasting(goal, -2.5, acceleration=0.1), effort="quick")
     assert found.success, found.message
     assert found.trajectory.q[-1, 0] == pytest.approx(1.0 - 6.0 * TURN, abs=1e-4)
 
@@ -208,26 +208,13 @@ def test_later_segments_begin_where_a_moving_joint_comes_by_itself() -> None:
 
 
 def test_jerk_limits_count_for_where_a_joint_comes_by_itself() -> None:
-    problem = tm.Problem(
-        endless_arm(1),
-        [0.0],
-        tm.JointGoal([1.0]),
-        v_start=[2.5],
-        motion_limits=tm.MotionLimits(jerk=0.1),
-    )
-    found = tm.plan(problem, effort="quick")
+    found = tm.plan(coasting(tm.JointGoal([1.0]), 2.5, jerk=0.1), effort="quick")
     assert found.T == pytest.approx(2.0 * np.sqrt(2.5 / 0.1), rel=0.1)
 
 
 def test_bounds_of_joints_that_hardly_brake_take_no_time() -> None:
     """One after the other, their fifty thousand turns took a minute."""
-    problem = tm.Problem(
-        endless_arm(1),
-        [0.0],
-        tm.JointGoal([1.0]),
-        v_start=[2.5],
-        motion_limits=tm.MotionLimits(acceleration=1e-5),
-    )
+    problem = coasting(tm.JointGoal([1.0]), 2.5, acceleration=1e-5)
     found = tm.plan(problem, max_planning_time=2.0)
     assert not found.success and found.planning_time < 3.0
 

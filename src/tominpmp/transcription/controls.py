@@ -145,7 +145,7 @@ class TorqueTranscription(Transcription[SteppedMotion]):
             if part is not None:
                 target += part
         if partials.by_a is not None:
-            here = Instants(at.interval[which], at.share[which])
+            here = at[which]
             x, u = motion.states(here), motion.u[here.interval]
             slopes = self.system.dynamics.forward_jacobians(x, u)
             by_x += np.einsum("kj,kji->ki", partials.by_a, slopes.f_x[:, n:])

@@ -179,7 +179,7 @@ class Inspection:
             # them.
             whole = np.ones(known.size, dtype=bool)
             whole[: len(block.ignored)] = ~np.any(block.ignored, axis=1)
-            known = Instants(known.interval[whole], known.share[whole])
+            known = known[whole]
         at, excess = self._violations()
         worst = np.max(excess, axis=1, initial=-np.inf)
         found: list[tuple[int, float]] = []
@@ -234,7 +234,7 @@ class Inspection:
             near = np.zeros(0, dtype=np.int64)
             if not found:
                 near = between_samples(violation, 0.0, attention)
-            found.append((Instants(at.interval[over], at.share[over]), violation[over]))
+            found.append((at[over], violation[over]))
             step = width * h[at.interval]
             if float(np.max(step, initial=0.0)) * rise > room and len(found) <= CUTS:
                 ahead = excess[:, moving] + 0.5 * step[:, None] * rises[moving]
@@ -273,7 +273,7 @@ class Inspection:
             added = ignored[index[known]] & values[known]
             ignored[index[known]] &= ~values[known]
             count = int(np.any(added, axis=1).sum())
-            new = Instants(new.interval[~known], new.share[~known])
+            new = new[~known]
             ignored = np.concatenate([ignored, ~values[~known]])
         if new.size:
             joined = block.constraint.joined(block.assumed(self.motion, new))
