@@ -93,3 +93,11 @@ def test_joints_that_are_not_named_are_where_the_tour_starts(tmp_path: Path) -> 
     found = load_tour(path)
     assert found["q_end"].tolist() == [0.8, 1.2, -0.7]
     assert found["stations"][1].goal.q.tolist() == [0.5, 1.0, -0.7]
+
+
+def test_a_file_of_a_tour_that_fails_its_check_is_an_error(tmp_path: Path) -> None:
+    path = scenario(tmp_path, STATIONS)
+    code, output = run(path, "-o", tmp_path / "cycle.yaml", "--dt", "0.1")
+    assert code == 1
+    assert "cycle.yaml does not hold" in output and "drill" in output
+    assert (tmp_path / "cycle.yaml").exists()

@@ -122,7 +122,7 @@ def test_samples_that_cut_corners_are_told_of_with_what_would_hold(
     # 0.16 s between jumps: all of 10, 8, 4, 2 ms meet them.
     assert found.holding == (None, 0.01)
     assert "the nodes of the motion (without dt), dt = 0.01 s" in found.message
-    assert "control_period = 0.1 (--control-period)" in found.message
+    assert "the option control_period = 0.1." in found.message
     for dt in found.holding:
         assert check_export(solution, solution.export(path, dt=dt), dt=dt).ok
 

@@ -61,8 +61,8 @@ def tour(scenario: TourScenario, /, *, args: TourOptions = TourOptions()) -> int
     bound of the cycle time over all orders.
 
     Exit codes:
-        0    a tour was found
-        1    no tour was found
+        0    a tour was found, and its file passed the check
+        1    no tour was found, or its file failed the check
         2    bad input
         74   the report cannot be written to standard output
         129  the terminal was closed (SIGHUP)

@@ -20,6 +20,7 @@ from tominpmp.cli.output_files import (
     PLOT_ENDINGS,
     check_period,
     check_target,
+    judged,
 )
 from tominpmp.cli.report import json_text, rows_text
 from tominpmp.cli.signals import present
@@ -193,7 +194,7 @@ def run_tour(scenario: Path, args: TourOptions) -> int:
     arguments = load_tour(scenario)
     with logged(args.verbose, error_console()), blaming(Field({}, scenario)):
         tour = plan_tour(**arguments | changes)
-    files = _write(tour, args) if tour.success else []
+    files, fault = _write(tour, args) if tour.success else ([], "")
     if args.json:
         data = {name: getattr(tour, name) for name in OF_TOURS}
         motions = [motion.T for motion in tour.motions]
@@ -202,18 +203,29 @@ def run_tour(scenario: Path, args: TourOptions) -> int:
         say(_tour_text(tour, files))
     if tour.status is Status.INTERRUPTED:
         return INTERRUPTED
-    return PLANNED if tour.success else NO_PLAN
+    if fault:
+        complain("error", fault)
+    return NO_PLAN if fault or not tour.success else PLANNED
 
 
-def _write(tour: Tour, args: TourOptions) -> list[Path]:
-    """Write the files that the options name, and return their paths."""
+def _write(tour: Tour, args: TourOptions) -> tuple[list[Path], str]:
+    """Write the files that the options name.
+
+    Returns:
+        Their paths; and why the motion as written does not hold, empty if it does.
+    """
+    fault = ""
     if args.output is not None:
-        tour.export(args.output, dt=args.dt)
+        whole = tour._whole()
+        whole.export(args.output, dt=args.dt, verify=False)
+        judgement = judged(whole, args.output, args.dt)
+        fault = "" if judgement.ok else judgement.message
     if args.plot is not None:
         tour.plot(args.plot)
     if args.html is not None:
         tour.play(args.html)
-    return [path for path in (args.output, args.plot, args.html) if path is not None]
+    files = [path for path in (args.output, args.plot, args.html) if path is not None]
+    return files, fault
 
 
 def _tour_text(tour: Tour, files: list[Path]) -> str:

@@ -109,8 +109,8 @@ class ExportCheck:
             parts.append(f"Nor do these hold: {_listed(self.tried)}.")
         if self.replan is not None:
             parts.append(
-                f"A motion for samples of {self.replan:g} s is planned with "
-                f"control_period = {self.replan:g} (--control-period)."
+                f"A motion for samples of {self.replan:g} s is planned with the option "
+                f"control_period = {self.replan:g}."
             )
         return "".join(f" {part}" for part in parts)
 

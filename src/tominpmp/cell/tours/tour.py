@@ -260,16 +260,25 @@ class Tour:
                 wrong.
             ScenarioError: If the file cannot be written.
         """
+        return self._whole().export(
+            path, dt=dt, with_effort=with_effort, message=message
+        )
+
+    def _whole(self) -> Solution:
+        """The whole cycle as one solution, not yet verified.
+
+        Raises:
+            ProblemError: If there is no tour.
+        """
         motion, first = self._motion(), self.motions[0]
         parts = [item.problem for item in self.motions]
-        whole = replace(
+        return replace(
             first,
             problem=in_sequence(self.problem, parts, self.stays[1:]),
             trajectory=motion,
             planning_time=self.planning_time,
             verification=None,
         )
-        return whole.export(path, dt=dt, with_effort=with_effort, message=message)
 
     def table(self) -> str:
         """The visits as a table: station, arrival, stay and departure [s]."""
