@@ -387,3 +387,17 @@ def test_a_tolerance_is_used(method: str, planar3r: Robot) -> None:
     assert loose.trajectory is not None
     end = kinematics.placement(loose.trajectory.q[-1], "tip").translation
     assert np.linalg.norm(end - centre) == pytest.approx(0.3, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("goal", "error"),
+    [
+        (JointGoal(Q[:3]), ProblemError),
+        (PositionGoal("nope", [0.3, 0.2, 0.4]), FrameNotFound),
+    ],
+)
+def test_errors_of_a_goal_in_a_set_name_the_goal(
+    ur5: Robot, goal: Goal, error: type[Exception]
+) -> None:
+    with pytest.raises(error, match=r"^goal 2 of 2: "):
+        Problem(ur5, Q, AnyGoal([JointGoal(Q), goal]))

@@ -6,21 +6,23 @@ combined goals all of them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, Record
 from tominpmp.checks import of_kind, whole
-from tominpmp.exceptions import ProblemError
+from tominpmp.exceptions import ProblemError, naming
 from tominpmp.goals.base import Goal
 from tominpmp.goals.place import GoalResidual, Label, Place
 from tominpmp.goals.turns import MOST_WAYS, joined_turns
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot.robot import Robot
+
+V = TypeVar("V")
 
 
 def _delegated(name: str) -> Any:
@@ -147,7 +149,7 @@ class GoalSet(Record, Goal):
 
     def resolved(self, robot: Robot, before: Array | None = None) -> GoalSet:
         """The set with joint values in the order of the robot."""
-        goals = tuple(goal.resolved(robot, before) for goal in self.goals)
+        goals = self._of_each(lambda goal: goal.resolved(robot, before))
         same = all(a is b for a, b in zip(goals, self.goals, strict=True))
         return self if same else replace(self, goals=goals)
 
@@ -161,8 +163,15 @@ class GoalSet(Record, Goal):
 
     def validate(self, robot: Robot) -> None:
         """Check each goal."""
-        for goal in self.goals:
-            goal.validate(robot)
+        self._of_each(lambda goal: goal.validate(robot))
+
+    def _of_each(self, function: Callable[[Goal], V]) -> tuple[V, ...]:
+        """Values of a function of a goal, whose errors name the goal."""
+        values = list[V]()
+        for number, goal in enumerate(self.goals, 1):
+            with naming(f"goal {number} of {len(self.goals)}"):
+                values.append(function(goal))
+        return tuple(values)
 
 
 @dataclass(frozen=True, eq=False)
