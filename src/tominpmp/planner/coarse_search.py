@@ -44,6 +44,7 @@ from tominpmp.planner.torque_starts import (
 from tominpmp.planner.work import NEARLY, Schedule, Work
 from tominpmp.solvers.loop import Loop, Rule
 from tominpmp.status import Status
+from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 logger = logging.getLogger(__name__)
@@ -367,8 +368,11 @@ class CoarseSearch:
 
     def _shape_at(self, loop: Loop) -> Array:
         """Shape of the motion at the present iterate."""
-        z = (loop.best or loop.state).z
-        return _shape_of(self.system, loop.program.trajectory(z))
+        of = loop.program.transcription
+        motion = of.motion((loop.best or loop.state).z)
+        times = np.linspace(0.0, motion.h.sum() + of.delays[-1], SAMPLES)
+        at = Instants.at_times(times, motion.h, of.delays)
+        return np.asarray(of.states(motion, at, 0).q / self.system.step_scale)
 
     def _is_known(self, shape: Array) -> bool:
         return any(np.max(np.abs(shape - rough.shape)) < SAME for rough in self.known)
