@@ -187,7 +187,8 @@ class Tour:
     def _motion(self) -> Trajectory:
         motion = self.trajectory
         if motion is None:
-            raise ProblemError(f"there is no tour: {self.message}", "trajectory")
+            why = "all stations are at the start" if self.success else self.message
+            raise ProblemError(f"the tour has no motion: {why}", "trajectory")
         return motion
 
     def play(self, path: str | Path | None = None, **options: Any) -> Any:
