@@ -151,6 +151,19 @@ def test_where_there_is_no_obstacle_none_can_be_resized_or_removed() -> None:
         assert not any(field.visible for field in (*panel._sizes, panel._remove))
 
 
+def test_sizes_are_those_of_the_obstacle_of_another_robot() -> None:
+    """A box once had the radius and the length of the post before it."""
+    with opened("ur5") as page:
+        panel = page.panel  # type: ignore[attr-defined]
+        assert [field.label for field in panel._sizes[:2]] == [
+            "radius [m]",
+            "length [m]",
+        ]
+        page.choose(known("panda"))  # type: ignore[attr-defined]
+        assert [field.value for field in panel._sizes] == [0.1, 0.1, 1.0]
+        assert panel._sizes[2].visible and panel._sizes[2].label == "z [m]"
+
+
 def test_a_dropped_file_that_is_no_robot_is_told(page: object) -> None:
     from viser import UploadedFile
 

@@ -351,7 +351,8 @@ class Readout:
         busy = self._controller.busy
         self._headline.content = pictures.headline(outcome, busy, goes_on)
         if outcome.shown is not None:
-            self._slider.max = round(outcome.shown.T, 3)
+            self._slider.max = latest = round(outcome.shown.T, 3)
+            self._slider.value = min(float(self._slider.value), latest)
             self._curves.content = pictures.curves(outcome.shown)
             active, optimality = outcome.shown.active, outcome.shown.optimality
             self._held.content = pictures.active_limits(active, optimality)
@@ -426,6 +427,8 @@ class Panel:
                 slider.value = getattr(request, name)
             self._bounded.value = request.acceleration is not None
             self._acceleration.visible = self._bounded.value
+            # Obstacles of two robots may have the same names.
+            self._show_sizes()
 
     def refresh_lines(self) -> None:
         """Show the lines of Python, and the names of the obstacles."""

@@ -69,7 +69,7 @@ def bars(shown: ShownMotion, time: float) -> str:
     for joint, name in enumerate(short_names(shown.joint_names)):
         cells.append(_span(CUT, escape(name), f' title="{escape(name)}"'))
         cells += [_bar(float(values[row, joint]), color) for values, color in drawn]
-    return _grid("76px 1fr 1fr;gap:4px 10px", cells)
+    return _grid("86px 1fr 1fr;gap:4px 10px", cells)
 
 
 def _bar(share: float, color: str) -> str:
@@ -101,7 +101,7 @@ def curves(shown: ShownMotion) -> str:
             f"{_curve(shown.torque[rows, joint], TORQUE_COLOR)}"
             f"{_curve(shown.speed[rows, joint], SPEED_COLOR)}</svg>"
         )
-    return _grid("76px 1fr;gap:3px 10px", cells)
+    return _grid("86px 1fr;gap:3px 10px", cells)
 
 
 def _curve(shares: Array, color: str) -> str:
