@@ -181,6 +181,9 @@ def test_what_is_picked_is_brought_at_once(
     assert first == ["pick", "place", "pick", "place"]
     loads = [len(motion.problem.robot.payloads) for motion in found.motions]
     assert loads == [0, 1, 0, 1, 0]
+    # Pages show what is carried on each segment.
+    carried = [segment.payload for segment in found._whole.segments]
+    assert carried == [None, load, None, load, None]
     motion = found.trajectory
     assert motion is not None
     # The load is felt on its way, in the motion as a whole, too.

@@ -184,6 +184,12 @@ class Tour:
             raise PlanningFailed(self)
         return self
 
+    @property
+    def _whole(self) -> Problem:
+        """The problem of the whole cycle, with the loads of its motions."""
+        parts = [item.problem for item in self.motions]
+        return in_sequence(self.problem, parts, self.stays[1:])
+
     def _motion(self) -> Trajectory:
         motion = self.trajectory
         if motion is None:
@@ -203,7 +209,7 @@ class Tour:
         """
         motion, name = self._motion(), self.problem.robot.name
         title = f"{name}: {len(self.order)} stations, cycle {self.cycle_time:.4g} s"
-        return play(self.problem, motion, path=path, **{"title": title} | options)
+        return play(self._whole, motion, path=path, **{"title": title} | options)
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """Draw a Gantt chart: motions and dwells over time, with the joints' speeds.
@@ -262,10 +268,9 @@ class Tour:
             ScenarioError: If the file cannot be written.
         """
         motion, first = self._motion(), self.motions[0]
-        parts = [item.problem for item in self.motions]
         whole = replace(
             first,
-            problem=in_sequence(self.problem, parts, self.stays[1:]),
+            problem=self._whole,
             trajectory=motion,
             planning_time=self.planning_time,
             verification=None,
