@@ -44,6 +44,8 @@ html_theme_options = {
 }
 
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath", "fieldlist"]
+# A line that begins with a per cent sign is text, as on GitHub, not a comment.
+myst_disable_syntax = ["myst_line_comment"]
 myst_heading_anchors = 3
 
 autodoc_member_order = "bysource"

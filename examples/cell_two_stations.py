@@ -93,6 +93,8 @@ def main() -> int:
         scene=scene(),
         margin=0.002,
         motion_limits=tm.MotionLimits(acceleration=8.0),
+        # The controller that reads the file interpolates between its rows.
+        control_period=0.004,
         seed=arguments.seed,
     )
     print(tour.message)

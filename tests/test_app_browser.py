@@ -131,11 +131,37 @@ def test_a_dragged_obstacle_in_the_way_is_told_and_nothing_ends(page: object) ->
     assert awaited(page, refused.number + 1).ok
 
 
+def test_the_slider_has_the_time_in_seconds(
+    page: object, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown, readout = awaited(page, 1).shown, page.readout  # type: ignore[attr-defined]
+    assert shown is not None
+    assert readout._slider.max == pytest.approx(shown.T, abs=1e-3)
+    monkeypatch.setattr(readout, "_pause", lambda: None)
+    readout._playing.value = False
+    readout._slider.value = 0.3
+    assert readout.time(shown, 9.9) == 0.3
+    readout._playing.value = True
+
+
 def test_where_there_is_no_obstacle_none_can_be_resized_or_removed() -> None:
     with opened("so100") as page:
         panel = page.panel  # type: ignore[attr-defined]
         assert panel._items.options == ("none",)
         assert not any(field.visible for field in (*panel._sizes, panel._remove))
+
+
+def test_sizes_are_those_of_the_obstacle_of_another_robot() -> None:
+    """A box once had the radius and the length of the post before it."""
+    with opened("ur5") as page:
+        panel = page.panel  # type: ignore[attr-defined]
+        assert [field.label for field in panel._sizes[:2]] == [
+            "radius [m]",
+            "length [m]",
+        ]
+        page.choose(known("panda"))  # type: ignore[attr-defined]
+        assert [field.value for field in panel._sizes] == [0.1, 0.1, 1.0]
+        assert panel._sizes[2].visible and panel._sizes[2].label == "z [m]"
 
 
 def test_a_dropped_file_that_is_no_robot_is_told(page: object) -> None:
@@ -264,6 +290,15 @@ def test_the_browser_shows_what_a_drag_leads_to(
         assert request.robot.kinematic and request.acceleration == 15.0
         assert panel._bounded.value and panel._acceleration.visible
         assert not panel._sliders["effort_scale"].visible
+        # A telephone has the duration at the top of the sheet, in one line.
+        size = {"width": 400, "height": 800, "deviceScaleFactor": 1, "mobile": True}
+        view._call("Emulation.setDeviceMetricsOverride", **size)
+        view.frames(10)
+        top, height = view.evaluate(
+            "(() => { const r = document.getElementById('tominpmp-T')"
+            ".getBoundingClientRect(); return [r.top, r.height]; })()"
+        )
+        assert 0.0 < height < 60.0 and top + height < 800.0
         assert view.complaints() == []
     finally:
         browser.close()

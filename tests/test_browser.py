@@ -412,6 +412,28 @@ def test_all_shapes_ghosts_and_a_pose(
     assert page.text("problem") == ""
 
 
+@pytest.mark.parametrize("size", [(900, 600), (800, 360), (358, 636)])
+def test_a_ball_is_round_in_every_window(
+    browser: Browser, address: str, size: tuple[int, int]
+) -> None:
+    page = browser.open(address)
+    width, height = size
+    sizes = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+    page._call("Emulation.setDeviceMetricsOverride", **sizes)
+    browser.events.clear()
+    page._call("Page.reload")
+    browser.wait_for("Page.loadEventFired", page._session)
+    page.frames()
+    across, along, wide, high = page.evaluate(
+        "[0, 5].map((i) => viewer.camera.projectionMatrix.elements[i]).concat("
+        "['offsetWidth', 'offsetHeight'].map((side) =>"
+        " document.querySelector('#meshcat-pane canvas')[side]))"
+    )
+    assert across * wide == pytest.approx(along * high)
+    pane = page.evaluate("document.getElementById('meshcat-pane').offsetHeight")
+    assert high == pane
+
+
 @pytest.mark.parametrize(("height", "below"), [(636, True), (380, False)])
 def test_telephones_have_the_curves_below_the_motion(
     browser: Browser, address: str, height: int, below: bool

@@ -252,3 +252,9 @@ def test_pages_stand_in_one_table_of_contents_each() -> None:
     listed = [line for body in bodies for line in body.split("\n")]
     listed = [line for line in listed if line and not line.startswith(":")]
     assert sorted(set(listed)) == sorted(listed)
+
+
+def test_options_of_directives_have_a_line_each() -> None:
+    several = re.compile(r"^:[\w-]+: .* :[\w-]+: ", re.MULTILINE)
+    assert several.search(":link: start :link-type: doc From a file")
+    assert [p for p in PAGES if several.search(p.read_text("utf-8"))] == []

@@ -48,21 +48,21 @@ def test_coarse_samples_are_told_of_and_kept(run: Run, free: None) -> None:
     assert result.exit_code == 1
     assert Path("m.yaml").is_file()
     assert "as read" in result.stdout
-    assert "does not hold, joined by cubics" in result.stdout
+    assert "does not pass, joined by cubics" in result.stdout
     error = " ".join(result.stderr.split())
     assert "beyond its effort limit at" in error
-    assert "What holds: the nodes of the motion (without dt)" in error
+    assert "What passes: the nodes of the motion (without dt)" in error
     assert "the option control_period = 0.05." in error
     judged = run("verify", "free.toml", "m.yaml")
     assert judged.exit_code == 1
     assert "beyond its effort limit" in judged.stdout
-    # What was advised holds.
+    # What was advised passes.
     assert run("plan", "free.toml", "-o", "m.yaml").exit_code == 0
     assert run("verify", "free.toml", "m.yaml").exit_code == 0
     quiet = run("plan", "free.toml", "-o", "m.yaml", "--dt", "0.05", "-q")
     assert quiet.exit_code == 1
     assert quiet.stdout == ""
-    assert "m.yaml does not hold" in quiet.stderr
+    assert "m.yaml does not pass" in quiet.stderr
 
 
 @pytest.mark.parametrize("period", ["0.004", "0.01"])
@@ -90,7 +90,7 @@ def test_standard_output_is_judged_too(run: Run, free: None) -> None:
     result = run("plan", "free.toml", "-o", "-", "--dt", "0.09")
     assert result.stdout.startswith("time,q_joint1")
     assert result.exit_code == 1
-    assert "standard output does not hold" in " ".join(result.stderr.split())
+    assert "standard output does not pass" in " ".join(result.stderr.split())
 
 
 def test_effort_only_if_asked_for(run: Run, planner: Planner) -> None:

@@ -99,5 +99,5 @@ def test_a_file_of_a_tour_that_fails_its_check_is_an_error(tmp_path: Path) -> No
     path = scenario(tmp_path, STATIONS)
     code, output = run(path, "-o", tmp_path / "cycle.yaml", "--dt", "0.1")
     assert code == 1
-    assert "cycle.yaml does not hold" in output and "drill" in output
+    assert "cycle.yaml does not pass" in output and "drill" in output
     assert (tmp_path / "cycle.yaml").exists()

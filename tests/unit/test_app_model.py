@@ -172,6 +172,22 @@ def test_robots_have_the_limits_that_the_page_says(limits: str | None) -> None:
     assert ("limits" in first_request(choice).python()) == (limits is not None)
 
 
+def test_the_limit_of_accelerations_raises_none() -> None:
+    """Once it replaced the limits of the robot: a UR5 with a limit was faster."""
+    request = replace(first_request(known("ur5")), acceleration=15.0)
+    own, names = (
+        loaded(request.robot).motion_limits,
+        request.problem().robot.joint_names,
+    )
+    for bound in (15.0, 1.0):
+        problem = replace(request, acceleration=bound).problem()
+        assert own is not None and problem.motion_limits is not None
+        np.testing.assert_allclose(
+            problem.motion_limits.by_joint("acceleration", names),
+            np.minimum(own.by_joint("acceleration", names), bound),
+        )
+
+
 def test_robots_without_dynamics_have_accelerations() -> None:
     own = first_request(replace(known("so100"), limits="urdf", kinematic=True))
     assert own.acceleration == 15.0

@@ -14,7 +14,7 @@ import pytest
 
 from tominpmp.app.controller import Controller
 from tominpmp.app.first_request import EXAMPLES, known
-from tominpmp.app.planning import Outcome, Session
+from tominpmp.app.planning import LEAST_GAIN, LEAST_SHARE, Outcome, Session
 from tominpmp.app.request import Request
 from tominpmp.app.worker import Jobs, Worker, work
 from tominpmp.exceptions import ProblemError, RobotLoadError
@@ -64,6 +64,8 @@ def test_a_verified_motion_comes_first_and_what_holds_it_next(
     assert np.max(np.abs(shown.torque)) == pytest.approx(1.0, abs=0.02)
     assert any(limit.name.startswith("torque of joint") for limit in shown.active)
     assert sum(limit.gain or 0.0 for limit in shown.active) > 0.2
+    for limit in shown.active:
+        assert limit.share > LEAST_SHARE or (limit.gain or 0.0) >= LEAST_GAIN
     assert "first-order" in shown.optimality
 
 

@@ -80,7 +80,7 @@ def test_nodes_hold_in_every_format(
     path = solution.export(tmp_path / f"m.{ending}")  # a warning would be an error
     found = check_export(solution, path)
     assert found.ok, found.message
-    assert found.message == f"{path} holds, joined by {found.joined}."
+    assert found.message == f"{path} passes, joined by {found.joined}."
     assert verify(solution.problem, load_motion(path)).ok
     steps = ending in ("csv", "npz")
     assert found.joined.startswith("accelerations that" if steps else "cubics through")
@@ -109,7 +109,7 @@ def test_samples_that_cut_corners_are_told_of_with_what_would_hold(
     """A motion whose torques jump, sampled more coarsely than it jumps."""
     solution = solved(planar3r, on_a_clock(planar3r, 0.002))
     path = tmp_path / "m.yaml"
-    with pytest.warns(TominpmpWarning, match="does not hold, joined by cubics"):
+    with pytest.warns(TominpmpWarning, match="does not pass, joined by cubics"):
         solution.export(path, dt=0.1)
     assert path.is_file()  # the file is kept
     found = check_export(solution, path, dt=0.1)
@@ -159,7 +159,7 @@ def test_check_takes_no_longer_than_planning(planar3r: Robot, tmp_path: Path) ->
     found = check_export(hurried, path, dt=0.1)
     assert not found.ok
     assert found.tried == ()
-    assert "What holds" not in found.message
+    assert "What passes" not in found.message
 
 
 def test_held_torques_are_recognised_in_tables(planar3r: Robot, tmp_path: Path) -> None:

@@ -90,6 +90,11 @@ def test_forces_of_a_locked_arm_are_what_they_were(locks: dict[str, float]) -> N
         assert torques[1][name] == pytest.approx(torques[0][name], rel=1e-12)
 
 
+def test_frames_are_named_once() -> None:
+    names = tm.load_robot(twins()).frame_names
+    assert len(names) == len(set(names)) and {"a", "b", "c"} <= set(names)
+
+
 def test_groups_and_states_of_the_srdf_file(tmp_path: Path) -> None:
     urdf = tmp_path / "twins.urdf"
     urdf.write_text(twins())

@@ -202,7 +202,7 @@ def test_scenario_files_and_the_command_line(tmp_path: Path) -> None:
     done = invoke([*words.split(), *options])
     assert done.exit_code == 0, done.stderr
     assert done.stderr.count("was set to the limit") == 2
-    assert "as read        holds" in done.stdout
+    assert "as read        passes" in done.stdout
 
 
 # What rounding is

@@ -142,8 +142,10 @@ def test_the_whole_cycle_is_verified_and_written(tour: tm.Tour, tmp_path: Path) 
     assert np.allclose(read.q, motion(read.t).q)
     assert tour.play(tmp_path / "tour.html").stat().st_size > 1000
     pytest.importorskip("matplotlib")
-    tour.plot(tmp_path / "tour.png")
+    figure = tour.plot(tmp_path / "tour.png")
     assert (tmp_path / "tour.png").stat().st_size > 1000
+    legend = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert legend[:2] == ["motion", "dwell"]
     assert "p3" in tour.table() and "6 stations" in repr(tour)
 
 
@@ -179,6 +181,9 @@ def test_what_is_picked_is_brought_at_once(
     assert first == ["pick", "place", "pick", "place"]
     loads = [len(motion.problem.robot.payloads) for motion in found.motions]
     assert loads == [0, 1, 0, 1, 0]
+    # Pages show what is carried on each segment.
+    carried = [segment.payload for segment in found._whole.segments]
+    assert carried == [None, load, None, load, None]
     motion = found.trajectory
     assert motion is not None
     # The load is felt on its way, in the motion as a whole, too.

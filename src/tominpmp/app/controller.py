@@ -203,7 +203,8 @@ class Controller:
         with tempfile.TemporaryDirectory(prefix="tominpmp-") as folder:
             path = Path(folder) / name
             solution.export(path, dt=dt, message=message, verify=False)
-            return name, path.read_bytes(), check_export(solution, path, dt=dt).message
+            told = check_export(solution, path, dt=dt).message
+            return name, path.read_bytes(), told.replace(str(path), name)
 
     def close(self) -> None:
         """End the planning process."""

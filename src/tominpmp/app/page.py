@@ -1,5 +1,7 @@
 """The page: a stage in the middle, the outcome on the left, the request on the right.
 
+On telephones the outcome stands above the request, in the sheet below the stage.
+
 All methods may be called from several threads: callbacks of the page, outcomes of the
 planning, and the clock that plays the motion.
 """
@@ -155,8 +157,8 @@ class Page:
         gui.configure_theme(
             show_logo=False, show_share_button=False, brand_color=(37, 99, 235)
         )
-        gui.main_panel.dock_right()
-        gui.main_panel.set_width(330)
+        gui.main_panel.dock_left()
+        gui.main_panel.set_width(340)
         scene.world_axes.visible = False
         # Lights that a machine without a graphics card can render, too.
         scene.configure_environment_map(None)
@@ -306,28 +308,24 @@ class Readout:
 
     def __init__(self, server: Any, controller: Controller) -> None:
         gui, self._controller = server.gui, controller
-        panel = gui.add_panel()
-        with panel.add_tab("Motion"):
-            self._headline = gui.add_html(pictures.headline(None, True))
-            self._notice = gui.add_html("")
-            self._playing = gui.add_checkbox("Play", True)
-            self._speed = gui.add_dropdown("Speed", tuple(SPEEDS), initial_value="half")
-            self._slider = gui.add_slider("Time", 0.0, 1.0, 0.005, 0.0)
-            self._slider.visible = False
-            self._bars = gui.add_html("")
-            with gui.add_folder("Over time"):
-                self._curves = gui.add_html("")
-            with gui.add_folder("What holds it back"):
-                self._held = gui.add_html("")
-        panel.dock_left()
-        panel.set_width(340)
+        self._headline = gui.add_html(pictures.headline(None, True))
+        self._notice = gui.add_html("")
+        self._playing = gui.add_checkbox("Play", True)
+        self._speed = gui.add_dropdown("Speed", tuple(SPEEDS), initial_value="half")
+        self._slider = gui.add_slider("Time [s]", 0.0, 1.0, 0.005, 0.0)
+        self._slider.visible = False
+        self._bars = gui.add_html("")
+        with gui.add_folder("Over time"):
+            self._curves = gui.add_html("")
+        with gui.add_folder("What holds it back"):
+            self._held = gui.add_html("")
         self._playing.on_update(lambda _: self._pause())
-        self._share = 0.0
+        self._now = 0.0
 
     def _pause(self) -> None:
         self._slider.visible = not self._playing.value
         if not self._playing.value:
-            self._slider.value = round(self._share, 3)
+            self._slider.value = round(self._now, 3)
 
     def time(self, shown: ShownMotion, since: float) -> float:
         """The instant to show [s].
@@ -337,12 +335,11 @@ class Readout:
             since: Time since the animation began [s].
         """
         if not self._playing.value:
-            return float(self._slider.value) * shown.T
+            return min(float(self._slider.value), shown.T)
         scaled = since * SPEEDS[self._speed.value]
         at = scaled % (shown.T + 2.0 * REST) - REST
-        now = min(max(at, 0.0), shown.T)
-        self._share = now / shown.T if shown.T > 0.0 else 0.0
-        return now
+        self._now = min(max(at, 0.0), shown.T)
+        return self._now
 
     def show(self, outcome: Outcome, goes_on: bool) -> None:
         """Show an outcome.
@@ -354,6 +351,8 @@ class Readout:
         busy = self._controller.busy
         self._headline.content = pictures.headline(outcome, busy, goes_on)
         if outcome.shown is not None:
+            self._slider.max = latest = round(outcome.shown.T, 3)
+            self._slider.value = min(float(self._slider.value), latest)
             self._curves.content = pictures.curves(outcome.shown)
             active, optimality = outcome.shown.active, outcome.shown.optimality
             self._held.content = pictures.active_limits(active, optimality)
@@ -382,20 +381,24 @@ class Panel:
 
     def __init__(self, page: Page) -> None:
         self._page, self._gui = page, page.server.gui
-        with self._gui.add_folder("Robot"):
-            self._add_robots()
-        with self._gui.add_folder("Start and goal"):
-            self._add_ends()
-        with self._gui.add_folder("Limits"):
-            self._add_limits()
-        with self._gui.add_folder("Obstacles"):
-            self._add_obstacles()
-        with self._gui.add_folder("Export"):
-            files = self._gui.add_dropdown("File", tuple(FILES))
-            button = self._gui.add_button("Download the motion")
-            button.on_click(by_user(lambda: page.export(*FILES[files.value])))
-        with self._gui.add_folder("In Python", expand_by_default=False):
-            self._lines = self._gui.add_markdown("")
+        panel = self._gui.add_panel()
+        with panel.add_tab("Task"):
+            with self._gui.add_folder("Robot"):
+                self._add_robots()
+            with self._gui.add_folder("Start and goal"):
+                self._add_ends()
+            with self._gui.add_folder("Limits"):
+                self._add_limits()
+            with self._gui.add_folder("Obstacles"):
+                self._add_obstacles()
+            with self._gui.add_folder("Export"):
+                files = self._gui.add_dropdown("File", tuple(FILES))
+                button = self._gui.add_button("Download the motion")
+                button.on_click(by_user(lambda: page.export(*FILES[files.value])))
+            with self._gui.add_folder("In Python", expand_by_default=False):
+                self._lines = self._gui.add_markdown("")
+        panel.dock_right()
+        panel.set_width(330)
 
     @property
     def _request(self) -> Request:
@@ -424,6 +427,8 @@ class Panel:
                 slider.value = getattr(request, name)
             self._bounded.value = request.acceleration is not None
             self._acceleration.visible = self._bounded.value
+            # Obstacles of two robots may have the same names.
+            self._show_sizes()
 
     def refresh_lines(self) -> None:
         """Show the lines of Python, and the names of the obstacles."""
@@ -484,8 +489,8 @@ class Panel:
         self._goals = gui.add_dropdown("Goal is", tuple(GOAL_WORDS))
         self._frames = gui.add_dropdown("Frame", ("",))
         swap = gui.add_button("Swap start and goal")
-        add = gui.add_button("Add a point on the way")
-        self._fewer = gui.add_button("Remove the last point")
+        add = gui.add_button("Add a via point")
+        self._fewer = gui.add_button("Remove the last via point")
         show = gui.add_checkbox("Show handles", True)
         self._goals.on_update(
             by_user(lambda: page.ask(goal=GOAL_WORDS[self._goals.value]))
@@ -514,12 +519,13 @@ class Panel:
     def _add_limits(self) -> None:
         gui = self._gui
         self._sliders = {
-            "effort_scale": gui.add_slider("Torque", 0.1, 1.0, 0.01, 1.0),
-            "speed_scale": gui.add_slider("Speed", 0.1, 1.0, 0.01, 1.0),
+            "effort_scale": gui.add_slider("Torque [share]", 0.1, 1.0, 0.01, 1.0),
+            "speed_scale": gui.add_slider("Speed [share]", 0.1, 1.0, 0.01, 1.0),
             "margin": gui.add_slider("Margin [m]", 0.0, 0.1, 0.005, 0.02),
         }
         self._bounded = gui.add_checkbox("Limit accelerations", False)
-        self._acceleration = gui.add_slider("Acceleration", 1.0, 60.0, 0.5, MODERATE)
+        label = "Acceleration [rad/s\N{SUPERSCRIPT TWO}]"
+        self._acceleration = gui.add_slider(label, 1.0, 60.0, 0.5, MODERATE)
         for field in (*self._sliders.values(), self._bounded, self._acceleration):
             field.on_update(by_user(self._change_limits))
 

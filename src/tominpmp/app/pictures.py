@@ -7,7 +7,7 @@ from html import escape
 
 import numpy as np
 
-from tominpmp.app.planning import BindingLimit, Outcome, ShownMotion
+from tominpmp.app.planning import LEAST_GAIN, BindingLimit, Outcome, ShownMotion
 from tominpmp.arrays import Array
 from tominpmp.bounds.result import USELESS
 from tominpmp.viz.shares import AT_LIMIT, SPEED_COLOR, TORQUE_COLOR
@@ -43,15 +43,17 @@ def headline(outcome: Outcome | None, busy: bool, goes_on: bool = False) -> str:
         return _box(lines, more if goes_on else "")
     state = "verified by replay" if shown.verified else "not verified"
     look = f"font-size:11px;color:#fff;background:{FAINT if busy else GOOD}"
-    look += ";border-radius:9px;padding:1px 8px"
+    look += ";border-radius:9px;padding:1px 8px;white-space:nowrap"
     tag = _span(look, "planning ..." if busy else state)
-    large = f"font-size:34px;font-weight:650;color:{INK}"
+    large = f"font-size:34px;font-weight:650;color:{INK};white-space:nowrap"
     figures = _span(large, f"{shown.T:.3f} s", ' id="tominpmp-T"')
     near = "" if shown.bound is None else shown.bound.comparison(shown.T)
     if shown.bound is not None and near:
         near += f", {shown.bound.T:.3f} s"
     return _box(
-        _div("display:flex;align-items:baseline;gap:10px", figures, tag),
+        _div(
+            "display:flex;flex-wrap:wrap;align-items:baseline;gap:0 10px", figures, tag
+        ),
         _line(near or USELESS, FAINT),
         _line(f"planned in {shown.seconds:.2f} s", FAINT),
     )
@@ -67,7 +69,7 @@ def bars(shown: ShownMotion, time: float) -> str:
     for joint, name in enumerate(short_names(shown.joint_names)):
         cells.append(_span(CUT, escape(name), f' title="{escape(name)}"'))
         cells += [_bar(float(values[row, joint]), color) for values, color in drawn]
-    return _grid("76px 1fr 1fr;gap:4px 10px", cells)
+    return _grid("86px 1fr 1fr;gap:4px 10px", cells)
 
 
 def _bar(share: float, color: str) -> str:
@@ -99,7 +101,7 @@ def curves(shown: ShownMotion) -> str:
             f"{_curve(shown.torque[rows, joint], TORQUE_COLOR)}"
             f"{_curve(shown.speed[rows, joint], SPEED_COLOR)}</svg>"
         )
-    return _grid("76px 1fr;gap:3px 10px", cells)
+    return _grid("86px 1fr;gap:3px 10px", cells)
 
 
 def _curve(shares: Array, color: str) -> str:
@@ -129,7 +131,7 @@ def active_limits(limits: Sequence[BindingLimit], optimality: str) -> str:
     rows = []
     for item in limits:
         percent, gain = 100.0 * item.share, ""
-        if item.gain is not None and item.gain >= 0.005:
+        if item.gain is not None and item.gain >= LEAST_GAIN:
             gain = f"1 % more: {item.gain:.2f} % less time"
         time = f"{percent:.0f} % of the time"
         moment = _span(f"color:{FAINT};white-space:nowrap", time)

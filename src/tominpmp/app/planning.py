@@ -30,8 +30,9 @@ MOST_SECONDS = 20.0
 BETTER = 1e-3
 # Instants at which a motion is sampled for display.
 INSTANTS = 241
-# Largest number of active limits that are listed.
-MOST_ACTIVE = 8
+# Largest number of active limits that are listed, and the least share of the time in
+# which one is active, or the least gain [%].
+MOST_ACTIVE, LEAST_SHARE, LEAST_GAIN = 8, 0.01, 0.005
 # Names of limits on the page, by their names in the certificate.
 WORDS = {"effort": "torque", "velocity": "speed", "effort rate": "torque rate"}
 
@@ -251,7 +252,7 @@ def _sampled(shares: Shares) -> list[BindingLimit]:
         active += [
             BindingLimit(f"{kind} of {name}", share)
             for name, share in zip(shares.joint_names, saturated, strict=True)
-            if share > 0.01
+            if share > LEAST_SHARE
         ]
     return sorted(active, key=lambda item: -item.share)
 
@@ -280,6 +281,7 @@ def _certified(solution: Solution) -> tuple[list[BindingLimit] | None, str]:
         joins = "between" if limit.kind == "clearance" else "of"
         name = f"{WORDS.get(limit.kind, limit.kind)} {joins} {limit.name}"
         gain = gains.get((limit.kind, limit.name))
-        active.append(BindingLimit(name, min(share, 1.0), gain))
+        if share > LEAST_SHARE or (gain or 0.0) >= LEAST_GAIN:
+            active.append(BindingLimit(name, min(share, 1.0), gain))
     active.sort(key=lambda item: (-(item.gain or 0.0), -item.share))
     return active, certificate.message

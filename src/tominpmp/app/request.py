@@ -286,8 +286,8 @@ class Request(Record):
         items: The obstacles.
         effort_scale: Share of the torque limits that may be used, above 0, 1 at most.
         speed_scale: Share of the speed limits, likewise.
-        acceleration: Limit of all accelerations [rad/s^2 or m/s^2]; None for the
-            robot's limits only.
+        acceleration: Limit of all accelerations [rad/s^2 or m/s^2], beside lower ones
+            of the robot; None for the robot's limits only.
         margin: Distance to keep from obstacles [m].
 
     Raises:
@@ -356,11 +356,15 @@ class Request(Record):
         if self.items:
             options["scene"] = Call(Scene, ([item.call() for item in self.items],))
         options["margin"] = self.margin
-        limits: dict[str, float] = {}
+        limits: dict[str, Any] = {}
         if self.effort_scale != 1.0:
             limits["effort_scale"] = self.effort_scale
         if self.acceleration is not None:
-            limits["acceleration"] = self.acceleration
+            robot = loaded(self.robot)
+            own = robot.motion_limits or MotionLimits()
+            bounds = own.by_joint("acceleration", robot.joint_names)
+            values = np.minimum(bounds, self.acceleration).tolist()
+            limits["acceleration"] = values if len(set(values)) > 1 else values[0]
         if limits:
             options["motion_limits"] = Call(MotionLimits, (), limits)
         return options

@@ -30,8 +30,9 @@ from tominpmp.viz.surroundings import HAZARD_COLOR, PATH_RGB, VIA_RGB, rgb
 
 Color = tuple[float, float, float]
 GHOST_OPACITY, GHOST_SCALE = 0.28, 1.015
-# Field of view of the camera [rad], and its distance as a multiple of the robot's size.
-FIELD_OF_VIEW, DISTANCE = 0.75, 1.75
+# Field of view of the camera [rad], aspect ratio of the window between the panels that
+# it is placed for, and factor of the distance at which it sees the links' axes.
+FIELD_OF_VIEW, ASPECT, MARGIN = 0.75, 0.67, 1.25
 # Largest number of colours of a body; more colours are averaged.
 MOST_COLORS = 8
 PATH_RADIUS = 0.0025  # as a share of the robot's size
@@ -166,16 +167,22 @@ def look_at(server: Any, robot: Robot, request: Request) -> float:
     extent = np.ptp(np.concatenate([links, np.zeros((1, 3))]), axis=0)
     size = float(np.linalg.norm(extent)) or 1.0
     view = camera_view(poses.points)
-    places = [item.position for item in request.items]
-    points = np.concatenate([links, np.reshape(places, (-1, 3))])
+    obstacles = [
+        obstacle_surface(item.call().evaluate()).vertices + item.position
+        for item in request.items
+    ]
+    points = np.concatenate([links, *obstacles])
     middle = (points.min(0) + points.max(0)) / 2
+    slope = np.tan(FIELD_OF_VIEW / 2)
+    place = (
+        middle + MARGIN * view.distance(points - middle, slope, ASPECT) * view.normal
+    )
     camera = server.initial_camera
-    place = middle + DISTANCE * size * view.normal
     camera.look_at, camera.position = tuple(middle), tuple(place)
-    camera.fov = FIELD_OF_VIEW
-    if view.planar:
-        camera.up = tuple(view.up)
+    up = tuple(view.up) if view.planar else (0.0, 0.0, 1.0)
+    camera.fov, camera.up = FIELD_OF_VIEW, up
     for client in server.get_clients().values():
+        client.camera.up_direction = up
         client.camera.position = place
         client.camera.look_at = middle
     server.scene.add_grid(

@@ -212,11 +212,11 @@ def _write(tour: Tour, args: TourOptions) -> tuple[list[Path], str]:
     """Write the files that the options name.
 
     Returns:
-        Their paths; and why the motion as written does not hold, empty if it does.
+        Their paths; and why the motion as written does not pass, empty if it does.
     """
     fault = ""
     if args.output is not None:
-        whole = tour._whole()
+        whole = tour._solution()
         whole.export(args.output, dt=args.dt, verify=False)
         judgement = judged(whole, args.output, args.dt)
         fault = "" if judgement.ok else judgement.message

@@ -195,7 +195,7 @@ def report_text(data: Mapping[str, Any]) -> str:
         rows.append(("violations", ", ".join(texts)))
     rows += data["files"].items()
     if "file_holds" in data:
-        verdict = "holds" if data["file_holds"] else "does not hold"
+        verdict = "passes" if data["file_holds"] else "does not pass"
         rows.append(("as read", f"{verdict}, joined by {data['file_joined']}"))
         rows += [("note", note) for note in data["file_notes"]]
     return rows_text(data["message"], rows)

@@ -91,8 +91,8 @@ class ExportCheck:
     def message(self) -> str:
         """Whether the file passes; if not, its faults and the remedies."""
         if self.ok:
-            return f"{self.path} holds, joined by {self.joined}."
-        parts = [f"{self.path} does not hold, joined by {self.joined}"]
+            return f"{self.path} passes, joined by {self.joined}."
+        parts = [f"{self.path} does not pass, joined by {self.joined}"]
         if self.violations:
             worst = sorted(self.violations, key=lambda item: -item.share)
             parts.append(enumerated(worst))
@@ -104,9 +104,9 @@ class ExportCheck:
         """Sampling periods that would pass, among those tried, and other remedies."""
         parts = []
         if self.holding:
-            parts.append(f"What holds: {_listed(self.holding)}.")
+            parts.append(f"What passes: {_listed(self.holding)}.")
         elif self.tried:
-            parts.append(f"Nor do these hold: {_listed(self.tried)}.")
+            parts.append(f"Nor do these pass: {_listed(self.tried)}.")
         if self.replan is not None:
             parts.append(
                 f"A motion for samples of {self.replan:g} s is planned with the option "

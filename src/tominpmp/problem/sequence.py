@@ -31,8 +31,10 @@ def in_sequence(
         stays: Dwell times at the end of each part [s].
     """
     segments, phases = list[Segment](), list[Problem]()
+    own = len(problem.robot.payloads)
     for part, stay in zip(parts, stays, strict=True):
-        segments += part.segments or [Segment(part.goal)]
+        load = next(iter(part.robot.payloads[own:]), None)
+        segments += part.segments or [Segment(part.goal, payload=load)]
         segments[-1] = replace(segments[-1], stop=True, dwell=stay)
         phases += part.phases
     return problem._altered(

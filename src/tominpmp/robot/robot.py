@@ -215,8 +215,8 @@ class Robot(Record):
 
     @cached_property
     def frame_names(self) -> tuple[str, ...]:
-        """Names of all frames: links, joints and the frames fixed to them."""
-        return tuple(frame.name for frame in self.model.frames[1:])
+        """Names of all frames, once each: links, joints, and frames fixed to them."""
+        return tuple(self._frame_ids)
 
     def frame_id(self, name: str) -> int:
         """Index of a frame in ``model.frames``; links take precedence over joints.

@@ -279,9 +279,7 @@ def _surroundings(viewer: Any, view: View, points: Array, size: float) -> None:
     low, high = points.min(axis=0), points.max(axis=0)
     center = (low + high) / 2
     slope = np.tan(np.radians(FIELD_OF_VIEW / 2))
-    across = np.abs(view.project(points - center)) / (slope * np.array([ASPECT, 1.0]))
-    distance = float(((points - center) @ view.normal + across.max(axis=1)).max())
-    distance = MARGIN * distance or 1.0
+    distance = MARGIN * view.distance(points - center, slope, ASPECT) or 1.0
     offset = distance * view.normal
     camera = import_meshcat().geometry.PerspectiveCamera(
         fov=FIELD_OF_VIEW,

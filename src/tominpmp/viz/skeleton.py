@@ -63,6 +63,17 @@ class View:
         """Coordinates to the right and upwards, shape (..., 3) to (..., 2)."""
         return points @ np.stack([self.right, self.up], axis=1)
 
+    def distance(self, points: Array, slope: float, aspect: float) -> float:
+        """Least distance from the origin at which a camera sees all points [m].
+
+        Args:
+            points: The points, relative to the origin, shape (m, 3) [m].
+            slope: Tangent of half the vertical field of view.
+            aspect: Width of the picture over its height.
+        """
+        across = np.abs(self.project(points)) / (slope * np.array([aspect, 1.0]))
+        return float((points @ self.normal + across.max(axis=1)).max())
+
 
 @dataclass(frozen=True, eq=False)
 class Skeleton:

@@ -184,6 +184,12 @@ class Tour:
             raise PlanningFailed(self)
         return self
 
+    @property
+    def _whole(self) -> Problem:
+        """The problem of the whole cycle, with the loads of its motions."""
+        parts = [item.problem for item in self.motions]
+        return in_sequence(self.problem, parts, self.stays[1:])
+
     def _motion(self) -> Trajectory:
         motion = self.trajectory
         if motion is None:
@@ -204,7 +210,7 @@ class Tour:
         """
         motion, name = self._motion(), self.problem.robot.name
         title = f"{name}: {len(self.order)} stations, cycle {self.cycle_time:.4g} s"
-        return play(self.problem, motion, path=path, **{"title": title} | options)
+        return play(self._whole, motion, path=path, **{"title": title} | options)
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """Draw a Gantt chart: motions and dwells over time, with the joints' speeds.
@@ -224,11 +230,12 @@ class Tour:
         with styled():
             figure = new_figure(8.0, height + 2.4)
             panels = figure.subplots(2, 1, sharex=True, height_ratios=(height, 2.0))
-            _draw_bars(panels[0], motion.duration, visits)
+            kinds = _draw_bars(panels[0], motion.duration, visits)
             _draw_speeds(panels[1], problem, motion)
             panels[1].set_xlabel("time [s]")
             panels[1].set_xlim(0.0, motion.duration)
-            add_legend(figure, panels[1].get_lines()[: problem.robot.n], 6)
+            lines = panels[1].get_lines()[: problem.robot.n]
+            add_legend(figure, [*kinds, *lines], 6)
             return finish(figure, path)
 
     gantt = plot
@@ -261,21 +268,20 @@ class Tour:
                 wrong.
             ScenarioError: If the file cannot be written.
         """
-        return self._whole().export(
+        return self._solution().export(
             path, dt=dt, with_effort=with_effort, message=message
         )
 
-    def _whole(self) -> Solution:
+    def _solution(self) -> Solution:
         """The whole cycle as one solution, not yet verified.
 
         Raises:
             ProblemError: If there is no tour.
         """
-        motion, first = self._motion(), self.motions[0]
-        parts = [item.problem for item in self.motions]
+        motion = self._motion()
         return replace(
-            first,
-            problem=in_sequence(self.problem, parts, self.stays[1:]),
+            self.motions[0],
+            problem=self._whole,
             trajectory=motion,
             planning_time=self.planning_time,
             verification=None,
@@ -316,13 +322,19 @@ def _place(
     return replace(matching[0], subject=station.name) if matching else None
 
 
-def _draw_bars(axes: Axes, duration: float, bars: Sequence[Visit]) -> None:
-    """Draw a row for each station: the motion to it, then the dwell."""
+def _draw_bars(axes: Axes, duration: float, bars: Sequence[Visit]) -> list[Any]:
+    """Draw a row for each station: the motion to it, then the dwell.
+
+    Returns:
+        Handles of motions and dwells for a legend.
+    """
     least, before = LEAST_BAR * duration, 0.0
     for row, bar in enumerate(bars):
-        axes.barh(row, bar.arrival - before, left=before, color=MOTION_COLOR)
-        stay = max(bar.departure - bar.arrival, least)
-        axes.barh(row, stay, left=bar.arrival, color=GOAL_COLOR)
+        motion, stay = bar.arrival - before, max(bar.departure - bar.arrival, least)
+        kinds = [
+            axes.barh(row, motion, left=before, color=MOTION_COLOR, label="motion"),
+            axes.barh(row, stay, left=bar.arrival, color=GOAL_COLOR, label="dwell"),
+        ]
         before = bar.departure
     home = duration - before
     names = [bar.station for bar in bars]
@@ -334,6 +346,7 @@ def _draw_bars(axes: Axes, duration: float, bars: Sequence[Visit]) -> None:
     axes.set_yticks(shown, [names[row] for row in shown])
     axes.set_ylim(len(names) - 0.4, -0.6)
     axes.grid(False, axis="y")
+    return kinds
 
 
 def _draw_speeds(axes: Axes, problem: Problem, trajectory: Trajectory) -> None:
