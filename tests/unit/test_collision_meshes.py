@@ -17,7 +17,7 @@ import tominpmp as tm
 from tominpmp.collision import decomposition_cache
 from tominpmp.collision.checker import CollisionChecker
 from tominpmp.collision.decomposition import MOST_PIECES, decompose
-from tominpmp.collision.shapes import triangle_mesh
+from tominpmp.description.model import triangle_mesh
 from tominpmp.exceptions import SceneError
 from tominpmp.robot.robot import Robot, load_robot
 from tominpmp.scene.grids import HeightField, OcTree
