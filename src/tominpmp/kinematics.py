@@ -161,22 +161,6 @@ class SpatialStates(NamedTuple):
     acceleration: Array
 
 
-class SpatialSlopes(NamedTuple):
-    """Derivatives of the quantities of :class:`SpatialStates`.
-
-    Attributes:
-        v_q: Derivatives of velocities by q, shape (m, 6, n).
-        a_q: Derivatives of accelerations by q.
-        a_v: Derivatives of accelerations by v.
-        v_v: Derivatives of velocities by v and of accelerations by a: the Jacobians.
-    """
-
-    v_q: Array
-    a_q: Array
-    a_v: Array
-    v_v: Array
-
-
 class FrameMotions:
     """Placements and motions of a frame of a robot.
 
@@ -237,7 +221,7 @@ class FrameMotions:
             Shapes (m, 3), (m, 3, n) and (m, 3, n).
         """
         q = array(q, "q", (None, self.robot.n), JOINTS)
-        by_q, *_, by_v = self._slopes(q, v, np.zeros_like(q))
+        by_q, *_, by_v = self.slopes(q, v, np.zeros_like(q))
         return self.velocities(q, v), by_q, by_v
 
     def accelerations(self, q: Array, v: Array, a: Array) -> Array:
@@ -253,7 +237,7 @@ class FrameMotions:
             Accelerations, shape (m, 3), and derivatives by q, v and a, shape (m, 3, n)
             each.
         """
-        _, by_q, by_v, by_a = self._slopes(q, v, a)
+        _, by_q, by_v, by_a = self.slopes(q, v, a)
         return self.accelerations(q, v, a), by_q, by_v, by_a
 
     def _of_origin(
@@ -288,15 +272,7 @@ class FrameMotions:
             found.acceleration[k] = spatial.vector
         return found
 
-    def spatial_slopes(
-        self, q: Array, v: Array, a: Array
-    ) -> tuple[SpatialStates, SpatialSlopes]:
-        """Spatial velocities and accelerations, and their derivatives."""
-        return self.spatial(q, v, a), SpatialSlopes(
-            *self._slopes(q, v, a, spatial=True)
-        )
-
-    def _slopes(self, q: Array, v: Array, a: Array, *, spatial: bool = False) -> Array:
+    def slopes(self, q: Array, v: Array, a: Array, *, spatial: bool = False) -> Array:
         """Derivatives of the motion of its origin in the world, or of spatial motions.
 
         Args:

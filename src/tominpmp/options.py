@@ -72,13 +72,6 @@ def _torques(value: Any, name: str) -> Array:
     return control
 
 
-def _function(value: object, name: str) -> object:
-    """Check a callback."""
-    if not callable(value):
-        raise checks.wrong(value, name, "a function")
-    return value
-
-
 _positive = partial(_number, expected="a positive number", above=0.0)
 _share = partial(_number, expected="a number >= 0, or None")
 _weight = partial(_number, expected="a number >= 0 [1/(N^2 m^2) or s/J]")
@@ -106,7 +99,8 @@ Weight: TypeAlias = Annotated[float, _weight]
 SolverName: TypeAlias = Annotated[str, _solver]
 TorquesOrNone: TypeAlias = Annotated[Array | None, checks.optional(_torques)]
 CallbackOrNone: TypeAlias = Annotated[
-    "Callable[[IterationRecord], bool | None] | None", checks.optional(_function)
+    "Callable[[IterationRecord], bool | None] | None",
+    checks.optional(checks.of_type(Callable, "a function")),
 ]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import pickle
 from pathlib import Path
+from typing import Any
 
 import coal
 import numpy as np
@@ -16,7 +17,7 @@ import tominpmp as tm
 from tominpmp.collision import decomposition_cache
 from tominpmp.collision.checker import CollisionChecker
 from tominpmp.collision.decomposition import MOST_PIECES, decompose
-from tominpmp.collision.shapes import triangle_mesh
+from tominpmp.description.model import triangle_mesh
 from tominpmp.exceptions import SceneError
 from tominpmp.robot.robot import Robot, load_robot
 from tominpmp.scene.grids import HeightField, OcTree
@@ -203,14 +204,20 @@ def test_pieces_are_kept(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> No
         decomposition_cache.pieces_of(triangle_mesh(*angle_iron(0.31)))
 
 
+def cut_and_kept(mesh: Any, folder: Path) -> Path:
+    """The file that keeps the pieces of a mesh, which are no longer in memory."""
+    decomposition_cache.pieces_of(mesh)
+    decomposition_cache._known_pieces.cache_clear()
+    (path,) = folder.iterdir()
+    return path
+
+
 @pytest.mark.parametrize("content", [b"", b"not a file", b"PK\x03\x04 broken"])
 def test_a_broken_file_is_replaced(
     content: bytes, own_cache: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     mesh = triangle_mesh(*angle_iron())
-    path = own_cache / f"{decomposition_cache.Content(mesh).key}.npz"
-    own_cache.mkdir()
-    path.write_bytes(content)
+    cut_and_kept(mesh, own_cache).write_bytes(content)
     with caplog.at_level(logging.WARNING):
         assert decomposition_cache.pieces_of(mesh) is not None
     assert "cannot be read" in caplog.text
@@ -222,8 +229,7 @@ def test_a_broken_file_is_replaced(
 
 def test_pieces_that_make_no_sense(own_cache: Path) -> None:
     mesh = triangle_mesh(*angle_iron())
-    own_cache.mkdir()
-    path = own_cache / f"{decomposition_cache.Content(mesh).key}.npz"
+    path = cut_and_kept(mesh, own_cache)
     np.savez(path, points=np.full((4, 3), np.nan), counts=[4], deviation=[0.0, 0.0])
     found = decomposition_cache.pieces_of(mesh)
     assert found is not None

@@ -1,6 +1,7 @@
 """The page: a stage in the middle, the outcome on the left, the request on the right.
 
 On telephones the outcome stands above the request, in the sheet below the stage.
+Handles on the stage change the request, too.
 
 All methods may be called from several threads: callbacks of the page, outcomes of the
 planning, and the clock that plays the motion.
@@ -15,9 +16,10 @@ import tempfile
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +33,7 @@ from tominpmp.app.planning import Outcome, ShownMotion, plain_name
 from tominpmp.app.request import (
     MODERATE,
     SIZES,
+    UPRIGHT,
     Item,
     Request,
     RobotChoice,
@@ -41,8 +44,14 @@ from tominpmp.app.request import (
 )
 from tominpmp.description.files import robot_names
 from tominpmp.exceptions import OptionsError, TominpmpError, optional
-from tominpmp.viz.surfaces import robot_bodies
-from tominpmp.viz.surroundings import GOAL_RGB, START_RGB
+from tominpmp.viz.surfaces import obstacle_surface, robot_bodies
+from tominpmp.viz.surroundings import (
+    GOAL_RGB,
+    HAZARD_COLOR,
+    START_RGB,
+    VIA_RGB,
+    rgb,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -70,6 +79,9 @@ FILES: dict[str, tuple[str, float | None, str | None]] = {
 }
 # Larger files are not taken for a URDF [bytes].
 MOST_BYTES = 20_000_000
+OBSTACLE_LOOK = rgb(HAZARD_COLOR), 0.72
+# Time after its last movement at which a handle counts as released [s].
+HOLD = 1.0
 
 
 def import_viser() -> Any:
@@ -145,8 +157,7 @@ class Page:
         self._dress()
         self.readout = Readout(self.server, self.controller)
         self.panel = Panel(self)
-        scene, controller = self.server.scene, self.controller
-        self.handles = stage.Handles(scene, controller, self.ask, self.drag)
+        self.handles = Handles(self)
         self._set_stage()
         self.controller.start()
         self._clock = threading.Thread(target=self._play, daemon=True)
@@ -588,3 +599,133 @@ class Panel:
     def _remove_item(self) -> None:
         name, items = self._items.value, self._request.items
         self._page.ask(items=tuple(item for item in items if item.name != name))
+
+
+class Handles:
+    """The handles of start, goal, via points and obstacles.
+
+    Args:
+        page: The page, whose request the handles follow.
+    """
+
+    def __init__(self, page: Page) -> None:
+        self._page, self._scene = page, page.server.scene
+        self._size = 0.2
+        self._turning = False
+        self._known: dict[str, tuple[object, Any]] = {}
+        self._held: dict[str, float] = {}
+
+    def clear(self, size: float) -> None:
+        """Remove all handles, for another robot; new ones have another size [m]."""
+        self._size = size
+        self._keep(())
+
+    def allow_turning(self, wanted: bool) -> None:
+        """Choose whether the handles of obstacles also turn them."""
+        self._turning = wanted
+        self.refresh()
+
+    def show(self, visible: bool) -> None:
+        """Show or hide all handles."""
+        for _, node in self._known.values():
+            node.visible = visible
+
+    def refresh(self) -> None:
+        """Move handles to the places of the request, except handles being dragged."""
+        request, size = self._page.controller.request, self._size
+        reach, wanted = self._page.controller.reach(), ["q_start", "q_goal"]
+        for end in wanted:
+            pose: tuple[Any, Any] = reach.pose(getattr(request, end))
+            dragged = partial(self._drag_end, end)
+            self._put(end, pose, dragged, size, reach.turns)
+        for number, point in enumerate(request.via):
+            wanted.append(f"via{number}")
+            ball = Item("sphere", "point", (0.12 * size,), point)
+            dragged = partial(self._drag_via, number)
+            pose, look = (point, UPRIGHT), (VIA_RGB, 1.0)
+            self._put(wanted[-1], pose, dragged, 0.7 * size, False, ball, look)
+        for item in request.items:
+            wanted.append(f"item_{item.name}")
+            dragged = partial(self._drag_item, item.name)
+            pose = item.position, item.quaternion
+            self._put(wanted[-1], pose, dragged, 0.9 * size, self._turning, item)
+        self._keep(wanted)
+
+    def _keep(self, wanted: Sequence[str]) -> None:
+        """Remove all other handles from the stage."""
+        for key in set(self._known) - set(wanted):
+            self._known.pop(key)[1].remove()
+
+    def _put(
+        self,
+        key: str,
+        pose: tuple[Any, Any],
+        dragged: Callable[[Any], None],
+        scale: float,
+        turns: bool,
+        body: Item | None = None,
+        look: tuple[stage.Color, float] = OBSTACLE_LOOK,
+    ) -> None:
+        """Put a handle on the stage.
+
+        Args:
+            key: Name of the handle.
+            pose: Its position [m], shape (3,), and orientation (x, y, z, w).
+            dragged: Called with the handle of viser when a user drags it.
+            scale: Its size [m].
+            turns: Whether it can be turned.
+            body: Obstacle that is drawn with the handle; None for a handle alone.
+            look: Colour and opacity of the body.
+        """
+        kind = scale, turns, body and (body.kind, body.size)
+        if key in self._known and self._known[key][0] != kind:
+            self._known.pop(key)[1].remove()
+        if key not in self._known:
+            node = self._scene.add_transform_controls(
+                f"/handles/{key}",
+                scale=scale,
+                disable_rotations=not turns,
+                disable_sliders=True,
+                depth_test=False,
+                **({"line_width": 3.0} if body is None else {}),
+            )
+            if body is not None:
+                surface, path = obstacle_surface(body.call().evaluate()), node.name
+                stage.put_surface(self._scene, f"{path}/body", surface, *look)
+            node.on_update(partial(self._moved, key, dragged))
+            self._known[key] = kind, node
+        if self._free(key):
+            position, (x, y, z, w) = pose
+            node = self._known[key][1]
+            node.position, node.wxyz = np.asarray(position), np.array([w, x, y, z])
+
+    def _moved(self, key: str, dragged: Callable[[Any], None], event: Any) -> None:
+        """Process a drag event; the program does not move a handle while it is held."""
+        if event.phase == "end":
+            self._held.pop(key, None)
+        else:
+            self._held[key] = time.monotonic()
+        dragged(event.target)
+
+    def _drag_end(self, end: str, node: Any) -> None:
+        self._page.drag(end, np.array(node.position), node.wxyz[[1, 2, 3, 0]])
+        if self._free(end):
+            self.refresh()
+
+    def _drag_via(self, number: int, node: Any) -> None:
+        points = list(self._page.controller.request.via)
+        if number < len(points):
+            points[number] = tuple(node.position)
+            self._page.ask(via=tuple(points))
+
+    def _drag_item(self, name: str, node: Any) -> None:
+        pose = {"position": node.position, "quaternion": node.wxyz[[1, 2, 3, 0]]}
+        self._page.ask(items=self._page.controller.request.items_with(name, **pose))
+
+    def _free(self, key: str) -> bool:
+        """Whether no user drags a handle.
+
+        Events may arrive out of order, with the end of a drag not the last one, so that
+        a handle is also free some time after its last movement.
+        """
+        return self._held.get(key, -HOLD) + HOLD <= time.monotonic()

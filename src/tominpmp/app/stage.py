@@ -1,18 +1,15 @@
-"""The stage: the robot, its ghosts at start and goal, its path and drag handles."""
+"""The stage: the robot, its ghosts at start and goal, and its path."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from trimesh import Trimesh
 
-from tominpmp.app.controller import Controller
-from tominpmp.app.request import UPRIGHT, Item, Request
+from tominpmp.app.request import Request
 from tominpmp.arrays import Array
 from tominpmp.robot.robot import Robot
 from tominpmp.viz.skeleton import camera_view, skeleton
@@ -26,7 +23,7 @@ from tominpmp.viz.surfaces import (
     shaded,
     triangle_colors,
 )
-from tominpmp.viz.surroundings import HAZARD_COLOR, PATH_RGB, VIA_RGB, rgb
+from tominpmp.viz.surroundings import PATH_RGB
 
 Color = tuple[float, float, float]
 GHOST_OPACITY, GHOST_SCALE = 0.28, 1.015
@@ -38,9 +35,6 @@ MOST_COLORS = 8
 PATH_RADIUS = 0.0025  # as a share of the robot's size
 # Largest number of triangles of a ghost; larger robots have their collision geometry.
 MOST_TRIANGLES = 20_000
-OBSTACLE_LOOK = rgb(HAZARD_COLOR), 0.72
-# Time after its last movement at which a handle counts as released [s].
-HOLD = 1.0
 
 
 class Arm:
@@ -197,145 +191,3 @@ def look_at(server: Any, robot: Robot, request: Request) -> float:
         fade_distance=6.0 * size,
     )
     return size
-
-
-class Handles:
-    """The handles of start, goal, via points and obstacles.
-
-    Args:
-        scene: The scene of viser's server.
-        controller: The controller, whose request the handles follow.
-        ask: Changes fields of the request, given by name.
-        drag: Brings the frame at start or goal to a position and quaternion.
-    """
-
-    def __init__(
-        self,
-        scene: Any,
-        controller: Controller,
-        ask: Callable[..., object],
-        drag: Callable[[str, Any, Any], None],
-    ) -> None:
-        self._scene, self._controller = scene, controller
-        self._ask, self._drag = ask, drag
-        self._size = 0.2
-        self._turning = False
-        self._known: dict[str, tuple[object, Any]] = {}
-        self._held: dict[str, float] = {}
-
-    def clear(self, size: float) -> None:
-        """Remove all handles, for another robot; new ones have another size [m]."""
-        self._size = size
-        self._keep(())
-
-    def allow_turning(self, wanted: bool) -> None:
-        """Choose whether the handles of obstacles also turn them."""
-        self._turning = wanted
-        self.refresh()
-
-    def show(self, visible: bool) -> None:
-        """Show or hide all handles."""
-        for _, node in self._known.values():
-            node.visible = visible
-
-    def refresh(self) -> None:
-        """Move handles to the places of the request, except handles being dragged."""
-        request, size = self._controller.request, self._size
-        reach, wanted = self._controller.reach(), ["q_start", "q_goal"]
-        for end in wanted:
-            pose: tuple[Any, Any] = reach.pose(getattr(request, end))
-            dragged = partial(self._drag_end, end)
-            self._put(end, *pose, dragged, size, reach.turns)
-        for number, point in enumerate(request.via):
-            wanted.append(f"via{number}")
-            ball = Item("sphere", "point", (0.12 * size,), point)
-            dragged = partial(self._drag_via, number)
-            pose, look = (point, UPRIGHT), (VIA_RGB, 1.0)
-            self._put(wanted[-1], *pose, dragged, 0.7 * size, False, ball, look)
-        for item in request.items:
-            wanted.append(f"item_{item.name}")
-            dragged = partial(self._drag_item, item.name)
-            pose = item.position, item.quaternion
-            self._put(wanted[-1], *pose, dragged, 0.9 * size, self._turning, item)
-        self._keep(wanted)
-
-    def _keep(self, wanted: Sequence[str]) -> None:
-        """Remove all other handles from the stage."""
-        for key in set(self._known) - set(wanted):
-            self._known.pop(key)[1].remove()
-
-    def _put(
-        self,
-        key: str,
-        position: Any,
-        quaternion: Any,
-        dragged: Callable[[Any], None],
-        scale: float,
-        turns: bool,
-        body: Item | None = None,
-        look: tuple[Color, float] = OBSTACLE_LOOK,
-    ) -> None:
-        """Put a handle on the stage.
-
-        Args:
-            key: Name of the handle.
-            position: Its position [m], shape (3,).
-            quaternion: Its orientation (x, y, z, w).
-            dragged: Called with the handle of viser when a user drags it.
-            scale: Its size [m].
-            turns: Whether it can be turned.
-            body: Obstacle that is drawn with the handle; None for a handle alone.
-            look: Colour and opacity of the body.
-        """
-        kind = scale, turns, body and (body.kind, body.size)
-        if key in self._known and self._known[key][0] != kind:
-            self._known.pop(key)[1].remove()
-        if key not in self._known:
-            node = self._scene.add_transform_controls(
-                f"/handles/{key}",
-                scale=scale,
-                disable_rotations=not turns,
-                disable_sliders=True,
-                depth_test=False,
-                **({"line_width": 3.0} if body is None else {}),
-            )
-            if body is not None:
-                surface, path = obstacle_surface(body.call().evaluate()), node.name
-                put_surface(self._scene, f"{path}/body", surface, *look)
-            node.on_update(partial(self._moved, key, dragged))
-            self._known[key] = kind, node
-        if self._free(key):
-            x, y, z, w = quaternion
-            node = self._known[key][1]
-            node.position, node.wxyz = np.asarray(position), np.array([w, x, y, z])
-
-    def _moved(self, key: str, dragged: Callable[[Any], None], event: Any) -> None:
-        """Process a drag event; the program does not move a handle while it is held."""
-        if event.phase == "end":
-            self._held.pop(key, None)
-        else:
-            self._held[key] = time.monotonic()
-        dragged(event.target)
-
-    def _drag_end(self, end: str, node: Any) -> None:
-        self._drag(end, np.array(node.position), node.wxyz[[1, 2, 3, 0]])
-        if self._free(end):
-            self.refresh()
-
-    def _drag_via(self, number: int, node: Any) -> None:
-        points = list(self._controller.request.via)
-        if number < len(points):
-            points[number] = tuple(node.position)
-            self._ask(via=tuple(points))
-
-    def _drag_item(self, name: str, node: Any) -> None:
-        pose = {"position": node.position, "quaternion": node.wxyz[[1, 2, 3, 0]]}
-        self._ask(items=self._controller.request.items_with(name, **pose))
-
-    def _free(self, key: str) -> bool:
-        """Whether no user drags a handle.
-
-        Events may arrive out of order, with the end of a drag not the last one, so that
-        a handle is also free some time after its last movement.
-        """
-        return self._held.get(key, -HOLD) + HOLD <= time.monotonic()

@@ -336,6 +336,27 @@ class _Point:
     gradient: Array
     solutions: tuple[Solution, ...]
 
+    def step(self, hessian: Array, low: Array, high: Array) -> tuple[Array, float]:
+        """Minimise the quadratic model of T, which is convex, within a box.
+
+        Args:
+            hessian: Second derivatives of the model, shape (k, k).
+            low: Lower ends of the box, shape (k,) [m or rad].
+            high: Its upper ends, shape (k,) [m or rad].
+
+        Returns:
+            The minimiser, shape (k,) [m or rad], and the predicted reduction of T [s].
+        """
+        gradient, x = self.gradient, self.x
+        result = minimize(
+            lambda d: (gradient @ d + 0.5 * d @ hessian @ d, gradient + hessian @ d),
+            np.zeros(x.size),
+            jac=True,
+            bounds=np.stack([low - x, high - x], axis=1),
+            method="L-BFGS-B",
+        )
+        return np.clip(x + result.x, low, high), -float(result.fun)
+
 
 @dataclass(eq=False)
 class _Search:
@@ -360,7 +381,7 @@ class _Search:
         while self.plans + len(self.tasks) <= most_plans and radius > LEAST_RADIUS:
             reach = radius * span
             box = np.maximum(low, best.x - reach), np.minimum(high, best.x + reach)
-            x, predicted = _step(best, hessian, *box)
+            x, predicted = best.step(hessian, *box)
             if predicted < LEAST_REDUCTION * best.T:
                 break
             try:
@@ -423,22 +444,3 @@ class _Search:
         slopes = [self.moves.gradient(item.sensitivities, x) for item in solutions]
         self.trials.append(Trial(frozen_array(x), T, self.plans))
         return _Point(x, T, self.weights @ np.array(slopes), tuple(solutions))
-
-
-def _step(
-    point: _Point, hessian: Array, low: Array, high: Array
-) -> tuple[Array, float]:
-    """Minimise the quadratic model of T, which is convex, within a box.
-
-    Returns:
-        The minimiser, shape (k,) [m or rad], and the predicted reduction of T [s].
-    """
-    gradient, x = point.gradient, point.x
-    result = minimize(
-        lambda d: (gradient @ d + 0.5 * d @ hessian @ d, gradient + hessian @ d),
-        np.zeros(x.size),
-        jac=True,
-        bounds=np.stack([low - x, high - x], axis=1),
-        method="L-BFGS-B",
-    )
-    return np.clip(x + result.x, low, high), -float(result.fun)

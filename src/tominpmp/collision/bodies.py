@@ -12,13 +12,8 @@ import pinocchio as pin
 from tominpmp.arrays import Array
 from tominpmp.collision.decomposition import Pieces
 from tominpmp.collision.decomposition_cache import pieces_of
-from tominpmp.collision.shapes import (
-    Body,
-    convex_hull,
-    hull_of,
-    is_mesh,
-    triangle_mesh,
-)
+from tominpmp.collision.shapes import Body, convex_hull, hull_of, is_mesh
+from tominpmp.description.model import triangle_mesh
 from tominpmp.exceptions import SceneError
 from tominpmp.scene.grids import HeightField, OcTree
 from tominpmp.scene.meshes import Mesh

@@ -8,6 +8,7 @@ import os
 import tempfile
 import time
 import zipfile
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -41,25 +42,19 @@ def cache_folder() -> Path:
     return (Path(base) if base else Path.home() / ".cache") / "tominpmp"
 
 
+@dataclass(frozen=True)
 class Content:
-    """A mesh with a key, the hash of its vertices and triangles."""
+    """A mesh that is known by its content.
 
-    def __init__(self, mesh: Any, name: str = "") -> None:
-        self.mesh, self.name = mesh, name
-        content = hashlib.sha256(f"tominpmp pieces {VERSION}".encode())
-        content.update(np.ascontiguousarray(mesh.vertices(), np.float64).tobytes())
-        for index in range(mesh.num_tris):
-            triangle = mesh.tri_indices(index)
-            content.update(b"%d %d %d " % (triangle[0], triangle[1], triangle[2]))
-        self.key = content.hexdigest()
+    Attributes:
+        key: Hash of its vertices and triangles.
+        mesh: The mesh, for Coal.
+        name: Name of its link or obstacle; empty if it has none.
+    """
 
-    def __eq__(self, other: object) -> bool:
-        """Whether the contents are equal."""
-        return isinstance(other, Content) and self.key == other.key
-
-    def __hash__(self) -> int:
-        """Hash of the content."""
-        return hash(self.key)
+    key: str
+    mesh: Any = field(compare=False)
+    name: str = field(compare=False)
 
 
 def pieces_of(mesh: Any, name: str = "") -> Pieces | None:
@@ -68,7 +63,12 @@ def pieces_of(mesh: Any, name: str = "") -> Pieces | None:
     Returns:
         The pieces; None if the mesh is flat.
     """
-    return _known_pieces(Content(mesh, name), cache_folder())
+    content = hashlib.sha256(f"tominpmp pieces {VERSION}".encode())
+    content.update(np.ascontiguousarray(mesh.vertices(), np.float64).tobytes())
+    for index in range(mesh.num_tris):
+        triangle = mesh.tri_indices(index)
+        content.update(b"%d %d %d " % (triangle[0], triangle[1], triangle[2]))
+    return _known_pieces(Content(content.hexdigest(), mesh, name), cache_folder())
 
 
 # Cached in memory, too: a mesh that cannot be stored on disk is decomposed only once.

@@ -51,16 +51,6 @@ class Body:
     part: int = -1
 
 
-def triangle_mesh(vertices: Array, triangles: IntArray) -> Any:
-    """Mesh for Coal, from vertices (k, 3) and indices of corners (l, 3)."""
-    mesh = coal.BVHModelOBBRSS()
-    mesh.beginModel(len(triangles), len(vertices))
-    mesh.addVertices(np.ascontiguousarray(vertices))
-    mesh.addTriangles(np.ascontiguousarray(triangles))
-    mesh.endModel()
-    return mesh
-
-
 def mesh_arrays(mesh: Any) -> tuple[Array, IntArray]:
     """Vertices (k, 3) [m] and corner indices of the triangles (l, 3) of a mesh."""
     triangles = map(mesh.tri_indices, range(mesh.num_tris))

@@ -84,17 +84,17 @@ class HeldLoad(FrameRows):
             and a, shape (m, 6, n) each.
         """
         body = self._body()
-        state, by = self.motions.spatial_slopes(q, v, a)
+        state = self.motions.spatial(q, v, a)
+        v_q, a_q, a_v, v_v = self.motions.slopes(q, v, a, spatial=True)
         # v x* f is linear in v and in f.
         turn = _force_cross(state.velocity) @ body
         turn += _crossed_by(state.velocity @ body.T)
-        proper_q = by.a_q.copy()
         # Gravity rotates relative to the frame.
-        proper_q[:, :3] -= skew(self._fall(state)) @ by.v_v[:, 3:]
+        a_q[:, :3] -= skew(self._fall(state)) @ v_v[:, 3:]
         return self._wrenches(state), (
-            body @ proper_q + turn @ by.v_q,
-            body @ by.a_v + turn @ by.v_v,
-            body @ by.v_v,
+            body @ a_q + turn @ v_q,
+            body @ a_v + turn @ v_v,
+            body @ v_v,
         )
 
     def lack(self, q: Array, v: Array, slack: float) -> str:

@@ -138,68 +138,6 @@ def _resolve_chain(name: str, mimics: Mapping[str, Mimic]) -> Mimic:
 JointValues: TypeAlias = ArrayLike | Mapping[str, ArrayLike]
 
 
-def override(
-    option: str,
-    values: JointValues,
-    current: Array,
-    joint_names: Sequence[str],
-    not_free: Mapping[str, str],
-) -> Array:
-    """Replace values per joint by a caller's values.
-
-    Args:
-        option: Name of the argument, for messages.
-        values: A number for all joints, an array in joint order, or numbers by joint
-            name; joints that are not named keep their value.
-        current: Current values, shape (n,), or (n, 2) for a lower and an upper value
-            per joint; then pairs are allowed in place of numbers, and a number x means
-            (-x, x).
-        joint_names: Names of the joints, length n.
-        not_free: Joints of the robot without a value, with the reason.
-
-    Returns:
-        The values, same shape as ``current``.
-
-    Raises:
-        OptionsError: If a value is not a number, or there are too many or too few.
-        JointNotFound: If a name is not the name of a joint.
-    """
-    result = np.array(current, dtype=np.float64)
-    n, pairs = len(joint_names), current.ndim == 2
-    if not isinstance(values, Mapping):
-        try:
-            array = real_array(values)
-        except ValueError as error:
-            raise OptionsError(
-                f"{option}: got {brief(values)}, expected numbers", option
-            ) from error
-        if array.shape not in ((), (n,)) and not (pairs and array.shape == (n, 2)):
-            forms = f"{n} numbers, pairs (lower, upper)" if pairs else f"{n} numbers"
-            raise OptionsError(
-                f"{option}: got an array of shape {array.shape}, expected one number, "
-                f"{forms} in the order {', '.join(joint_names)}, or a mapping of joint "
-                "names",
-                option,
-            )
-        rows = array.tolist() if array.ndim else [float(array)] * n
-        values = dict(zip(joint_names, rows, strict=True))
-    for name, value in values.items():
-        if name in not_free:
-            raise OptionsError(f"{option}: joint {name} {not_free[name]}", option)
-        if name not in joint_names:
-            raise JointNotFound(name, joint_names)
-        array = array_or_nan(value)
-        if pairs and array.ndim == 0 and not array < 0:
-            array = np.array([-array, array])
-        if array.shape != ((2,) if pairs else ()) or np.isnan(array).any():
-            form = "a number from 0, or (lower, upper)" if pairs else "a number"
-            raise OptionsError(
-                f"{option}: joint {name} got {brief(value)}, expected {form}", option
-            )
-        result[joint_names.index(name)] = array
-    return result
-
-
 def _fault(option: str, row: Mapping[str, Any]) -> str:
     """Fault of a value for a joint, in a clause; empty for a valid value.
 
@@ -397,16 +335,72 @@ class JointTable:
             OptionsError: If a value is wrong.
             JointNotFound: If a joint is unknown.
         """
-        names, columns = self.joint_names, dict(self.columns)
-        changes = {k: value for k, value in values.items() if value is not None}
-        for option, value in changes.items():
-            columns[option] = override(option, value, self[option], names, not_free)
+        changes = {
+            option: self._changed(option, value, not_free)
+            for option, value in values.items()
+            if value is not None
+        }
+        columns = {**self.columns, **changes}
         for option in changes:
-            for i, name in enumerate(names):
+            for i, name in enumerate(self.joint_names):
                 fault = _fault(option, {key: v[i] for key, v in columns.items()})
                 if fault:
                     raise OptionsError(f"{option}: joint {name} {fault}", option)
-        return JointTable(names, columns)
+        return JointTable(self.joint_names, columns)
+
+    def _changed(
+        self, option: str, values: JointValues, not_free: Mapping[str, str]
+    ) -> Array:
+        """A column with some of its values replaced by a caller's values.
+
+        Args:
+            option: Name of the column, which is that of the argument in messages.
+            values: A number for all joints, an array in joint order, or numbers by
+                joint name; joints that are not named keep their value. In a column of
+                lower and upper values, pairs are allowed in place of numbers, and a
+                number x means (-x, x).
+            not_free: Joints of the robot that are not in the table, with the reason.
+
+        Returns:
+            The values, of the shape of the column.
+
+        Raises:
+            OptionsError: If a value is not a number, or there are too many or too few.
+            JointNotFound: If a name is not the name of a joint.
+        """
+        result, names = np.array(self[option]), self.joint_names
+        n, pairs = len(names), result.ndim == 2
+        if not isinstance(values, Mapping):
+            try:
+                array = real_array(values)
+            except ValueError as error:
+                raise OptionsError(
+                    f"{option}: got {brief(values)}, expected numbers", option
+                ) from error
+            if array.shape not in ((), (n,)) and not (pairs and array.shape == (n, 2)):
+                forms = f"{n} numbers" + ", pairs (lower, upper)" * pairs
+                raise OptionsError(
+                    f"{option}: got an array of shape {array.shape}, expected one "
+                    f"number, {forms} in the order {', '.join(names)}, or a mapping of "
+                    "joint names",
+                    option,
+                )
+            rows = array.tolist() if array.ndim else [float(array)] * n
+            values = dict(zip(names, rows, strict=True))
+        for name, value in values.items():
+            if name in not_free:
+                raise OptionsError(f"{option}: joint {name} {not_free[name]}", option)
+            if name not in names:
+                raise JointNotFound(name, names)
+            array = array_or_nan(value)
+            if pairs and array.ndim == 0 and not array < 0:
+                array = np.array([-array, array])
+            if array.shape != ((2,) if pairs else ()) or np.isnan(array).any():
+                form = "a number from 0, or (lower, upper)" if pairs else "a number"
+                message = f"{option}: joint {name} got {brief(value)}, expected {form}"
+                raise OptionsError(message, option)
+            result[names.index(name)] = array
+        return result
 
     def without_dynamics(self) -> JointTable:
         """Table of a kinematic robot: no torque limits, friction or rotor inertia."""

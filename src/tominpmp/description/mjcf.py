@@ -73,7 +73,7 @@ def describe_mjcf(
         RobotLoadError: If Pinocchio cannot read the file, a joint has several degrees
             of freedom, or a mesh or an included file is missing.
     """
-    reader = _MjcfReader(root, XmlContext(path), package_dirs)
+    reader = _MjcfReader(root, XmlContext(path, tuple(package_dirs)))
     described, semantics, _ = describe_model(*reader.built(), package_dirs, path)
     efforts = reader.efforts()
     gravity = described.gravity or ()
@@ -96,10 +96,8 @@ def describe_mjcf(
 class _MjcfReader:
     """Simplifies a file, and keeps the data that Pinocchio does not read."""
 
-    def __init__(
-        self, root: Element, context: XmlContext, folders: Sequence[Path]
-    ) -> None:
-        self.root, self.context, self.folders = root, context, folders
+    def __init__(self, root: Element, context: XmlContext) -> None:
+        self.root, self.context = root, context
         self._include(root, {context.path})
         self.compiler = {"angle": "degree"}
         for element in root.findall("compiler"):
@@ -185,7 +183,7 @@ class _MjcfReader:
             name = Path(item.get("file", ""))
             item.set("name", item.get("name", name.stem))
             name = Path(folder, name.name if strip else name)
-            file, tried = resolve_resource(str(name), path, self.folders)
+            file, tried = resolve_resource(str(name), path, self.context.folders)
             if file is None:
                 missing = missing_resource(str(name), tried)
                 self.missing[item.get("name", "")] = missing

@@ -11,7 +11,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, IntArray
 from tominpmp.description.joint_table import LOSSES, JointTable
 from tominpmp.description.mesh_sizes import INSTANCED, check_expanded
 from tominpmp.description.tree import (
@@ -141,10 +141,15 @@ def _solid(shape: Shape, load: Any) -> Any:
         return getattr(coal, shape.kind.capitalize())(*shape.sizes)
     if shape.corners is None or shape.faces is None:
         return load(shape.file, shape.sizes)
+    return triangle_mesh(shape.corners, shape.faces)
+
+
+def triangle_mesh(vertices: Array, triangles: IntArray) -> Any:
+    """Mesh for Coal, from vertices (k, 3) and indices of corners (l, 3)."""
     mesh = coal.BVHModelOBBRSS()
-    mesh.beginModel(len(shape.faces), len(shape.corners))
-    mesh.addVertices(np.ascontiguousarray(shape.corners))
-    mesh.addTriangles(np.ascontiguousarray(shape.faces))
+    mesh.beginModel(len(triangles), len(vertices))
+    mesh.addVertices(np.ascontiguousarray(vertices))
+    mesh.addTriangles(np.ascontiguousarray(triangles))
     mesh.endModel()
     return mesh
 

@@ -175,7 +175,7 @@ def read_urdf(
             several degrees of freedom, or refers to a missing mesh.
     """
     root = read_xml(path) if root is None else root
-    return _UrdfReader(root, XmlContext(path), package_dirs).read()
+    return _UrdfReader(root, XmlContext(path, tuple(package_dirs))).read()
 
 
 def read_parsed(
@@ -209,10 +209,8 @@ class _UrdfReader:
     meshes are required.
     """
 
-    def __init__(
-        self, root: Element, context: XmlContext, folders: Sequence[Path]
-    ) -> None:
-        self.root, self.context, self.folders = root, context, folders
+    def __init__(self, root: Element, context: XmlContext) -> None:
+        self.root, self.context = root, context
         # Materials may be defined anywhere, and be referred to by name.
         self.materials: dict[str, Element] = {}
         for element in root.iter("material"):
@@ -256,7 +254,7 @@ class _UrdfReader:
             tree=joints,
             gravity=gravity,
             path=context.path,
-            package_dirs=tuple(self.folders),
+            package_dirs=context.folders,
         )
 
     # -- copy of what is read ----------------------------------------------------------
@@ -433,7 +431,7 @@ class _UrdfReader:
 
     def _find(self, name: str) -> tuple[Path | None, tuple[Path, ...]]:
         """File that the description refers to, and the paths tried."""
-        return resolve_resource(name, self.context.path, self.folders)
+        return resolve_resource(name, self.context.path, self.context.folders)
 
     def _coloured(self, shape: Shape, material: Any) -> Shape:
         """Add colour and texture; a missing texture is dropped, as it is cosmetic."""

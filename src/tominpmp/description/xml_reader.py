@@ -114,9 +114,11 @@ class XmlContext:
 
     Attributes:
         path: The file.
+        folders: Folders in which files that it refers to are searched, too.
     """
 
     path: Path
+    folders: tuple[Path, ...] = ()
 
     def fail(self, message: str) -> NoReturn:
         """Raise an error about this file.
