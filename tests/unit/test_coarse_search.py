@@ -60,9 +60,7 @@ def record(search, **changes):
 def loop(search, records, rows=10):
     """A loop with records, at the motion that the search has found last."""
     _, (program, iterate, _), *_ = search.state.fallback
-    there = SimpleNamespace(
-        rows=np.zeros(rows), trajectory=lambda z: program.trajectory(iterate.z)
-    )
+    there = SimpleNamespace(rows=np.zeros(rows), transcription=program.transcription)
     return loop_with(records, program=there, best=None, state=iterate)
 
 

@@ -7,7 +7,7 @@ axis of it in a cone, and :class:`~tominpmp.KeepOrientation` fixes it.
 from __future__ import annotations
 
 from abc import abstractmethod
-from functools import partial
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import Annotated, TypeAlias
 
@@ -197,19 +197,19 @@ class ToolArc(Tube):
             expected = f"{across}, {brief(spoke.tolist())}"
             raise wrong(self.axis.tolist(), "axis", expected)
 
-    def _axes(self) -> tuple[float, Array, Array, Array]:
-        """Radius of the circle [m], and three perpendicular unit vectors.
+    @cached_property
+    def _plane(self) -> tuple[float, Array, Array]:
+        """Radius of the circle [m], and two perpendicular unit vectors in its plane.
 
-        The vectors point from the centre to the start, along the arc at the start, and
-        along the axis.
+        The vectors point from the centre to the start, and along the arc at the start.
         """
         spoke, axis = self.start - self.center, self.axis / np.linalg.norm(self.axis)
         size = float(np.linalg.norm(spoke))
-        return size, spoke / size, np.cross(axis, spoke / size), axis
+        return size, spoke / size, np.cross(axis, spoke / size)
 
     def progress(self, point: Array) -> float:
         """Angle from the start to the nearest point of the arc [rad]."""
-        _, first, second, _ = self._axes()
+        _, first, second = self._plane
         out = array(point, "point", (3,), POINT) - self.center
         turn = float(np.arctan2(out @ second, out @ first)) % (2.0 * np.pi)
         if turn > self.angle:  # beyond the arc: take the nearer end
@@ -218,14 +218,14 @@ class ToolArc(Tube):
 
     def at(self, progress: float) -> Array:
         """Point at an angle from the start [rad]."""
-        size, first, second, _ = self._axes()
+        size, first, second = self._plane
         angle = number(progress, "progress")
         spoke = np.cos(angle) * first + np.sin(angle) * second
         return np.asarray(self.center + size * spoke)
 
     def from_curve(self, point: Array) -> tuple[Array, Array]:
         """Vector from the nearest point of the arc."""
-        size, first, second, axis = self._axes()
+        size, first, second = self._plane
         out = array(point, "point", (3,), POINT) - self.center
         x, y = float(out @ first), float(out @ second)
         turn = float(np.arctan2(y, x)) % (2.0 * np.pi)
@@ -233,7 +233,7 @@ class ToolArc(Tube):
             return point - self.at(self.progress(point)), np.eye(3)
         flat = max(float(np.hypot(x, y)), 1e-12)
         along = (x * first + y * second) / flat
-        across = np.cross(axis, along)
+        across = (x * second - y * first) / flat
         return out - size * along, np.eye(3) - (size / flat) * np.outer(across, across)
 
 
