@@ -53,6 +53,7 @@ FINE: dict[str, Any] = {
     "refine": None,
     "smoothing": 1e-6,
     "tolerance": 1e-7,
+    "max_planning_time": math.inf,
 }
 OBSTACLE = tm.Scene([tm.Sphere("O", radius=0.8, position=(4, 0, 0))])
 PLACES, PLACE_STEPS = {"goal", "obstacle", "margin"}, 5.0

@@ -111,7 +111,9 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("out"))
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
-    solution = tm.plan(problem(), intervals=60, seed=arguments.seed)
+    # Five segments along narrow tubes take longer than the usual limit.
+    options = tm.Options(intervals=60, seed=arguments.seed, max_planning_time=120.0)
+    solution = tm.plan(problem(), options)
     print(solution.message)
     if not solution.success:
         return 1

@@ -89,8 +89,8 @@ def _integrate(
         pull = rate * (rate * (state.q - x[:n]) + 2.0 * (state.v - x[n:]))
         return state.u + np.asarray(pin.crba(model, data, x[:n])) @ pull
 
-    rows = []
     x = np.concatenate([case.q_start, case.v_start])
+    rows = [(*x, *torque(0.0, x))]
     for begin, end in zip(motion.t[:-1], motion.t[1:], strict=True):
         last = np.nextafter(end, begin)
 

@@ -28,7 +28,8 @@ goal = tm.JointGoal([2.7, -0.9, 1.2, 0.1, 0.6, 0.1])
 box = tm.Box("box", size=(0.1, 0.1, 0.1), position=(0.0, 0.0, 1.5),
              motion=tm.ConstantVelocity((0.0, 0.0, 1e-5)))
 found = tm.plan(tm.Problem(arm, start, goal, scene=tm.Scene([box])),
-                tm.Options(starts=1, effort="quick", refine=None))
+                tm.Options(starts=1, effort="quick", refine=None,
+                           max_planning_time=600.0))
 peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 status = Path("/proc/self/status")
 if status.exists():  # what is above counts what the parent had when it forked, too
