@@ -61,10 +61,11 @@ def intervals_to_halve(of: Gridded, z: Array, share: float = BENDS) -> BoolArray
 
 
 def _unused_torques(of: Gridded, z: Array, h: Array) -> Array | None:
-    """Unused torque of saturated joints times interval length, (N,); None if small.
+    """Unused torque times interval length, shape (N,); None if small.
 
-    For each interval, it is the largest over all joints of the mean unused torque, as a
-    share of the half range.
+    For each interval, it is the largest over all joints of the mean unused torque of a
+    saturated joint, as a share of the half range, and of the jump of a torque around
+    the interval, weighted by the share of the interval in T.
     """
     if not isinstance(of, InverseTranscription):
         return None
