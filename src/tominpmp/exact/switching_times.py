@@ -67,6 +67,9 @@ STILL = 1e-10
 # Stop rules: number of steps, and the relative progress in these steps below which the
 # iteration stops. The second rule holds while arcs are searched for.
 STOPS = ((2, STILL), (5, 1e-6))
+# The iteration also stops if the violation has not fallen to the share FALL in as many
+# iterations as SLOW: arcs of zero length can make it this slow, and are dropped next.
+SLOW, FALL = 25, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,6 +219,7 @@ def _minimize(
     low, high = cost - 1.0, np.where(cost > 0.0, LONGEST, 1.0)
     last, paid, exact = y, program.evaluations, EXACT if rough else STILL
     durations: list[float] = []
+    violations: list[float] = []
 
     def stop_if_converged(z: Array) -> None:
         # SLSQP's own stop criterion is stricter than the accuracy of the integration.
@@ -223,12 +227,15 @@ def _minimize(
         shot, last = program.shoot(z), z.copy()
         violation = np.inf if shot is None else _violation(shot)
         durations.append(float(cost @ z) if violation < exact else np.inf)
+        violations.append(violation)
         budget.spend(program.evaluations - paid)
         paid = program.evaluations
         for steps, progress in STOPS[: 1 + rough]:
             before = durations[-1 - steps] if len(durations) > steps else np.inf
             if before - durations[-1] < progress:
                 raise StopIteration
+        if max(exact, FALL * min(violations[:-SLOW], default=np.inf)) < violation:
+            raise StopIteration
 
     try:
         found = minimize(

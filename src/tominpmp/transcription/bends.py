@@ -61,10 +61,11 @@ def intervals_to_halve(of: Gridded, z: Array, share: float = BENDS) -> BoolArray
 
 
 def _unused_torques(of: Gridded, z: Array, h: Array) -> Array | None:
-    """Unused torque of saturated joints times interval length, (N,); None if small.
+    """Unused torque times interval length, shape (N,); None if small.
 
-    For each interval, it is the largest over all joints of the mean unused torque, as a
-    share of the half range.
+    For each interval, it is the largest over all joints of the mean unused torque of a
+    saturated joint, as a share of the half range, and of the jump of a torque around
+    the interval, weighted by the share of the interval in T.
     """
     if not isinstance(of, InverseTranscription):
         return None
@@ -77,6 +78,11 @@ def _unused_torques(of: Gridded, z: Array, h: Array) -> Array | None:
     begin, end = torques.reshape(2, h.size, -1)
     at_limit = np.maximum(np.abs(begin), np.abs(end)) > AT_TORQUE_LIMIT
     missing = np.where(at_limit, 0.5 * np.abs(end - begin), 0.0)
+    # Where a torque switches inside an interval, it is between its limits on all of it.
+    # The switching function is zero there: the loss is of the second order in length.
+    around = np.pad(0.5 * (begin + end), ((1, 1), (0, 0)), mode="edge")
+    jumps = 0.5 * np.abs(around[2:] - around[:-2])
+    missing = np.maximum(missing, jumps * (h / h.sum())[:, None])
     unused = h * np.max(missing, axis=1)
     return unused if unused.sum() > MUCH_MISSING * h.sum() else None
 
