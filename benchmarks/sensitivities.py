@@ -173,7 +173,7 @@ def _planar() -> Iterator[tuple[str, tm.Problem]]:
 def difference(
     problem: tm.Problem, solution: tm.Solution, item: Sensitivity, steps: float = 1.0
 ) -> float | None:
-    """Central difference of ln T by a limit; None if a plan fails.
+    """Central difference of ln T by a limit; None without two plans on one grid.
 
     Args:
         problem: The problem.
@@ -190,7 +190,7 @@ def difference(
         if other is None:
             return None
         found = tm.plan(other, start=solution, **planned_as(solution))
-        if not found.success:
+        if not found.success or found.trajectory.t.size != solution.trajectory.t.size:
             return None
         logarithms.append(math.log(found.T))
     return (logarithms[1] - logarithms[0]) / (2.0 * step)
