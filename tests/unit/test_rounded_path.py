@@ -131,8 +131,8 @@ def test_timing_round_a_corner_is_between_bounds(tmp_path):
 
 def test_path_guess_is_timed_and_free(tmp_path):
     system = maze(tmp_path, wall("low", 0.0, -2.0, 0.8))
-    guess = path_guess(system, np.array([START, (0.0, 1.0), END]), "over the wall")
-    assert guess.timed and guess.name == "over the wall"
+    guess = path_guess(system, np.array([START, (0.0, 1.0), END]))
+    assert guess.timed and guess.name == "sampled path"
     assert all(
         is_free(system, q) for q in guess.position(np.linspace(0, guess.duration, 99))
     )

@@ -16,7 +16,7 @@ from tominpmp.solvers.iterate import LARGEST_RADIUS, Iterate, next_radius
 from tominpmp.solvers.loop import solve
 from tominpmp.solvers.model import Model
 from tominpmp.solvers.objective import MinimumTime
-from tominpmp.solvers.stop import Iterations, first_of
+from tominpmp.solvers.stop import first_of, iterations
 from tominpmp.solvers.subproblem import LEAST_ROOM, build_subproblem
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import Status
@@ -315,7 +315,7 @@ def test_rules_go_together_and_the_first_one_speaks():
 
     options, start = Options(tolerance=1e-9), np.array([4.0, 4.0, 10.0])
     step, _ = trust_regions(options, make_solver("highs"))
-    rules = after(3, Status.STALLED), after(2, Status.FEASIBLE), Iterations(2)
+    rules = after(3, Status.STALLED), after(2, Status.FEASIBLE), iterations(2)
     found = solve(circle(), MinimumTime.of(options), start, step, first_of(*rules))
     assert found.status is Status.FEASIBLE
     assert len(found.history) == 2

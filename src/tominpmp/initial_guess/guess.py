@@ -154,11 +154,10 @@ class GuessRequest:
     beyond: Sequence[PathConstraint] = ()
 
 
-def straight_guess(
-    system: ProblemFunctions, q_end: Array, name: str = "straight line"
-) -> Guess:
+def straight_guess(system: ProblemFunctions, q_end: Array) -> Guess:
     """Straight line in joint space, in minimum time if it can be timed."""
-    return _along_corners(system, np.stack([system.problem.q_start, q_end]), name)
+    line = np.stack([system.problem.q_start, q_end])
+    return _along_corners(system, line, "straight line")
 
 
 def _line_guess(system: ProblemFunctions, q_end: Array) -> Guess:
@@ -185,7 +184,7 @@ def _along_corners(system: ProblemFunctions, corners: Array, name: str) -> Guess
     return _along(system, RoundedPath.through(corners, velocity), name)
 
 
-def path_guess(system: ProblemFunctions, corners: Array, name: str = SAMPLED) -> Guess:
+def path_guess(system: ProblemFunctions, corners: Array) -> Guess:
     """Path with rounded corners, in minimum time if it can be timed.
 
     The polyline of the corners, shape (m, n) [rad or m], is free of collisions; the
@@ -193,7 +192,7 @@ def path_guess(system: ProblemFunctions, corners: Array, name: str = SAMPLED) ->
     """
     path = RoundedPath.through(corners, system.problem.robot.limits.velocity)
     path = path.clear_of_obstacles(lambda q: is_free(system, q))
-    return _along(system, path, name)
+    return _along(system, path, SAMPLED)
 
 
 def _moving_guess(system: ProblemFunctions, q_end: Array) -> Guess | None:

@@ -29,7 +29,7 @@ from tominpmp.linear_programs.solver import LpSolver
 from tominpmp.options import Options
 from tominpmp.solvers.iterate import Iterate, Outcome, Trial
 from tominpmp.solvers.loop import Loop, Rule
-from tominpmp.solvers.stop import Iterations, exhausted, first_of
+from tominpmp.solvers.stop import exhausted, first_of, iterations
 from tominpmp.status import Status
 from tominpmp.stopping import check
 from tominpmp.transcription.adjoint import AdjointTranscription
@@ -51,7 +51,7 @@ def fixed_steps(options: Options) -> tuple[FixedStep, Rule]:
     """
     lp = make_solver(options.lp_solver)
     step = FixedStep(lp, options.control_step, options.time_step)
-    limits = exhausted, Iterations(options.max_iterations)
+    limits = exhausted, iterations(options.max_iterations)
     return step, first_of(_steady, *limits)
 
 

@@ -21,7 +21,7 @@ from tominpmp.arrays import Array
 from tominpmp.options import Options
 from tominpmp.solvers.iterate import Outcome, Trial
 from tominpmp.solvers.loop import Loop, Rule
-from tominpmp.solvers.stop import Iterations, Raises, first_of, settled
+from tominpmp.solvers.stop import first_of, iterations, raises, settled
 from tominpmp.stopping import check
 from tominpmp.transcription.adjoint import AdjointTranscription
 
@@ -51,7 +51,7 @@ def penalty_rounds(options: Options, z: Array) -> tuple[PenaltyRound, Rule]:
         z: The initial iterate.
     """
     most = ITERATION_FACTOR * options.max_iterations
-    stop = first_of(settled, Raises(ROUNDS - 1), Iterations(most))
+    stop = first_of(settled, raises(ROUNDS - 1), iterations(most))
     return PenaltyRound(z, most), stop
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from tominpmp.solvers.iterate import SMALLEST_RADIUS
 from tominpmp.solvers.loop import Loop, Rule
 from tominpmp.status import Status
@@ -32,33 +30,21 @@ def exhausted(loop: Loop) -> Status | None:
     return Status.NUMERICAL_FAILURE if loop.outcome is None else Status.STALLED
 
 
-@dataclass(frozen=True)
-class Raises:
-    """Stop rule: violations remain although their penalty weights were raised.
+def raises(most: int) -> Rule:
+    """Stop rule: INFEASIBLE if violations remain after ``most`` raises of weights."""
 
-    Attributes:
-        most: Most raises of the weights.
-    """
+    def rule(loop: Loop) -> Status | None:
+        return Status.INFEASIBLE if loop.state.raises > most else None
 
-    most: int
-
-    def __call__(self, loop: Loop) -> Status | None:
-        """INFEASIBLE once the weights were raised more often."""
-        return Status.INFEASIBLE if loop.state.raises > self.most else None
+    return rule
 
 
-@dataclass(frozen=True)
-class Iterations:
-    """Stop rule: the iteration limit.
+def iterations(most: int) -> Rule:
+    """Stop rule: ITERATION_LIMIT at the limit, which row exchanges may extend."""
 
-    Attributes:
-        most: The limit, which row exchanges may extend.
-    """
-
-    most: int
-
-    def __call__(self, loop: Loop) -> Status | None:
-        """ITERATION_LIMIT once the limit is reached."""
-        most = max(self.most, loop.extended_limit)
-        over = loop.outcome is not None and len(loop.history) >= most
+    def rule(loop: Loop) -> Status | None:
+        limit = max(most, loop.extended_limit)
+        over = loop.outcome is not None and len(loop.history) >= limit
         return Status.ITERATION_LIMIT if over else None
+
+    return rule

@@ -39,7 +39,7 @@ from tominpmp.solvers.iterate import (
 from tominpmp.solvers.loop import Loop, Rule
 from tominpmp.solvers.model import Model
 from tominpmp.solvers.objective import RESTORABLE
-from tominpmp.solvers.stop import Iterations, Raises, exhausted, first_of, settled
+from tominpmp.solvers.stop import exhausted, first_of, iterations, raises, settled
 from tominpmp.solvers.subproblem import Subproblem, build_subproblem
 from tominpmp.stopping import check
 
@@ -98,7 +98,7 @@ def trust_regions(
             the objective; None for a gap that fits the tolerance of the objective.
     """
     lp = make_solver(options.lp_solver) if lp is None else lp
-    limits = Raises(WEIGHT_RAISES), exhausted, Iterations(options.max_iterations)
+    limits = raises(WEIGHT_RAISES), exhausted, iterations(options.max_iterations)
     step = TrustRegionStep(lp, options.trust_region, accuracy)
     return step, first_of(settled, *limits)
 

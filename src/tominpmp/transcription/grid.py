@@ -48,14 +48,10 @@ def interval_shares(kind: str, intervals: int, *, sudden: bool = True) -> Array:
     Returns:
         Shares that add up to 1, shape (N, 1).
     """
-    extra = len(END_NODES) if sudden else 0
     if kind == "uniform":
-        nodes = np.linspace(0.0, 1.0, intervals + 1)
-    elif not extra or intervals < 4 * extra:
-        nodes = _cosine_nodes(intervals)
-    else:
-        return _cosine_shares(intervals, True, True)[:, None]
-    return np.asarray(np.diff(nodes))[:, None]
+        return np.diff(np.linspace(0.0, 1.0, intervals + 1))[:, None]
+    split = sudden and intervals >= 4 * len(END_NODES)
+    return _cosine_shares(intervals, split, split)[:, None]
 
 
 def delayed_shares(intervals: int, delay: float, *, sudden: bool = True) -> Array:
@@ -84,7 +80,7 @@ def delayed_shares(intervals: int, delay: float, *, sudden: bool = True) -> Arra
 def _sine_shares(intervals: int, sudden: bool = True) -> Array:
     """Shares of intervals that become shorter towards the end only, (intervals,)."""
     extra = len(END_NODES) if sudden else 0
-    nodes = np.sin(0.5 * np.pi * np.linspace(0.0, 1.0, max(intervals - extra, 2) + 1))
+    nodes = np.sin(0.5 * np.pi * np.linspace(0.0, 1.0, intervals - extra + 1))
     last = (1.0 - nodes[-2]) * np.array(END_NODES[:extra])
     return np.diff(np.sort(np.concatenate([nodes, 1.0 - last])))
 
@@ -142,16 +138,11 @@ def segmented_shares(
 
 def _cosine_shares(intervals: int, first: bool, last: bool) -> Array:
     """Shares of a cosine grid, with the first or last interval split on request."""
-    extra = len(END_NODES)
-    inner = _cosine_nodes(max(intervals - extra * (first + last), 2))
+    share = np.linspace(0.0, 1.0, intervals - len(END_NODES) * (first + last) + 1)
+    inner = 0.5 * (1.0 - np.cos(np.pi * share))
     ends = inner[1] * np.array(END_NODES)
     parts = [inner, *([ends] if first else []), *([1.0 - ends] if last else [])]
     return np.diff(np.sort(np.concatenate(parts)))
-
-
-def _cosine_nodes(intervals: int) -> Array:
-    """Nodes of the cosine grid without splits, shape (intervals + 1,)."""
-    return 0.5 * (1.0 - np.cos(np.pi * np.linspace(0.0, 1.0, intervals + 1)))
 
 
 def ticks_of(duration: float, period: float) -> int:
