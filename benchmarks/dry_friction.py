@@ -30,7 +30,7 @@ import numpy as np
 
 import tominpmp as tm
 from benchmarks.random_goals import load_arm, sample_problems
-from tominpmp.verification.replay import Integrator, replay
+from tominpmp.verification.replay import Integration, Integrator, start_of
 
 COLUMNS = (
     "robot",
@@ -140,7 +140,8 @@ def exactness(solutions: list[tuple[str, tm.Solution]]) -> str:
         assert motion is not None
         cells: list[str] = []
         for integrator in INTEGRATORS:
-            found = replay(problem, motion, integrator=integrator)
+            replay = Integration(problem.robot, motion, integrator=integrator)
+            found = replay.run(start_of(problem))
             error = float(np.max(np.abs(found.q[-1] - motion.q[-1])))
             cells.append(f"{error:.1e} ({found.evaluations})")
         lines.append((name, *cells))

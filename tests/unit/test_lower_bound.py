@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from optimum_cases import FORCE, MASS, ROD
+from replays import replay
 from sample_arms import DOWNWARD, Link, make_arm, rod, slide
 from two_link_cases import CASES as FAMILIES
 
@@ -31,7 +32,6 @@ from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import Robot
 from tominpmp.solution import Solution
 from tominpmp.status import Status
-from tominpmp.verification.replay import replay
 
 # All but most of the arms that lift payloads, whose optima take long to compute.
 CASES = {

@@ -9,6 +9,7 @@ import threading
 import numpy as np
 import pytest
 from optimum_cases import HANGING, ROD
+from replays import replay
 from sample_arms import DOWNWARD, make_arm
 
 import tominpmp as tm
@@ -39,14 +40,14 @@ def test_a_replay_stops_within_a_piece(swinging, integrator, monkeypatch) -> Non
 
     monkeypatch.setattr(REPLAYS, "check", check)
     with pytest.raises(Stop):
-        REPLAYS.replay(*swinging, integrator=integrator)
+        replay(*swinging, integrator=integrator)
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_a_replay_is_given_up_within_a_piece(swinging, integrator, monkeypatch) -> None:
     most = 2 * REPLAYS.WATCH
     monkeypatch.setattr(REPLAYS, "MAX_EVALUATIONS", most)
-    found = REPLAYS.replay(*swinging, integrator=integrator)
+    found = replay(*swinging, integrator=integrator)
     assert not found.complete
     assert np.all(np.isfinite(found.q))
     assert most < found.evaluations <= most + REPLAYS.WATCH

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from replays import replay
 from sample_arms import DOWNWARD, GRAVITY, Link, make_arm, rod, slide
 
 import tominpmp as tm
 from tominpmp.arrays import Array
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.verification.replay import replay
 
 INTEGRATORS = ("LSODA", "DOP853", "Radau")
 MASS, FRICTION = 2.0, 3.0

@@ -20,7 +20,7 @@ import numpy as np
 from scipy import integrate
 from scipy.integrate import ODEintWarning, OdeSolver, odeint
 
-from tominpmp.arrays import Array, FrozenArray, IntArray, Record
+from tominpmp.arrays import Array, FrozenArray, Record
 from tominpmp.checks import choice
 from tominpmp.motion.trajectory import Trajectory, torque_breaks
 from tominpmp.stopping import check
@@ -73,7 +73,6 @@ class Replay(Record):
         u: Torques [N m or N], at a jump the torques just after it, shape (m, n).
         way: Sliding directions of joints with dry friction, halfway between two times:
             1, -1, or 0 for joints that friction holds, shape (m - 1, n).
-        nodes: Indices of the times of the nodes of the trajectory, shape (N + 1,).
         integrator: "DOP853", "LSODA" or "Radau", or "planned" for samples of a plan,
             without an integration.
         evaluations: Number of evaluations of the dynamics.
@@ -87,7 +86,6 @@ class Replay(Record):
     v: FrozenArray
     u: FrozenArray
     way: FrozenArray
-    nodes: IntArray
     integrator: str
     evaluations: int
     complete: bool
@@ -100,10 +98,9 @@ class Replay(Record):
     def between(self, begin: float, end: float) -> Replay:
         """The rows from one time to another [s], both included."""
         kept = np.flatnonzero((self.t >= begin) & (self.t <= end))
-        nodes = np.searchsorted(kept, self.nodes[np.isin(self.nodes, kept)])
         t, q, v, u = (rows[kept] for rows in (self.t, self.q, self.v, self.u))
         way = self.way[kept[:-1]]
-        return replace(self, t=t, q=q, v=v, u=u, way=way, nodes=nodes)
+        return replace(self, t=t, q=q, v=v, u=u, way=way)
 
 
 def torque_pieces(robot: Robot, trajectory: Trajectory) -> Pieces:
@@ -133,7 +130,6 @@ def planned(
         state.v,
         state.u,
         trajectory.turns.at(0.5 * (t[1:] + t[:-1])),
-        np.searchsorted(t, trajectory.t),
         "planned",
         0,
         True,
@@ -158,27 +154,6 @@ def cut(nodes: Array, time_step: float) -> Array:
     return np.concatenate([*times, nodes[-1:]])
 
 
-def replay(
-    problem: Problem,
-    trajectory: Trajectory,
-    *,
-    integrator: Integrator | None = None,
-) -> Replay:
-    """Integrate the torques of a trajectory from the start of a problem.
-
-    Args:
-        problem: The problem, with the robot and the start.
-        trajectory: The motion, of which only the torques are used.
-        integrator: "DOP853" (explicit), "LSODA" (Adams, or backward differences for
-            stiff arms) or "Radau" (implicit); None for LSODA.
-
-    Returns:
-        The motion of the robot under the torques.
-    """
-    integration = Integration(problem.robot, trajectory, integrator=integrator)
-    return integration.run(start_of(problem))
-
-
 def start_of(problem: Problem) -> Array:
     """Initial state of a replay, shape (2n,)."""
     return np.concatenate([problem.q_start, problem.v_start])
@@ -195,7 +170,8 @@ class Integration:
         robot: The robot.
         trajectory: The motion.
         pieces: Torques of the motion; None to compute them.
-        integrator: Name of the integrator; None for LSODA.
+        integrator: "DOP853" (explicit), "LSODA" (Adams, or backward differences for
+            stiff arms) or "Radau" (implicit); None for LSODA.
         plants: Robots of the segments; empty if the robot is the same on all segments.
         tightness: Factor by which the tolerances are tighter than the defaults.
 
@@ -255,7 +231,6 @@ class Integration:
                 break
             x = rows[-1]
         t, path = np.concatenate(times), np.concatenate(states)
-        nodes = self._trajectory.t
         return Replay(
             self._trajectory.joint_names,
             t,
@@ -263,7 +238,6 @@ class Integration:
             path[:, n:],
             pieces(t),
             np.concatenate(ways),
-            np.searchsorted(t, nodes[nodes <= t[-1]]),
             self.integrator,
             self.evaluations,
             bool(t[-1] == pieces.t[-1]),

@@ -159,7 +159,7 @@ def verify(
         geometry: "convex" represents links by the convex pieces with which motions are
             planned; "mesh" by their triangles, which is slow.
         checker: Collision checker that replaces the checker of the geometry.
-        integrator: See :func:`~tominpmp.verification.replay.replay`.
+        integrator: See :class:`~tominpmp.verification.replay.Integration`.
 
     Returns:
         The result of the replay.
