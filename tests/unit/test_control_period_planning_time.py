@@ -19,7 +19,7 @@ from scipy.interpolate import BSpline
 import tominpmp as tm
 from tominpmp.planner import candidate as attempts
 from tominpmp.planner import control_period as clock
-from tominpmp.planner.control_period import ReachesTicks
+from tominpmp.planner.control_period import reaches_tick
 from tominpmp.problem.segments import spans_of
 from tominpmp.transcription.curve import KnotVector, SplineMotion
 from tominpmp.transcription.grid import ticks_of
@@ -99,7 +99,7 @@ def ended(*told):
         record(1, duration=T, violation=v, objective=T, predicted=p, actual=p)
         for T, v, p in told
     ]
-    return ReachesTicks(1.0, 1e-6)(SimpleNamespace(history=history))
+    return reaches_tick(1.0, 1e-6)(SimpleNamespace(history=history))
 
 
 def test_the_iteration_ends_at_the_last_tick_but_for_a_trace():

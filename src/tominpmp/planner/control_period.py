@@ -34,7 +34,7 @@ from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import Segment, Span, spans_of
 from tominpmp.solution import Solution
 from tominpmp.solvers.exchange import FAR, RowExchange
-from tominpmp.solvers.loop import Callback, Loop, solve
+from tominpmp.solvers.loop import Callback, Loop, Rule, solve
 from tominpmp.solvers.stop import first_of
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import STOPPED, IterationRecord, Status
@@ -401,7 +401,7 @@ class Trial:
             minimum_time(system, warm, T),
             z,
             step,
-            first_of(ReachesTicks(T, feasibility), stop),
+            first_of(reaches_tick(T, feasibility), stop),
             exchange=RowExchange(level=0.0, longest=(1.0 + TRACE) * T),
             callback=shown,
         )
@@ -451,27 +451,25 @@ class Trial:
         return self.within_windows(longer.astype(np.int64).tolist())
 
 
-@dataclass(frozen=True)
-class ReachesTicks:
-    """Stop rule of iterations on a clock: the duration has come down to the last tick.
+def reaches_tick(duration: float, feasibility: float) -> Rule:
+    """Stop rule of iterations on a clock: T has come down to the last tick.
 
-    The iteration also ends if the motion is nearly feasible and still slower, and its
-    progress predicts that it will not reach the tick: it needs another period.
+    The iteration is FEASIBLE once the tick is reached. It is STALLED if the motion is
+    nearly feasible and still slower, and its progress predicts that it will not reach
+    the tick: it needs another period.
 
-    Attributes:
+    Args:
         duration: Time of the last tick [s].
         feasibility: Largest tolerated violation.
     """
 
-    duration: float
-    feasibility: float
-
-    def __call__(self, loop: Loop) -> Status | None:
-        """FEASIBLE once the tick is reached, STALLED if it will not be."""
+    def rule(loop: Loop) -> Status | None:
         record, *before = reversed(loop.history)
-        missing = record.duration - self.duration
-        if missing <= TRACE * self.duration:
-            return Status.FEASIBLE if record.violation <= self.feasibility else None
+        missing = record.duration - duration
+        if missing <= TRACE * duration:
+            return Status.FEASIBLE if record.violation <= feasibility else None
         moved = abs(before[0].duration - record.duration) if before else np.inf
         hopeless = moved < MOVING * missing or record.predicted < HOPE * missing
         return Status.STALLED if hopeless and record.violation <= FAR else None
+
+    return rule
