@@ -101,3 +101,11 @@ def test_a_file_of_a_tour_that_fails_its_check_is_an_error(tmp_path: Path) -> No
     assert code == 1
     assert "cycle.yaml does not pass" in output and "drill" in output
     assert (tmp_path / "cycle.yaml").exists()
+
+
+def test_a_tour_that_stays_at_the_start_has_no_motion_to_write(tmp_path: Path) -> None:
+    stay = STATIONS.partition('\n[[stations]]\nname = "tap"')[0]
+    stay = stay.replace("[0.9, 0.8, -0.4]", "[0.5, 1.2, -0.7]")
+    code, output = run(scenario(tmp_path, stay), "-o", tmp_path / "cycle.csv")
+    assert code == 2
+    assert "no motion: all stations are at the start" in " ".join(output.split())

@@ -193,8 +193,10 @@ class Tour:
     def _motion(self) -> Trajectory:
         motion = self.trajectory
         if motion is None:
-            why = "all stations are at the start" if self.success else self.message
-            raise ProblemError(f"the tour has no motion: {why}", "trajectory")
+            why = f"there is no tour: {self.message}"
+            if self.success:
+                why = "the tour has no motion: all stations are at the start"
+            raise ProblemError(why, "trajectory")
         return motion
 
     def play(self, path: str | Path | None = None, **options: Any) -> Any:
