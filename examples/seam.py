@@ -121,7 +121,7 @@ def main() -> int:
     arguments.out.mkdir(parents=True, exist_ok=True)
     plot(solution, arguments.out / "seam.png")
     solution.play(arguments.out / "seam.html", frame=NOZZLE)
-    solution.export(arguments.out / "seam.csv", dt=0.002)
+    solution.export(arguments.out / "seam.csv", dt=0.001)
     for ending in ("png", "html", "csv"):
         print(arguments.out / f"seam.{ending}")
     return 0
