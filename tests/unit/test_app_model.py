@@ -5,11 +5,13 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
 
-from tominpmp.app import pictures
+from tominpmp.app import pictures, stage
 from tominpmp.app.controller import Reach
 from tominpmp.app.first_request import EXAMPLES, first_request, known, tool_frame
 from tominpmp.app.planning import BindingLimit, Outcome, ShownMotion
@@ -34,6 +36,7 @@ from tominpmp.viz.shares import Shares
 
 PLANAR = EXAMPLES["planar3r"]
 TURNED = (0.0, 0.0, 0.382683, 0.92388)
+QUARTER = (0.0, 0.0, 0.5**0.5, 0.5**0.5)
 ALL_KINDS = (
     Item("box", "crate", (0.3, 0.2, 0.1), (-3.0, -2.0, 0.0), TURNED),
     Item("sphere", "ball", (0.2,), (-3.0, 2.0, 0.5)),
@@ -293,3 +296,18 @@ def test_what_holds_back_is_told_with_what_it_would_give() -> None:
     assert "0.70 % less time" in text
     assert "&lt;optimal&gt;" in text
     assert "nothing" in pictures.active_limits((), "")
+
+
+@pytest.mark.parametrize(("turn", "along"), [((0.0, 0.0, 0.0, 1.0), 0), (QUARTER, 1)])
+def test_the_camera_is_placed_for_obstacles_as_they_are_turned(
+    turn: tuple[float, ...], along: int
+) -> None:
+    """A long beam about the origin is in the middle of the picture along its axis."""
+    beam = Item("box", "beam", (20.0, 0.1, 0.1), (0.0, 0.0, 0.0), turn)
+    request = replace(PLANAR, items=(beam,))
+    server = MagicMock()
+    server.initial_camera = camera = SimpleNamespace()
+    server.get_clients.return_value = {}
+    stage.look_at(server, loaded(request.robot), request)
+    assert camera.look_at[along] == pytest.approx(0.0, abs=1e-9)
+    assert abs(camera.look_at[1 - along]) > 1.0

@@ -203,8 +203,8 @@ class Controller:
         with tempfile.TemporaryDirectory(prefix="tominpmp-") as folder:
             path = Path(folder) / name
             solution.export(path, dt=dt, message=message, verify=False)
-            told = check_export(solution, path, dt=dt).message
-            return name, path.read_bytes(), told.replace(str(path), name)
+            judgement = replace(check_export(solution, path, dt=dt), path=Path(name))
+            return name, path.read_bytes(), judgement.message
 
     def close(self) -> None:
         """End the planning process."""

@@ -161,16 +161,15 @@ def look_at(server: Any, robot: Robot, request: Request) -> float:
     extent = np.ptp(np.concatenate([links, np.zeros((1, 3))]), axis=0)
     size = float(np.linalg.norm(extent)) or 1.0
     view = camera_view(poses.points)
-    obstacles = [
-        obstacle_surface(item.call().evaluate()).vertices + item.position
-        for item in request.items
+    obstacles = [item.call().evaluate() for item in request.items]
+    corners = [
+        obstacle_surface(item).vertices @ item.rotation.T + item.position
+        for item in obstacles
     ]
-    points = np.concatenate([links, *obstacles])
+    points = np.concatenate([links, *corners])
     middle = (points.min(0) + points.max(0)) / 2
-    slope = np.tan(FIELD_OF_VIEW / 2)
-    place = (
-        middle + MARGIN * view.distance(points - middle, slope, ASPECT) * view.normal
-    )
+    distance = view.distance(points - middle, np.tan(FIELD_OF_VIEW / 2), ASPECT)
+    place = middle + MARGIN * distance * view.normal
     camera = server.initial_camera
     camera.look_at, camera.position = tuple(middle), tuple(place)
     up = tuple(view.up) if view.planar else (0.0, 0.0, 1.0)
