@@ -23,6 +23,7 @@ from scipy.optimize import minimize_scalar
 
 from tominpmp.arrays import Array
 from tominpmp.linear_programs.choice import make_solver
+from tominpmp.motion.measures import ENERGIES
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.plan_state import PlanState
@@ -46,13 +47,11 @@ logger = logging.getLogger(__name__)
 REPLAYS = 2.0
 # Largest time scaling of the fastest motion that is considered for its warm start.
 SLOWEST = 100.0
-# Intervals of the optimal motion per interval of the fastest one, by the kind of
-# energy: the optimum has continuous torques, or torques that switch at other times.
-FINER = {"torque_squared": 3, "work": 2}
+# Intervals of the optimal motion per interval of the fastest one: if its torques jump,
+# at other times than in the fastest motion, and if they are continuous.
+FINER = {True: 2, False: 3}
 # Most halvings of a time scaling that breaks limits, for example times of arrival.
 SLOWER_TRIALS = 6
-# Names and units of the kinds of energy in messages.
-ENERGIES = {"torque_squared": ("energy", "N^2 m^2 s"), "work": ("work", "J")}
 NO_CHEAPER = "no motion of less cost was found."
 
 
@@ -181,13 +180,14 @@ def _layout(solution: Solution, motion: Trajectory, halvings: int) -> Layout:
     """
     problem, options = solution.problem, solution.options
     layout = Layout.of_motion(motion, problem.segments) or Layout.of_torques(motion)
-    finer = 2**halvings * FINER[options.energy]
+    kind = ENERGIES[options.energy]
+    finer = 2**halvings * FINER[kind.jumping]
     layout = layout.with_intervals(finer * len(layout.shares))
     if layout.degree == LIFTED:
         return layout
     degree, breaks = layout.degree, layout.segment_ends[:-1]
     if options.control not in DEGREES:
-        degree = QUADRATIC if options.energy == "work" else DEGREES["linear"]
+        degree = QUADRATIC if kind.jumping else DEGREES["linear"]
     if degree == QUADRATIC or not ProblemFunctions.of(problem).sudden:
         breaks = ()
     return replace(layout, degree=degree, breaks=breaks)
@@ -201,13 +201,12 @@ def _message(best: Solution, former: Trajectory) -> str:
     more = f"{abs(share):.3g} % {'more' if share >= 0.0 else 'less'}"
     converged = best.status is Status.CONVERGED
     begin = "A locally optimal" if converged else f"{best.status.value} A"
-    weight = best.options.energy_weight
-    name, unit = ENERGIES[best.options.energy]
+    kind = ENERGIES[best.options.energy]
     return (
-        f"{begin} trade of time against {name} was found. "
+        f"{begin} trade of time against {kind.name} was found. "
         f"T = {best.T:.4f} s, {more} than the fastest motion of the search, "
-        f"{name} = {best.energy:.4g} {unit}, "
-        f"T + {weight:g} {name} = {best.cost:.6g} s."
+        f"{kind.name} = {best.energy:.4g} {kind.unit}, "
+        f"T + {best.options.energy_weight:g} {kind.name} = {best.cost:.6g} s."
     )
 
 
