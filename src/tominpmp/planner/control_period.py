@@ -5,8 +5,8 @@ Its knots are moved to ticks of the clock, and a few convex programs find a moti
 these knots that takes at most one period more, or a few more if that is infeasible.
 Each segment takes a whole number of periods; each dwell is rounded up to one. A motion
 without segments is a single segment. The controller interpolates the samples to exactly
-this motion, see :mod:`~tominpmp.transcription.grid`, so that the replay judges what the
-controller will do.
+this motion, see :mod:`~tominpmp.transcription.grid`, so that the replay judges the
+motion of the controller.
 """
 
 from __future__ import annotations

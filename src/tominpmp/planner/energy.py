@@ -1,9 +1,9 @@
 """Objectives other than time: the motion of a solution is optimised once more.
 
-The motion is a warm start on its own grid with halved intervals, and is improved for
-the other objective. If its replay breaks limits, it is repaired: by rows against
-self-collision if links touch, otherwise by a finer grid. If this fails, the solution
-keeps its former motion.
+The motion is a warm start on its own grid, whose intervals are halved where the other
+objective gains from it, and is improved for this objective. If its replay breaks
+limits, it is repaired: by rows against self-collision if links touch, otherwise by a
+finer grid. If the repair fails, the solution keeps its former motion.
 
 One such objective is time against energy: it begins with the fastest motion, slowed
 down as far as this lowers the cost. Another one is quiet torques, see
@@ -50,7 +50,8 @@ SLOWEST = 100.0
 # Intervals of the optimal motion per interval of the fastest one: if its torques jump,
 # at other times than in the fastest motion, and if they are continuous.
 FINER = {True: 2, False: 3}
-# Most halvings of a time scaling that breaks limits, for example times of arrival.
+# Most halvings of the logarithm of a time scaling that breaks limits, for example times
+# of arrival.
 SLOWER_TRIALS = 6
 NO_CHEAPER = "no motion of less cost was found."
 
@@ -104,7 +105,7 @@ def run_stage(
         solution: The solution.
         doing: Name of the stage in messages, as a gerund.
         otherwise: Sentence on the motion if the stage fails, without its reason.
-        work: Gives the better solution, or the reason why there is none.
+        work: Gives the better solution, or the reason for its failure.
 
     Returns:
         The better solution; otherwise the solution with the reason in its message.
@@ -147,7 +148,7 @@ def with_least_cost(solution: Solution) -> Solution:
 
 
 def _least_cost(solution: Solution) -> Solution | str:
-    """The solution with the motion of least cost, or the reason why there is none."""
+    """The solution with the motion of least cost, or the reason for its failure."""
     former, options = solution.trajectory, solution.options
     assert former is not None  # noqa: S101
     objective = TimeAndEnergy.of(options)
@@ -215,7 +216,7 @@ def _best_time_scaling(
 ) -> Array:
     """The same path with the time scaling of least cost, or unscaled.
 
-    The scaling is halved, towards none, while the motion breaks further limits.
+    The logarithm of the scaling is halved while the motion breaks further limits.
     """
 
     def slower(power: float) -> Array:

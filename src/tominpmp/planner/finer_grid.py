@@ -46,7 +46,7 @@ CURABLE = 3e-4
 # Least budget of programs of all rounds.
 LEAST_PROGRAMS = 16
 # Usual and largest number of iterations on a grid. The largest is for motions with
-# violations that slowing down does not remove, as these would make the gain worthless.
+# violations that slowing down does not remove: the gain would be lost with them.
 ITERATIONS, MOST_ITERATIONS = 8, 20
 # Trust-region radius as a share of the usual one: the motion changes little.
 RADIUS = 0.3

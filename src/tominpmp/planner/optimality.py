@@ -208,7 +208,7 @@ class CertifiedDescent:
         """Reduce the padding of distances if it causes the predicted gain.
 
         Returns:
-            Whether it does.
+            Whether the padding causes the gain.
         """
         if findings.dual is None:
             return False
@@ -221,7 +221,7 @@ class CertifiedDescent:
         return spent
 
     def _improved(self, best: Candidate, layout: Layout) -> Candidate:
-        """A faster motion whose replay keeps all limits; the same if none is found."""
+        """A faster motion whose replay keeps all limits, or the same motion."""
         transcription, z = layout.represented(self.system, best.trajectory)
         program = NonlinearProgram.of(transcription).at(z)
         program, z = with_active_rows(with_rows_at(program, z, best.row_times), z)
@@ -247,8 +247,8 @@ class CertifiedDescent:
     def _show(self, record: IterationRecord) -> Status | None:
         """Show a record to the plan; a status ends the iteration.
 
-        Where rows join as it ends, it goes on until a motion keeps them: all that was
-        gained would be lost otherwise.
+        Where rows join at the end of the iteration, it continues until a motion keeps
+        them: the gain of all its steps would be lost otherwise.
         """
         status = self.state(record)
         over = self.spent and record.violation <= self.state.options.feasibility

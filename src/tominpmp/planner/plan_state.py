@@ -64,8 +64,8 @@ class PlanState:
             solution if there is no incumbent in the end.
         first_guesses: The first guess for each goal, with its name and its problem;
             the last resort if the fallback fails, too.
-        complete: Whether the plan has done everything that it must. The thorough search
-            that follows is open-ended: a time limit then is its regular end.
+        complete: Whether all stages of a plan with less effort are done. The thorough
+            search that follows is open-ended: a time limit then is its regular end.
         callback_error: Error that the callback has raised; None without one.
         failures: Errors of candidates that have led to no motion.
     """

@@ -144,7 +144,7 @@ class Objective(ABC):
     def cured(
         self, program: NonlinearProgram, state: Iterate, largest: float
     ) -> Iterate | None:
-        """Slow a motion with small violations down until it has none.
+        """Slow a motion with small violations down until they are removed.
 
         Args:
             program: The program.

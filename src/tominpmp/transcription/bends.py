@@ -26,7 +26,8 @@ SHORTEST = 1e-3
 # A finer grid gains nothing on an interval in which a limiting joint, one that
 # determines T, is at its speed limit throughout. A joint counts as limiting if it is at
 # its speed limit for the share LIMITING of T; other joints may reach theirs only to
-# support its motion elsewhere. AT_LIMIT is the share of the limit that counts as it.
+# support its motion elsewhere. Speeds above the share AT_LIMIT of their limit count as
+# being at it.
 AT_LIMIT, LIMITING = 0.999, 0.4
 # If constant accelerations leave more than this mean share of the half range of
 # saturated torques unused, intervals are chosen by the unused torque instead of the

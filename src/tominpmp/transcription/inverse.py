@@ -13,9 +13,8 @@ so that the double integrator holds exactly without rows, the motion on interval
 depends on P_{k-1}, P_k, P_{k+1} alone, the curve lies in the convex hull of the control
 points (position limits hold at all times) and speed is piecewise linear (speed limits
 hold at all times, too). Torques at both ends of every interval follow from the inverse
-dynamics. This is the paper's state-dependent control limit (its section 4) for the
-control
-v = acceleration: u_l <= u(q, v, a) <= u_u.
+dynamics. With the accelerations as controls, torque limits are the paper's
+state-dependent control limits (its section 4): u_l <= u(q, v, a) <= u_u.
 """
 
 from __future__ import annotations
