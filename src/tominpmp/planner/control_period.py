@@ -263,8 +263,8 @@ def _bring_to_clock(
     Returns:
         The motion on the clock; the last trial if no trial succeeds.
     """
-    candidate, trial = former, Trial.of(solution.problem, former.trajectory, period)
-    apart = former.clearance_rows
+    candidate, apart = former, former.clearance_rows
+    trial = ClockTrial.of(solution.problem, former.trajectory, period)
     for _ in range(TRIALS):
         tried, knots = trial.candidate(solution, state, apart), trial.layout.shares
         apart = tried.clearance_rows
@@ -276,7 +276,7 @@ def _bring_to_clock(
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class ClockTrial:
     """A trial to fit a motion into a number of periods.
 
     Attributes:
@@ -298,7 +298,7 @@ class Trial:
     finer: bool = False
 
     @classmethod
-    def of(cls, problem: Problem, motion: Trajectory, period: float) -> Trial:
+    def of(cls, problem: Problem, motion: Trajectory, period: float) -> ClockTrial:
         """The first trial for a motion: its duration rounded up to periods.
 
         A segment that waits for its earliest arrival gets the number of periods that
@@ -418,7 +418,7 @@ class Trial:
             return clocked
         return replace(clocked, trajectory=on_ticks(clocked.trajectory, self.period))
 
-    def after(self, candidate: Candidate) -> Trial:
+    def after(self, candidate: Candidate) -> ClockTrial:
         """The next trial after a candidate that is slower, infeasible or refuted.
 
         Args:

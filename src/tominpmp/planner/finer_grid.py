@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-# A round is the last one if its predicted gain is below FALLS times the least gain.
-FALLS = 2.0
+# A round is the last one if it predicts less than WORTH_NEXT times the least gain.
+WORTH_NEXT = 2.0
 # The iterations of a round continue while the part of the predicted gain that the last
 # step has not realised exceeds this share of the least gain of a round: most of the
 # gain comes with the first step.
@@ -137,7 +137,7 @@ def on_finer_grids(result: SlpResult, state: PlanState) -> SlpResult:
         if finer.best is None or finer.best.duration >= best.duration:
             break
         finest, best, program = finer, finer.best, finer.program
-        if promise < FALLS * budget.worth or enough.spent():
+        if promise < WORTH_NEXT * budget.worth or enough.spent():
             break
         assert isinstance(program, NonlinearProgram)  # noqa: S101
     if best.duration > worth_it:

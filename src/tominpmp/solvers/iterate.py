@@ -168,7 +168,7 @@ class SlpResult:
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class TrialPoint:
     """A trial point, with its row values, its merit and the damping of its step."""
 
     z: Array
@@ -178,7 +178,7 @@ class Trial:
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class StepOutcome:
     """Outcome of a step.
 
     Attributes:
@@ -191,7 +191,7 @@ class Outcome:
             down removes the violations that remain.
     """
 
-    trial: Trial
+    trial: TrialPoint
     predicted: float
     actual: float
     ratio: float

@@ -28,7 +28,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.linear_programs.program import LpSolution
-from tominpmp.solvers.iterate import Iterate, Outcome, SlpResult
+from tominpmp.solvers.iterate import Iterate, SlpResult, StepOutcome
 from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Stop, grace
 from tominpmp.transcription.program import NonlinearProgram
@@ -149,7 +149,7 @@ class Loop:
     callback: Callback | None = None
     keep: Keep | None = None
     best: Iterate | None = None
-    outcome: Outcome | None = None
+    outcome: StepOutcome | None = None
     history: list[IterationRecord] = field(default_factory=list)
     callback_status: Status | None = None
     extended_limit: int = 0
@@ -162,7 +162,7 @@ class Loop:
         self._solved.append((solution.iterations, time.perf_counter() - begin))
         return solution
 
-    def advance(self, state: Iterate, outcome: Outcome | None) -> None:
+    def advance(self, state: Iterate, outcome: StepOutcome | None) -> None:
         """Advance to the iterate after a step, and record the iteration."""
         self.program = self.program.centred_at(state.z)
         self.state, self.outcome = state, outcome

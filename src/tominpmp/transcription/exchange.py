@@ -62,7 +62,7 @@ ROOM = 0.3
 # As soon as one torque exceeds its limit by more than the tolerance, all torques that
 # exceed theirs by this share of the tolerance become rows: otherwise most of them would
 # join one after another.
-WITH_IT = 0.5
+JOINING_SHARE = 0.5
 # Pairs of shares of each interval between which torque rates are inspected.
 RATES_INSPECTED = (
     *(0.1, 0.15, 0.22, 0.27, 0.35, 0.4, 0.475, 0.525),
@@ -309,7 +309,7 @@ class Inspection:
             worst, largest = np.argmax(excess, axis=1), np.max(excess, axis=1)
             if not np.any(largest > tolerance):
                 continue
-            over = largest > (WITH_IT if tolerance > 0.0 else 1.0) * tolerance
+            over = largest > (JOINING_SHARE if tolerance > 0.0 else 1.0) * tolerance
             for k, j in np.argwhere(over).tolist():
                 sample = worst[k, j]
                 found[first + k, shares[sample]] = excess[k, sample] > -ROOM
