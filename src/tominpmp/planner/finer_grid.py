@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from tominpmp.planner.plan_state import PlanState
 
 logger = logging.getLogger(__name__)
+Descended = SlpResult[NonlinearProgram]
 
 # A round is the last one if it predicts less than WORTH_NEXT times the least gain.
 WORTH_NEXT = 2.0
@@ -79,7 +80,7 @@ STANDARD_BUDGET = RefinementBudget(3e-3, 5e-4, 5, 1.5, BENDS)
 GENEROUS_BUDGET = RefinementBudget(3e-4, 1e-4, 6, 4.0, 0.99)
 
 
-def on_finer_grids(result: SlpResult, state: PlanState) -> SlpResult:
+def on_finer_grids(result: Descended, state: PlanState) -> Descended:
     """Improve the motion of a descent on finer grids, as long as the gain is worth it.
 
     Args:
@@ -91,7 +92,7 @@ def on_finer_grids(result: SlpResult, state: PlanState) -> SlpResult:
         the given result if finer grids gain next to nothing.
     """
     best, options, program = result.best, state.options, result.program
-    if best is None or result.dropped or not isinstance(program, NonlinearProgram):
+    if best is None or result.dropped:
         return result
     incumbent = state.incumbent
     if incumbent is not None and options.refine != "switching":
@@ -139,7 +140,6 @@ def on_finer_grids(result: SlpResult, state: PlanState) -> SlpResult:
         finest, best, program = finer, finer.best, finer.program
         if promise < WORTH_NEXT * budget.worth or enough.spent():
             break
-        assert isinstance(program, NonlinearProgram)  # noqa: S101
     if best.duration > worth_it:
         return result
     records = state.records[first:]

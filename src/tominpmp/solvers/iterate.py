@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -146,9 +147,12 @@ class Iterate:
         )
 
 
+P_co = TypeVar("P_co", bound=ProgramInterface, covariant=True)
+
+
 @dataclass(frozen=True, eq=False)
-class SlpResult:
-    """Result of an iteration.
+class SlpResult(Generic[P_co]):
+    """Result of an iteration on programs of one class.
 
     Attributes:
         status: How it ended.
@@ -163,7 +167,7 @@ class SlpResult:
     iterate: Iterate
     best: Iterate | None
     history: tuple[IterationRecord, ...]
-    program: ProgramInterface
+    program: P_co
     dropped: bool = False
 
 

@@ -79,7 +79,7 @@ def solve(
     exchange: Exchange | None = None,
     callback: Callback | None = None,
     keep: Keep | None = None,
-) -> SlpResult:
+) -> SlpResult[NonlinearProgram]:
     """Iterate until a stop rule applies and no constraint is violated between the rows.
 
     Args:
