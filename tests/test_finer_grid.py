@@ -11,7 +11,7 @@ import pytest
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.planner import candidate
+from tominpmp.planner import candidate, descent
 from tominpmp.planner.finer_grid import (
     STANDARD_BUDGET,
     RoundStop,
@@ -21,6 +21,7 @@ from tominpmp.solvers.iterate import Iterate
 from tominpmp.solvers.loop import Loop
 from tominpmp.solvers.objective import MinimumTime
 from tominpmp.status import IterationRecord, Status
+from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.bends import BENDS
 from tominpmp.transcription.distance_rows import times_of_rows, with_rows_at
 from tominpmp.transcription.grid import (
@@ -306,6 +307,19 @@ def test_a_finer_grid_has_the_rows_of_distances_that_the_motion_rests_on():
 
 
 # -- one replay ------------------------------------------------------------------------
+
+
+def test_a_transcription_without_a_grid_to_refine_is_planned_with(monkeypatch):
+    def own_program(system, options, guess):
+        shares = interval_shares("uniform", options.intervals)
+        of = AdjointTranscription(system, shares, guess.duration, substeps=4)
+        z = of.pack(np.zeros((options.intervals, system.n)), np.array([guess.duration]))
+        return NonlinearProgram.of(of).at(z), z
+
+    monkeypatch.setattr(descent, "first_program", own_program)
+    solution = tm.plan(planar(), method="collocation", intervals=20)
+    assert solution.success, solution.message
+    assert solution.trajectory.t.size == 21
 
 
 def test_a_descent_is_replayed_once_for_all_its_grids(monkeypatch):

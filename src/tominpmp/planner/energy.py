@@ -179,15 +179,14 @@ def _layout(solution: Solution, motion: Trajectory, halvings: int) -> Layout:
     the motors push, coast and brake, and torques jump in between. Torques also jump at
     the ends of segments, where the load changes.
     """
-    problem, options = solution.problem, solution.options
+    problem, kind = solution.problem, ENERGIES[solution.options.energy]
     layout = Layout.of_motion(motion, problem.segments) or Layout.of_torques(motion)
-    kind = ENERGIES[options.energy]
-    finer = 2**halvings * FINER[kind.jumping]
-    layout = layout.with_intervals(finer * len(layout.shares))
+    count = 2**halvings * FINER[kind.jumping] * len(layout.shares)
+    layout = layout.with_intervals(count)
     if layout.degree == LIFTED:
         return layout
     degree, breaks = layout.degree, layout.segment_ends[:-1]
-    if options.control not in DEGREES:
+    if solution.options.control not in DEGREES:
         degree = QUADRATIC if kind.jumping else DEGREES["linear"]
     if degree == QUADRATIC or not ProblemFunctions.of(problem).sudden:
         breaks = ()

@@ -89,7 +89,8 @@ def on_finer_grids(result: Descended, state: PlanState) -> Descended:
 
     Returns:
         The result on the last grid that gained enough, with the records of all grids;
-        the given result if finer grids gain next to nothing.
+        the given result if finer grids gain next to nothing, or the transcription has
+        no grid that can be refined.
     """
     best, options, program = result.best, state.options, result.program
     if best is None or result.dropped:
@@ -115,7 +116,8 @@ def on_finer_grids(result: Descended, state: PlanState) -> Descended:
     step, stop = trust_regions(warm)
     for _ in range(budget.rounds):
         transcription, z = program.transcription, best.z
-        assert isinstance(transcription, Gridded)  # noqa: S101
+        if not isinstance(transcription, Gridded):
+            break
         split = intervals_to_halve(transcription, z, budget.bends)
         if not np.any(split):
             break
