@@ -424,7 +424,7 @@ class DerivativeHull(HullRows[SplineMotion]):
         name: str,
         within: tuple[int, int] | None = None,
     ) -> None:
-        self._of, self._limit = of, limit
+        self._scheme, self._limit = of, limit
         self.name, self.curable = name, limit.curable
         first, end = within or (0, of.intervals)
         intervals = KnotVector(of.shares.sum(axis=1), of.degree, of.breaks).first
@@ -449,7 +449,7 @@ class DerivativeHull(HullRows[SplineMotion]):
 
     def by_unknowns(self, motion: SplineMotion) -> sp.csr_matrix:
         """Jacobian of the control points of the derivative."""
-        limit, points, of = self._limit, self._points, self._of
+        limit, points, of = self._limit, self._points, self._scheme
         bands = motion.knots.bands(limit.order)[points]
         by_points, places = of_each_joint(bands, points, limit.of_joints, of.system.n)
         by_points /= np.tile(limit.scale, points.size)[:, None]

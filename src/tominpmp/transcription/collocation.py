@@ -240,17 +240,17 @@ class Defects(HullRows[SteppedMotion]):
     name = "dynamics"
 
     def __init__(self, of: CollocationTranscription) -> None:
-        self._of = of
+        self._scheme = of
         self.lower = self.upper = np.zeros((1, of.intervals * of.scale.size))
 
     def of_motion(self, motion: SteppedMotion) -> Array:
         """Defects; a large value on intervals whose inner stage was not solved for."""
-        solved = motion.stage.solved[:, None]
-        return np.where(solved, motion.defects / self._of.scale, NOT_INTEGRATED).ravel()
+        solved, defects = motion.stage.solved[:, None], motion.defects
+        return np.where(solved, defects / self._scheme.scale, NOT_INTEGRATED).ravel()
 
     def by_unknowns(self, motion: SteppedMotion) -> sp.csr_matrix:
         """Jacobian of the defects."""
-        entries, scale = motion.derivatives.defects, self._of.scale
+        entries, scale = motion.derivatives.defects, self._scheme.scale
         N, size, width = entries.shape
         entries = (entries / scale[:, None]).reshape(N * size, width)
-        return self._of.interval_rows(entries, np.repeat(np.arange(N), size))
+        return self._scheme.interval_rows(entries, np.repeat(np.arange(N), size))

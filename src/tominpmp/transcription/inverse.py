@@ -119,7 +119,7 @@ class Speeds(HullRows[SplineMotion]):
     """
 
     def __init__(self, of: InverseTranscription, limit: JointLimit, name: str) -> None:
-        self._of, self._limit, N = of, limit, of.intervals
+        self._scheme, self._limit, N = of, limit, of.intervals
         self.name, self.curable = name, limit.curable
         free_end = of.system.final_velocity is None
         self._nodes = np.arange(1, N + 1 if free_end else N)
@@ -139,12 +139,12 @@ class Speeds(HullRows[SplineMotion]):
 
     def by_unknowns(self, motion: SplineMotion) -> sp.csr_matrix:
         """Jacobian of the excess of the speeds."""
-        limit, n, count = self._limit, self._of.system.n, self._nodes.size
+        limit, n, count = self._limit, self._scheme.system.n, self._nodes.size
         slope = np.tile(2.0 / (limit.upper * self._unit), count)
         data = np.stack([-slope, slope], axis=1)
         before = (self._nodes[:, None] * n + limit.of_joints).reshape(-1, 1)
         places = np.tile(before + np.array([0, n]), (2, 1))
         apart = np.repeat(-self._apart / self._unit, limit.count, axis=0)
-        return self._of.by_unknowns(
+        return self._scheme.by_unknowns(
             np.concatenate([data, -data]), places, np.tile(apart, (2, 1))
         )
