@@ -239,7 +239,7 @@ class PlanState:
         return min(max(RESERVE * limit, replay), MOST_RESERVE * limit)
 
     def _candidate_end(self) -> float:
-        """Time of the candidate in progress, less the reserve of the plan [s]."""
+        """When the candidate in progress must end, with a reserve for the plan [s]."""
         return min(self._until, self._limit - self._reserve())
 
     def _set_deadline(self) -> None:

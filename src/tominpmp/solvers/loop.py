@@ -192,7 +192,10 @@ class Loop:
         return Status.STALLED
 
     def end(self, status: Status | None) -> None:
-        """Set the final iterate: the best one, slowed down to remove violations.
+        """Set the final iterate: the present one, slowed down to remove violations.
+
+        It becomes the best iterate if it is better. For FEASIBLE, the best iterate is
+        the final one.
 
         Args:
             status: How the loop ends; None if a stop was requested.
