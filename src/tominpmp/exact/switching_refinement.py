@@ -124,7 +124,7 @@ class Search:
 
     def record(self, record: IterationRecord) -> Status | None:
         """Callback of optimisations on grids; a status ends the iteration."""
-        status = self.progress.see(record)
+        status = self.progress.show_in_time(record)
         return status or (Status.TIME_LIMIT if self.budget.spent else None)
 
     def optimise(self, arcs: Arcs, states: States, evaluations: int) -> bool:

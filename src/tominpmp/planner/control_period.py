@@ -376,7 +376,7 @@ class ClockTrial:
         def shown(record: IterationRecord) -> None:
             # A callback that has interrupted the plan sees no more iterations.
             if not state.deadline.interrupted:
-                state.see(record)
+                state.show_in_time(record)
 
         def make(system: ProblemFunctions, _: int, __: Candidate | None) -> Candidate:
             return self._solved(system, options, shown).verified(problem, options)

@@ -78,6 +78,6 @@ def improvements(state: PlanState) -> Schedule[None]:
     Args:
         state: The plan.
     """
-    state.share(1)
+    state.share_time(1)
     for improved in IMPROVEMENTS.values():
         yield from improved(state)

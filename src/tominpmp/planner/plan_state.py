@@ -185,7 +185,7 @@ class PlanState:
         goes_on = self.cut_short is Status.TIME_LIMIT and not used_up
         return None if goes_on else self.cut_short
 
-    def share(self, parts: int) -> None:
+    def share_time(self, parts: int) -> None:
         """Give the next candidate 1 / ``parts`` of the remaining time.
 
         If there is an incumbent, the candidate gets all of the remaining time.
@@ -195,7 +195,7 @@ class PlanState:
             self._until = self.seconds + (self._limit - self.seconds) / max(parts, 1)
         self._set_deadline()
 
-    def extend(self, limit: float) -> None:
+    def reset_limit(self, limit: float) -> None:
         """Replace the time limit, counted from the beginning of the plan [s]."""
         self._limit = self._until = limit
         self.records, self.kept_iterates = [], []
@@ -256,9 +256,9 @@ class PlanState:
             Stop: If planning is to end.
         """
         self.records.append(replace(record, iteration=len(self.records)))
-        return self.see(record)
+        return self.show_in_time(record)
 
-    def see(self, record: IterationRecord) -> Status | None:
+    def show_in_time(self, record: IterationRecord) -> Status | None:
         """Show a record and check the deadline, without adding it to the history.
 
         Raises:

@@ -149,7 +149,7 @@ def _finish(state: PlanState, options: Options, status: Status | None) -> Soluti
         status = None
     with state.saving():
         solution = conclude(state, options, status)
-    state.extend(options.time_limit)
+    state.reset_limit(options.time_limit)
     with state.saving():
         solution = on_clock(solution, state)
     if options.slack is not None and solution.success and status not in STOPPED:
