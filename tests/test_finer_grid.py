@@ -105,9 +105,8 @@ def test_a_motion_is_taken_up_and_split_as_it_is(name, rng):
     of = Layout(degree, shares, np.array(eta), ends).transcription(system)
     z = np.append(rng.normal(size=of.size - len(eta)), eta)
     if degree == 0:
-        share = np.append(0.0, np.cumsum(shares))[:, None]
-        q = np.array(START) + share * np.subtract(GOAL, START)
-        z = of.start(q, np.array(eta))
+        way = np.subtract(GOAL, START)
+        z = of.start(lambda t: START + t[:, None] * way, 1.0, np.array(eta))
     same_motion(of, z, system)
 
 

@@ -142,8 +142,7 @@ def _programs():
     smooth = BSplineTranscription(system, whole, 3)
     yield smooth, smooth.start(path, 2.0, np.array([2.0]))
     lifted = CollocationTranscription(system, whole, 2.0)
-    nodes = np.concatenate([[0.0], np.cumsum(whole)])
-    yield lifted, lifted.start(path(nodes * 2.0), np.array([2.0]))
+    yield lifted, lifted.start(path, 2.0, np.array([2.0]))
 
 
 @pytest.mark.parametrize("kind", ENERGIES.values(), ids=ENERGIES)

@@ -266,7 +266,7 @@ class Search:
         """
         shares = interval_shares("uniform", path.shape[0] - 1)
         grid = CollocationTranscription(self.system, shares, duration)
-        start = grid.start(path, np.array([duration]))
+        start = grid.start(lambda _: path, duration, np.array([duration]))
         program = NonlinearProgram.of(grid).at(start)
         least = MinimumTime.of(options, SMOOTHING * duration)
         method = trust_regions(options)

@@ -86,9 +86,7 @@ def collocated(
         finer = replace(options, intervals=2**halvings * options.intervals)
         shares = _guess_grid(system, finer, guess)[0].sum(axis=1, keepdims=True)
         lifted = CollocationTranscription(system, shares, guess.duration)
-        nodes = np.concatenate([[0.0], np.cumsum(shares)])
-        path = guess.position(nodes * guess.duration)
-        start = lifted.start(path, np.array([duration]))
+        start = lifted.start(guess.position, guess.duration, np.array([duration]))
         program = NonlinearProgram.of(lifted).at(start)
         violation = program.rows.largest_violation(program.evaluate(start))
         return program, start, violation

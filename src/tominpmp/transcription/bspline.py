@@ -17,7 +17,6 @@ continuous where segments meet; its knots move with the durations.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
 from functools import cached_property, partial
@@ -35,6 +34,7 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.base import HullRows, StepBounds, Transcription, Variation
 from tominpmp.transcription.curve import (
     KnotVector,
+    PositionFunction,
     SplineMotion,
     clamped,
     nodes_of,
@@ -209,9 +209,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
         sums = np.bincount(column, target, minlength=size)
         return np.concatenate([sums / np.bincount(column, minlength=size), eta])
 
-    def start(
-        self, position: Callable[[Array], Array], guessed: float, eta: Array
-    ) -> Array:
+    def start(self, position: PositionFunction, guessed: float, eta: Array) -> Array:
         """Iterate for a guess: control points on the path at the Greville abscissae.
 
         Args:
@@ -222,7 +220,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
         knots = self._knots_for(np.ones(self._m))
         return self.unknowns(position(guessed * knots.greville / knots.knots[-1]), eta)
 
-    def interpolated(self, eta: Array, position: Callable[[Array], Array]) -> Array:
+    def interpolated(self, eta: Array, position: PositionFunction) -> Array:
         """Iterate that goes through positions at the Greville abscissae.
 
         Args:

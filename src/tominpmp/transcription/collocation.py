@@ -29,6 +29,7 @@ from tominpmp.transcription.controls import (
     first_signs,
     torque_shares,
 )
+from tominpmp.transcription.curve import PositionFunction, nodes_of
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.integrator import NODES, SteppedMotion, stage_weights
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -56,9 +57,7 @@ class CollocationTranscription(TorqueTranscription):
         signs: Signs | None = None,
     ) -> None:
         super().__init__(system, shares, duration, signs)
-        self.size = (
-            (self.intervals + 1) * 2 * self._n + self.intervals * self._n + self._m
-        )
+        self.size = (3 * self.intervals + 2) * self._n + self._m
         velocity = SPEED_FACTOR / duration * system.step_scale
         self.scale = np.concatenate([system.step_scale, velocity])
         self._columns = self._interval_columns()
@@ -93,21 +92,21 @@ class CollocationTranscription(TorqueTranscription):
         x = np.where(free, np.clip(x, self._low, self._high), self._given)
         return np.concatenate([x.ravel(), shares.ravel(), eta])
 
-    def start(self, q: Array, eta: Array) -> Array:
-        """Turn positions at the nodes into unknowns; the defects need not be zero.
+    def start(self, position: PositionFunction, guessed: float, eta: Array) -> Array:
+        """Iterate for a guess: its positions at the nodes; the defects are not zero.
 
         Velocities are taken from parabolas through neighbouring nodes, torques from the
         inverse dynamics in the middle of the intervals, within their limits.
 
         Args:
-            q: Positions at the nodes, shape (N + 1, n) [rad or m].
-            eta: Lengths, shape (m,).
-
-        Returns:
-            z.
+            position: Configurations at times, shape (k,) to (k, n).
+            guessed: Duration of the guess [s].
+            eta: Lengths of the iterate, shape (m,).
         """
         system, lengths = self.system, self.shares @ eta
         h, fixed = lengths[:, None], self._given[:, : self._n]
+        nodes = nodes_of(self.shares.sum(axis=1))
+        q = position(guessed * nodes / nodes[-1])
         q = np.where(np.isnan(fixed), q, fixed)
         slope = np.diff(q, axis=0) / h
         inner = (h[1:] * slope[:-1] + h[:-1] * slope[1:]) / (h[1:] + h[:-1])

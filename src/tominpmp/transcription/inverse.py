@@ -19,7 +19,6 @@ state-dependent control limits (its section 4): u_l <= u(q, v, a) <= u_u.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
@@ -29,7 +28,7 @@ from tominpmp.arrays import Array
 from tominpmp.constraints.joint_limits import JointLimit
 from tominpmp.transcription.base import HullRows
 from tominpmp.transcription.bspline import BSplineTranscription
-from tominpmp.transcription.curve import SplineMotion, nodes_of
+from tominpmp.transcription.curve import PositionFunction, SplineMotion, nodes_of
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -66,9 +65,7 @@ class InverseTranscription(BSplineTranscription):
         start = self.system.problem.q_start
         return self.unknowns(np.concatenate([start[None], points, q_end[None]]), eta)
 
-    def start(
-        self, position: Callable[[Array], Array], guessed: float, eta: Array
-    ) -> Array:
+    def start(self, position: PositionFunction, guessed: float, eta: Array) -> Array:
         """Iterate for a guess: parabolas through its nodes and middles.
 
         Sampling the guess at the Greville abscissae instead would demand torques far
