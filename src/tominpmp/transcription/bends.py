@@ -12,7 +12,6 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from tominpmp.arrays import Array, BoolArray
-from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.layout import Gridded
 
@@ -105,9 +104,7 @@ def _bends_of_controls(of: Gridded, z: Array) -> Array:
     """Largest jump of the controls, or of their slopes, around each interval, (N,)."""
     variation = of.scaled_at(z).variation(z)
     jumps = np.abs(variation.at(z))
-    N, more = of.intervals, 0
-    if isinstance(of, BSplineTranscription):
-        more = max(of.degree - 3, 0)
+    N, more = of.intervals, max(of.degree - 3, 0)
     # The jumps are between N intervals, or between N control points and a few more.
     jumps = np.max(jumps.reshape(N - 1 + more, -1), axis=1, initial=0.0)
     jumps = np.concatenate([[0.0], jumps, [0.0]])

@@ -46,6 +46,9 @@ class CollocationTranscription(TorqueTranscription):
     """
 
     bounded = frozenset({"q", "u"})
+    # Code of this transcription among the degrees of splines, and their double knots.
+    degree = 0
+    breaks: tuple[int, ...] = ()
     # Clearance to moving obstacles that a change of time alone can use up.
     moving_attention = ATTENTION
 
