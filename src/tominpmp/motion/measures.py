@@ -67,7 +67,7 @@ class EnergyKind:
     squared: bool = True
     jumping: bool = False
 
-    def power(self, u: Array, v: Array) -> Array:
+    def integrand(self, u: Array, v: Array) -> Array:
         """The integrand at torques and velocities, shapes (m, n) to (m,)."""
         term = self.term(u, v)[0]
         return np.asarray((term**2 if self.squared else term.clip(0.0)).sum(axis=1))
@@ -78,7 +78,7 @@ class EnergyKind:
         places, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
         times = trajectory.t[:-1, None] + 0.5 * h[:, None] * (1.0 + places)
         state = trajectory(times.ravel())
-        power = self.power(state.u, state.v).reshape(times.shape)
+        power = self.integrand(state.u, state.v).reshape(times.shape)
         return float(0.5 * h @ power @ weights)
 
 

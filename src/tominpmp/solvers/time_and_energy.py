@@ -64,10 +64,10 @@ class Energy:
         """The energy at an iterate, in the unit of its kind."""
         motion = self.nlp.transcription.motion(z)
         states = self._points(motion)[1]
-        power = self.kind.power(self._torques(states), states.v)
+        power = self.kind.integrand(self._torques(states), states.v)
         moving = float(np.sum(power.reshape(motion.h.size, -1) @ WEIGHTS * motion.h))
         return moving + sum(
-            dwell * float(self.kind.power(u, v)[0])
+            dwell * float(self.kind.integrand(u, v)[0])
             for dwell, u, v, _ in self._holding(motion)
         )
 
@@ -120,9 +120,9 @@ class Energy:
         motion = scheme.motion(z)
         at, states = self._points(motion)
         h, n = motion.h, states.v.shape[1]
-        power = 0.5 if self.kind.squared else 1.0
+        exponent = 0.5 if self.kind.squared else 1.0
         length = np.repeat(h[at.interval], n)
-        size = (np.repeat(np.tile(WEIGHTS, h.size), n) * length) ** power
+        size = (np.repeat(np.tile(WEIGHTS, h.size), n) * length) ** exponent
         by_length = self._lengths(motion)[np.repeat(at.interval, n)]
         found = self.kind.term(self._torques(states), states.v)
         term, by_u, by_v = (part.ravel() for part in found)
@@ -132,12 +132,12 @@ class Energy:
             for rows, partials in self._torque_partials(states)
         ]
         jacobian = sp.diags(size) @ sp.vstack(parts, format="csr")
-        jacobian = jacobian + sp.diags(power * size * term / length) @ by_length
+        jacobian = jacobian + sp.diags(exponent * size * term / length) @ by_length
         values, matrices = [size * term], [jacobian]
         for dwell, u, v, by in self._holding(motion):
             held, by_u, _ = (part[0] for part in self.kind.term(u, v))
-            values.append(dwell**power * held)
-            matrices.append(sp.diags(dwell**power * by_u) @ by)
+            values.append(dwell**exponent * held)
+            matrices.append(sp.diags(dwell**exponent * by_u) @ by)
         return np.concatenate(values), sp.vstack(matrices, format="csr")
 
     def _points(self, motion: Motion) -> tuple[Instants, States]:
