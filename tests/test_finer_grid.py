@@ -22,13 +22,13 @@ from tominpmp.solvers.loop import Loop
 from tominpmp.solvers.objective import MinimumTime
 from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.adjoint import AdjointTranscription
-from tominpmp.transcription.bends import BENDS
 from tominpmp.transcription.distance_rows import times_of_rows, with_rows_at
 from tominpmp.transcription.grid import (
     delayed_shares,
     interval_shares,
     segmented_shares,
 )
+from tominpmp.transcription.halving import HALVED_SHARE
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.layout import Layout, split_intervals
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -210,7 +210,7 @@ def test_intervals_are_halved_where_constant_accelerations_leave_torque():
     )
     at_limit = np.maximum(np.abs(first), np.abs(last)) > 0.98
     lost = h * np.max(np.where(at_limit, 0.5 * np.abs(last - first), 0.0), axis=1)
-    assert lost[split].sum() >= BENDS * lost.sum()
+    assert lost[split].sum() >= HALVED_SHARE * lost.sum()
     assert lost[split].min() >= lost[~split].max()
 
 

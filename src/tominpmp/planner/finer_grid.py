@@ -25,8 +25,8 @@ from tominpmp.solvers.objective import SMALL_VIOLATION
 from tominpmp.solvers.stop import first_of
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import IterationRecord, Status
-from tominpmp.transcription.bends import BENDS, intervals_to_halve
 from tominpmp.transcription.distance_rows import times_of_rows, with_rows_at
+from tominpmp.transcription.halving import HALVED_SHARE, intervals_to_halve
 from tominpmp.transcription.layout import Gridded, split_intervals
 from tominpmp.transcription.program import NonlinearProgram
 
@@ -64,18 +64,18 @@ class RefinementBudget:
         rounds: Most rounds of halving.
         work: Most programs of all rounds, as a multiple of the programs of the search.
             The round that uses them up is the last one.
-        bends: The intervals that are halved have this share of all bends, which are
-            weighted by the lengths of the intervals.
+        halved: The intervals that are halved have this share of the losses of all
+            intervals.
     """
 
     worth: float
     gain: float
     rounds: int
     work: float
-    bends: float
+    halved: float
 
 
-STANDARD_BUDGET = RefinementBudget(3e-3, 5e-4, 5, 1.5, BENDS)
+STANDARD_BUDGET = RefinementBudget(3e-3, 5e-4, 5, 1.5, HALVED_SHARE)
 # For plans in which planning time matters less than T.
 GENEROUS_BUDGET = RefinementBudget(3e-4, 1e-4, 6, 4.0, 0.99)
 
@@ -118,7 +118,7 @@ def on_finer_grids(result: Descended, state: PlanState) -> Descended:
         transcription, z = program.transcription, best.z
         if not isinstance(transcription, Gridded):
             break
-        split = intervals_to_halve(transcription, z, budget.bends)
+        split = intervals_to_halve(transcription, z, budget.halved)
         if not np.any(split):
             break
         rows = times_of_rows(program, z)
