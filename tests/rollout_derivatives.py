@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from tominpmp.transcription.integrator import Sensitivities, SteppedMotion
+from tominpmp.transcription.integrator import StepJacobians, SteppedMotion
 
 
-def differentiate_rollout(motion: SteppedMotion) -> Sensitivities:
+def differentiate_rollout(motion: SteppedMotion) -> StepJacobians:
     """Exact derivatives of each interval of an integrated motion."""
     by, substeps = motion.sensitivities, motion.substeps
     A, B, c = (part[::substeps].copy() for part in by)
@@ -13,4 +13,4 @@ def differentiate_rollout(motion: SteppedMotion) -> Sensitivities:
         step = by.A[s::substeps]
         A, B = step @ A, step @ B + by.B[s::substeps]
         c = (step @ c[..., None])[..., 0] + by.c[s::substeps]
-    return Sensitivities(A, B, c)
+    return StepJacobians(A, B, c)

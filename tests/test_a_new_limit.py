@@ -12,6 +12,7 @@ import pytest
 import tominpmp as tm
 from tominpmp.arrays import Array, record
 from tominpmp.constraints.path import Linear
+from tominpmp.dynamics import RobotDynamics
 from tominpmp.motion_limits import LimitKind
 
 START, GOAL = (0.5, 1.7, -1.7), (1.6, 0.4, -0.6)
@@ -213,3 +214,74 @@ def test_a_limit_of_motors_is_one_class(free: tm.Solution, tmp_path: Path) -> No
     tm.save_scenario(tmp_path / "cell.toml", held.problem)
     read = tm.load_scenario(tmp_path / "cell.toml").problem
     assert read.motion_limits == held.problem.motion_limits
+
+
+# -- a limit of several motors together ------------------------------------------------
+
+
+@record
+class SummedPower(tm.PathConstraint):
+    """The power of the first two motors together stays within a limit.
+
+    Attributes:
+        most: The limit [W].
+    """
+
+    most: float
+
+    name = "summed power"
+    subject = "joints 1 and 2"
+    unit = "W"
+    order = 2
+    curable = True
+
+    @property
+    def largest(self) -> float:
+        """The limit."""
+        return self.most
+
+    def validate(self, robot: tm.Robot) -> None:
+        """Check that there are two joints."""
+        assert robot.n >= 2
+
+    def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
+        """|u1 v1 + u2 v2|."""
+        return np.abs(self.vector_rows(q, v, a)[0][:, 0])
+
+    def vector_rows(self, q: Array, v: Array, a: Array) -> Linear:
+        """The summed power and its derivatives."""
+        by = RobotDynamics(self.kinematics.robot).inverse_jacobians(q, v, a)
+        u, w = by.tau[:, None].copy(), v[:, None].copy()
+        u[:, :, 2:] = w[:, :, 2:] = 0.0
+        by_q, by_v, by_a = (w @ part for part in (by.tau_q, by.tau_v, by.tau_a))
+        return np.sum(u * w, axis=2), by_q, by_v + u, by_a
+
+
+def summed_power_of(solution: tm.Solution) -> float:
+    """The largest summed power of many instants."""
+    assert solution.trajectory is not None
+    motion = solution.trajectory
+    states = motion(np.linspace(0.0, motion.duration, 20001))
+    power = (states.u * states.v)[:, :2].sum(axis=1)
+    return float(np.max(np.abs(power)))
+
+
+@pytest.mark.parametrize("method", ["inverse", "collocation"])
+def test_a_limit_of_several_motors_is_one_class(
+    free: tm.Solution, method: str, tmp_path: Path
+) -> None:
+    most = 0.7 * summed_power_of(free)
+    asked = problem(SummedPower(most))
+    held = tm.plan(asked, method=method)
+    assert held.success, held.message
+    assert 0.98 * most < summed_power_of(held) < most * (1.0 + tm.Tolerances().limits)
+    assert held.T > 1.005 * free.T
+    judged = tm.verify(asked, free.trajectory)
+    (broken,) = judged.violations
+    assert (broken.kind, broken.unit) == ("summed power", "W")
+    assert broken.amount == pytest.approx(summed_power_of(free) - most, rel=1e-3)
+    assert held.certificate.ok, held.certificate.message
+    assert "summed power" in {item.kind for item in held.certificate.active}
+    tm.save_scenario(tmp_path / "cell.toml", asked)
+    read = tm.load_scenario(tmp_path / "cell.toml").problem
+    assert read.constraints == asked.constraints

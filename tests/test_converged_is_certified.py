@@ -264,3 +264,19 @@ def test_a_grid_that_is_the_limit_is_named(free):
     assert solution.success
     assert solution.status is not tm.Status.CONVERGED
     assert "on a grid finer than its 12 intervals" in solution.message
+
+
+def test_dwells_among_moving_obstacles_are_not_called_optimal():
+    """They have no certificate, so that no motion with them is called optimal."""
+    moves = tm.ConstantVelocity((0.1, 0.0, 0.0))
+    gate = tm.Sphere("gate", radius=0.1, position=(0.0, 5.0, 0.0), motion=moves)
+    there, back = tm.JointGoal((0.6, 1.6, -1.6)), tm.JointGoal(START)
+    segments = [tm.Segment(there, dwell=0.1), tm.Segment(back)]
+    robot = tm.load_robot("planar3r")
+    problem = tm.Problem(robot, START, segments=segments, scene=tm.Scene([gate]))
+    found = tm.plan(problem, OPTIONS, intervals=20)
+    assert found.success, found.message
+    assert found.status is tm.Status.STALLED
+    assert optimality.NO_CERTIFICATE in found.message
+    with pytest.raises(tm.ProblemError, match="dwells among moving obstacles"):
+        _ = found.certificate

@@ -11,7 +11,7 @@ import pytest
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.planner import candidate
+from tominpmp.planner import candidate, descent
 from tominpmp.planner.finer_grid import (
     STANDARD_BUDGET,
     RoundStop,
@@ -21,13 +21,14 @@ from tominpmp.solvers.iterate import Iterate
 from tominpmp.solvers.loop import Loop
 from tominpmp.solvers.objective import MinimumTime
 from tominpmp.status import IterationRecord, Status
-from tominpmp.transcription.bends import BENDS
+from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.distance_rows import times_of_rows, with_rows_at
 from tominpmp.transcription.grid import (
     delayed_shares,
     interval_shares,
     segmented_shares,
 )
+from tominpmp.transcription.halving import HALVED_SHARE
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.layout import Layout, split_intervals
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -104,9 +105,8 @@ def test_a_motion_is_taken_up_and_split_as_it_is(name, rng):
     of = Layout(degree, shares, np.array(eta), ends).transcription(system)
     z = np.append(rng.normal(size=of.size - len(eta)), eta)
     if degree == 0:
-        share = np.append(0.0, np.cumsum(shares))[:, None]
-        q = np.array(START) + share * np.subtract(GOAL, START)
-        z = of.start(q, np.array(eta))
+        way = np.subtract(GOAL, START)
+        z = of.start(lambda t: START + t[:, None] * way, 1.0, np.array(eta))
     same_motion(of, z, system)
 
 
@@ -210,7 +210,7 @@ def test_intervals_are_halved_where_constant_accelerations_leave_torque():
     )
     at_limit = np.maximum(np.abs(first), np.abs(last)) > 0.98
     lost = h * np.max(np.where(at_limit, 0.5 * np.abs(last - first), 0.0), axis=1)
-    assert lost[split].sum() >= BENDS * lost.sum()
+    assert lost[split].sum() >= HALVED_SHARE * lost.sum()
     assert lost[split].min() >= lost[~split].max()
 
 
@@ -306,6 +306,19 @@ def test_a_finer_grid_has_the_rows_of_distances_that_the_motion_rests_on():
 
 
 # -- one replay ------------------------------------------------------------------------
+
+
+def test_a_transcription_without_a_grid_to_refine_is_planned_with(monkeypatch):
+    def own_program(system, options, guess):
+        shares = interval_shares("uniform", options.intervals)
+        of = AdjointTranscription(system, shares, guess.duration, substeps=4)
+        z = of.pack(np.zeros((options.intervals, system.n)), np.array([guess.duration]))
+        return NonlinearProgram.of(of).at(z), z
+
+    monkeypatch.setattr(descent, "first_program", own_program)
+    solution = tm.plan(planar(), method="collocation", intervals=20)
+    assert solution.success, solution.message
+    assert solution.trajectory.t.size == 21
 
 
 def test_a_descent_is_replayed_once_for_all_its_grids(monkeypatch):

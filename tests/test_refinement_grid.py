@@ -124,15 +124,12 @@ def test_splitting_leaves_the_motion_as_it_is(
     transcription = kind(system, shares, 1.3)
     path = rng.normal(size=(FEW + 1, 2))
     path[0] = system.problem.q_start
-    if isinstance(transcription, InverseTranscription):
-        s = np.linspace(0.0, 1.3, FEW + 1)
-        z = transcription.start(
-            lambda t: np.stack([np.interp(t, s, x) for x in path.T], axis=1),
-            1.3,
-            np.array([1.3]),
-        )
-    else:
-        z = transcription.start(path, np.array([1.3]))
+    s = np.linspace(0.0, 1.3, FEW + 1)
+    z = transcription.start(
+        lambda t: np.stack([np.interp(t, s, x) for x in path.T], axis=1),
+        1.3,
+        np.array([1.3]),
+    )
     split = np.arange(FEW) % 3 == 0
     finer, start = split_intervals(transcription, z, split)
     before, after = transcription.trajectory(z), finer.trajectory(start)

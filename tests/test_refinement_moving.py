@@ -87,10 +87,7 @@ def test_halved_intervals_keep_the_motion_and_what_may_stretch(kind, tmp_path):
     def position(t):
         return np.interp(t, times, np.linspace(-1.0, 1.0, times.size))[:, None]
 
-    if kind is InverseTranscription:
-        z = program.start(position, 2.0, np.array([2.1, 2.1]))
-    else:
-        z = program.start(position(times), np.array([1.1, 1.0]))
+    z = program.start(position, 2.0, np.array([2.1, 2.1]))
     split = np.arange(shares.shape[0]) % 3 == 0
     finer, start = split_intervals(program, z, split)
     assert finer.shares.shape == (shares.shape[0] + split.sum(), 2)

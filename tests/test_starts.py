@@ -171,7 +171,7 @@ def test_the_reserve_of_a_plan_is_no_part_of_each_share(clock):
     """Of six goals with two seconds each had a tenth of one."""
     state = PlanState(reach(), tm.Options(max_planning_time=2.0))
     state.begin()
-    state.share(8)
+    state.share_time(8)
     record = tm.IterationRecord(0, 1.0, 1.0, 1.0, 0.0, 0.0, 1.0, True, 1, 1, 0.0, 0.0)
     state.initial = object()
     clock.advance(0.24)

@@ -15,11 +15,10 @@ from tominpmp.checks import flag, instance
 from tominpmp.dynamics import unknown_torques
 from tominpmp.exceptions import PlanningFailed, ProblemError, brief, warn_caller
 from tominpmp.motion.measures import (
+    ENERGIES,
     PeakAcceleration,
-    energy_of,
     peak_acceleration,
     roughness,
-    work_of,
 )
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.notebook import outcome_card
@@ -140,9 +139,7 @@ class Solution:
         """
         if self.trajectory is None or self.problem.robot.kinematic:
             return None
-        if self.options.energy == "work":
-            return work_of(self.trajectory)
-        return energy_of(self.trajectory)
+        return ENERGIES[self.options.energy].of(self.trajectory)
 
     @property
     def cost(self) -> float:

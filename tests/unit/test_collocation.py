@@ -108,7 +108,7 @@ def test_a_joint_without_a_motor_keeps_its_torque():
         tm.JointGoal((0.5, 1, 1)), effort={"joint2": 0.0}, gravity=(0, 0, 0)
     )
     nlp = build(problem)
-    z = nlp.transcription.start(np.tile(START, (INTERVALS + 1, 1)), np.array([1.0]))
+    z = nlp.transcription.start(lambda t: np.tile(START, (t.size, 1)), 1.0, np.ones(1))
     steps = nlp.step_bounds(z, 1.0)
     _, more, _ = nlp.transcription.split(z + steps.upper)
     _, less, _ = nlp.transcription.split(z + steps.lower)
@@ -121,9 +121,13 @@ def test_a_joint_without_a_motor_keeps_its_torque():
 def test_a_start_follows_a_path():
     """Of a parabola the velocities are exact, and the torques drive it."""
     nlp = build(MOVING)
-    t = np.linspace(0.0, 0.8, INTERVALS + 1)[:, None]
     v0, a = MOVING.v_start, np.array([0.4, -0.3, 0.2])
-    z = nlp.transcription.start(START + v0 * t + 0.5 * a * t**2, np.array([0.8]))
+
+    def parabola(t):
+        return START + v0 * t[:, None] + 0.5 * a * t[:, None] ** 2
+
+    z = nlp.transcription.start(parabola, 0.8, np.array([0.8]))
+    t = np.linspace(0.0, 0.8, INTERVALS + 1)[:, None]
     states, torques, _ = nlp.transcription.split(z)
     np.testing.assert_allclose(states[:, 3:], v0 + a * t, atol=1e-12)
     middle = 0.5 * (states[:-1] + states[1:])
@@ -140,7 +144,7 @@ def test_clearances_enter_only_where_the_step_can_bring_contact():
     # From far above the obstacle to near it.
     end = np.array([0.63, -0.56, -2.08])
     path = START + np.linspace(0, 1, INTERVALS + 1)[:, None] * (end - START)
-    z = nlp.transcription.start(path, np.array([1.0]))
+    z = nlp.transcription.start(lambda _: path, 1.0, np.array([1.0]))
     values = nlp.evaluate(z)
     rows = kind_rows(nlp, "clearance")
     chosen = nlp.linearize(z, values, nlp.step_bounds(z, 0.02)).rows
@@ -161,7 +165,7 @@ def test_variation_counts_jumps_in_full_ranges():
 def test_stretching_keeps_the_path():
     nlp = build(JOINT)
     line = START + np.linspace(0, 1, INTERVALS + 1)[:, None] * (JOINT.goal.q - START)
-    z = nlp.transcription.start(line, np.array([2.0]))
+    z = nlp.transcription.start(lambda _: line, 2.0, np.array([2.0]))
     fast, slow = nlp.trajectory(z), nlp.trajectory(nlp.time_scale(z, 3.0))
     np.testing.assert_allclose(slow.q, fast.q)
     np.testing.assert_allclose(slow.v, fast.v / 3.0)
@@ -180,7 +184,7 @@ def on_a_rail(velocity=1e3):
     """One metre with 2 m/s^2, from rest to rest."""
     robot = make_arm(slide(2.0), effort=4.0, velocity=velocity)
     nlp = build(tm.Problem(robot, [0.0], tm.JointGoal([1.0])), 20)
-    return nlp, nlp.transcription.start(np.linspace(0, 1, 21)[:, None], np.array([4.0]))
+    return nlp, nlp.transcription.start(lambda t: t[:, None], 1.0, np.array([4.0]))
 
 
 def test_a_mass_on_a_rail_takes_its_least_time():
@@ -217,7 +221,7 @@ def test_the_papers_example(free, gravity, end, least, most):
     problem = planar(tm.PositionGoal("tip", (4, 1, 0)), scene=scene, **changes)
     nlp = build(problem, 75)
     path = START + np.linspace(0, 1, 76)[:, None] * (np.array(end) - START)
-    result = solve(nlp, nlp.transcription.start(path, np.array([1.5])))
+    result = solve(nlp, nlp.transcription.start(lambda _: path, 1.5, np.array([1.5])))
     assert result.status is Status.CONVERGED
     assert len(result.history) <= 25
     assert least <= result.best.duration <= most

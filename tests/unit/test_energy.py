@@ -12,8 +12,9 @@ import tominpmp as tm
 from tests.energy_derivatives import check_gradient
 from tests.sample_arms import make_arm, slide, swinging_arm
 from tominpmp.exceptions import OptionsError
+from tominpmp.motion.measures import ENERGIES
 from tominpmp.planner import energy, smoothing
-from tominpmp.solvers.time_and_energy import PositiveWork, SquaredTorques
+from tominpmp.solvers.time_and_energy import Energy
 from tominpmp.stopping import Stop
 from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
@@ -141,17 +142,16 @@ def _programs():
     smooth = BSplineTranscription(system, whole, 3)
     yield smooth, smooth.start(path, 2.0, np.array([2.0]))
     lifted = CollocationTranscription(system, whole, 2.0)
-    nodes = np.concatenate([[0.0], np.cumsum(whole)])
-    yield lifted, lifted.start(path(nodes * 2.0), np.array([2.0]))
+    yield lifted, lifted.start(path, 2.0, np.array([2.0]))
 
 
-@pytest.mark.parametrize("measure", [SquaredTorques, PositiveWork])
+@pytest.mark.parametrize("kind", ENERGIES.values(), ids=ENERGIES)
 @pytest.mark.parametrize("number", range(3))
-def test_its_gradient_against_differences(number, measure):
+def test_its_gradient_against_differences(number, kind):
     transcription, z = list(_programs())[number]
     rng = np.random.default_rng(0)
     z = z + 1e-2 * rng.standard_normal(z.size)
-    energy = measure(NonlinearProgram.of(transcription).at(z))
+    energy = Energy(NonlinearProgram.of(transcription).at(z), kind)
     check_gradient(energy, z, rng, step=1e-6, rel=1e-5)
 
 

@@ -10,7 +10,8 @@ import pytest
 import tominpmp as tm
 from tests.energy_derivatives import check_gradient
 from tests.sample_arms import make_arm, slide, swinging_arm
-from tominpmp.solvers.time_and_energy import PositiveWork, SquaredTorques
+from tominpmp.motion.measures import ENERGIES
+from tominpmp.solvers.time_and_energy import Energy
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -144,15 +145,15 @@ def program_of(fastest, degree, breaks):
     return NonlinearProgram.of(of).at(z), z
 
 
-@pytest.mark.parametrize("measure", [SquaredTorques, PositiveWork])
+@pytest.mark.parametrize("kind", ENERGIES.values(), ids=ENERGIES)
 @pytest.mark.parametrize(
     ("degree", "breaks"), [(2, False), (3, False), (3, True)], ids=str
 )
-def test_gradients_against_differences(two_links, degree, breaks, measure):
+def test_gradients_against_differences(two_links, degree, breaks, kind):
     program, z = program_of(two_links[2], degree, breaks)
     rng = np.random.default_rng(1)
     z = z + 1e-3 * rng.standard_normal(z.size)
-    check_gradient(measure(program), z, rng, step=1e-7, rel=1e-4)
+    check_gradient(Energy(program, kind), z, rng, step=1e-7, rel=1e-4)
 
 
 def test_accelerations_jump_at_breaks_only(two_links):

@@ -18,7 +18,7 @@ from tominpmp.solvers.exchange import (
     SETTLED,
     RowExchange,
 )
-from tominpmp.solvers.iterate import GROWTH, Outcome, Trial
+from tominpmp.solvers.iterate import GROWTH, StepOutcome, TrialPoint
 from tominpmp.solvers.loop import Loop
 from tominpmp.solvers.objective import MinimumTime
 from tominpmp.status import Status
@@ -120,8 +120,8 @@ def at_rest(z):
     program = shadow([0.0, np.pi / 4])
     state, _ = first_program(program, np.array(z), 0.1)
     loop = Loop(program, MinimumTime.of(Options()), replace(state, gains=(1e-9,)))
-    trial = Trial(state.z, state.values, state.duration)
-    loop.outcome = Outcome(trial, 0.0, 0.0, 1.0, accepted=True)
+    trial = TrialPoint(state.z, state.values, state.duration)
+    loop.outcome = StepOutcome(trial, 0.0, 0.0, 1.0, accepted=True)
     return loop
 
 

@@ -9,7 +9,9 @@ from scipy.optimize import brentq
 
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide, swinging_arm
+from tominpmp import options
 from tominpmp.exceptions import OptionsError
+from tominpmp.motion.measures import ENERGIES, EnergyKind
 
 
 def rail(force: float) -> tm.Robot:
@@ -100,6 +102,29 @@ def test_work_is_traded_for_time(swing):
     assert thrifty.cost < fastest.T + 0.1 * fastest.energy
     assert "trade of time against work" in thrifty.message
     assert " J, " in thrifty.message
+
+
+@pytest.mark.parametrize("method", ["inverse", "collocation"])
+def test_a_kind_of_energy_is_one_entry(monkeypatch, method):
+    """T + k int v^2 dt: the mass coasts at the speed 1/sqrt(k), if it reaches it."""
+
+    def term(u, v):
+        return v, np.zeros_like(u), np.ones_like(v)
+
+    speed = EnergyKind("squared speed", "m^2/s", term, squared=True, jumping=True)
+    monkeypatch.setitem(ENERGIES, "speed_squared", speed)
+    monkeypatch.setitem(options.CHOICES, "energy", tuple(ENERGIES))
+    distance, weight, force = 2.0, 1.0, 4.0
+    problem = tm.Problem(rail(force), [0.0], tm.JointGoal([distance]))
+    given = {"energy": "speed_squared", "energy_weight": weight, "method": method}
+    solution = tm.plan(problem, **given)
+    v = 1.0 / np.sqrt(weight)
+    T = distance / v + v / force
+    energy = v * distance - v**3 / (3.0 * force)
+    assert solution.cost == pytest.approx(T + weight * energy, rel=1e-3)
+    assert pytest.approx(T, rel=1e-2) == solution.T
+    assert solution.energy == pytest.approx(energy, rel=1e-2)
+    assert "trade of time against squared speed" in solution.message
 
 
 def test_wrong_kinds_are_refused():

@@ -18,7 +18,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.exact.shooting import TORQUE, VELOCITY, ArcProgram, Shot
 from tominpmp.exact.structure import Edit
-from tominpmp.transcription.integrator import Sensitivities, sweep_adjoint
+from tominpmp.transcription.integrator import StepJacobians, sweep_adjoint
 
 # Limits with a smaller margin than this are active.
 ACTIVE = 1e-6
@@ -71,7 +71,7 @@ def torque_slopes(program: ArcProgram, shot: Shot, weights: Array) -> Array:
         weights: Multipliers of the rows in units of the initial duration, shape
             (e + r,).
     """
-    steps = Sensitivities(*(part[:, -1] for part in shot.motion.sensitivities))
+    steps = StepJacobians(*(part[:, -1] for part in shot.motion.sensitivities))
     rows, weight = shot.rows, weights[:, None]
     same = np.zeros(weights.size, dtype=np.int64)  # one functional: the weighted sum
     slopes, _ = sweep_adjoint(steps, rows.node, weight * rows.by_x, same)

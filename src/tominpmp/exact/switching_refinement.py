@@ -124,7 +124,7 @@ class Search:
 
     def record(self, record: IterationRecord) -> Status | None:
         """Callback of optimisations on grids; a status ends the iteration."""
-        status = self.progress.see(record)
+        status = self.progress.show_in_time(record)
         return status or (Status.TIME_LIMIT if self.budget.spent else None)
 
     def optimise(self, arcs: Arcs, states: States, evaluations: int) -> bool:
@@ -266,7 +266,7 @@ class Search:
         """
         shares = interval_shares("uniform", path.shape[0] - 1)
         grid = CollocationTranscription(self.system, shares, duration)
-        start = grid.start(path, np.array([duration]))
+        start = grid.start(lambda _: path, duration, np.array([duration]))
         program = NonlinearProgram.of(grid).at(start)
         least = MinimumTime.of(options, SMOOTHING * duration)
         method = trust_regions(options)

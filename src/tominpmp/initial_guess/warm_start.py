@@ -197,11 +197,11 @@ class WarmStart(Guess):
         if nodes is None:
             nodes = T * nodes_of(interval_shares(kind, intervals)[:, 0])
         transcription = CollocationTranscription(system, np.diff(nodes)[:, None] / T, T)
-        q = self.position(nodes)
         if not self.unchanged:
-            return _program(transcription, transcription.start(q, np.array([T])))
+            z = transcription.start(self.position, T, np.array([T]))
+            return _program(transcription, z)
         there = np.clip(self.entry + nodes, 0.0, self.trajectory.duration)
-        x = np.hstack([q, self.trajectory(there).v])
+        x = np.hstack([self.position(nodes), self.trajectory(there).v])
         u = self._net_torque(system, 0.5 * (nodes[1:] + nodes[:-1]))
         return _program(transcription, transcription.pack(x, u, np.array([T])))
 

@@ -11,7 +11,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.description.joint_table import JointLimits
 from tominpmp.kinematics import prismatic_joints
-from tominpmp.motion.trajectory import State, Trajectory
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import ACCELERATION, MotionLimits
 from tominpmp.robot.robot import datasheet_hint
 
@@ -20,11 +20,9 @@ if TYPE_CHECKING:
 
 # Number of instants whose torques are compared for the roughness.
 ROUGHNESS_INSTANTS = 100
-# Quadrature points of each interval for the squared torques.
-GAUSS_POINTS = 4
-# Quadrature points of each interval for the mechanical work: more, as it has kinks
-# where a motor begins to brake.
-WORK_POINTS = 12
+# Quadrature points of each interval for energies, some of which have kinks where a
+# motor begins to brake.
+GAUSS_POINTS = 12
 
 
 def roughness(trajectory: Trajectory, limits: JointLimits) -> float:
@@ -45,30 +43,51 @@ def travel(trajectory: Trajectory, limits: JointLimits) -> float:
     return float(np.sum(np.abs(np.diff(trajectory.q, axis=0)) / speed))
 
 
-def energy_of(trajectory: Trajectory) -> float:
-    """Integral of the squared torques of a motion over time [N^2 m^2 s]."""
-    return _integral(trajectory, GAUSS_POINTS, lambda state: np.sum(state.u**2, axis=1))
+@dataclass(frozen=True)
+class EnergyKind:
+    """A kind of energy: an integral over time, summed over the motors.
+
+    Its integrand is the square, or the positive part, of a term: a function of the
+    torque and the velocity of a motor. Planner, solvers and solutions take all kinds
+    from :data:`ENERGIES`, and name none of them. To add a kind, make an entry there,
+    and add its key to ``Energy`` in ``options.py``.
+
+    Attributes:
+        name: Its name in messages.
+        unit: Its unit.
+        term: The term at torques and velocities of one shape, and its derivatives by
+            both.
+        squared: Whether the term is squared; otherwise only its positive part counts.
+        jumping: Whether the torques of motions of least cost jump.
+    """
+
+    name: str
+    unit: str
+    term: Callable[[Array, Array], tuple[Array, Array, Array]]
+    squared: bool = True
+    jumping: bool = False
+
+    def integrand(self, u: Array, v: Array) -> Array:
+        """The integrand at torques and velocities, shapes (m, n) to (m,)."""
+        term = self.term(u, v)[0]
+        return np.asarray((term**2 if self.squared else term.clip(0.0)).sum(axis=1))
+
+    def of(self, trajectory: Trajectory) -> float:
+        """The energy of a motion, by Gauss quadrature."""
+        h = np.diff(trajectory.t)
+        places, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
+        times = trajectory.t[:-1, None] + 0.5 * h[:, None] * (1.0 + places)
+        state = trajectory(times.ravel())
+        power = self.integrand(state.u, state.v).reshape(times.shape)
+        return float(0.5 * h @ power @ weights)
 
 
-def work_of(trajectory: Trajectory) -> float:
-    """Positive mechanical work of the motors in a motion [J], braking not counted."""
-    return _integral(
-        trajectory,
-        WORK_POINTS,
-        lambda state: np.sum(np.maximum(state.u * state.v, 0.0), axis=1),
-    )
-
-
-def _integral(
-    trajectory: Trajectory, points: int, function: Callable[[State], Array]
-) -> float:
-    """Integral over time of a function of the states, by Gauss quadrature."""
-    h = np.diff(trajectory.t)
-    places, weights = np.polynomial.legendre.leggauss(points)
-    share = 0.5 * (1.0 + places)
-    times = trajectory.t[:-1, None] + h[:, None] * share
-    values = function(trajectory(times.ravel())).reshape(h.size, points)
-    return float(np.sum(values @ (0.5 * weights) * h))
+# Kinds of energy by their names in options: the integral of the squared torques, and
+# the work of the motors, which do not recover energy when they brake.
+ENERGIES = {
+    "torque_squared": EnergyKind("energy", "N^2 m^2 s", lambda u, v: (u, u**0, 0 * v)),
+    "work": EnergyKind("work", "J", lambda u, v: (u * v, v, u), False, True),
+}
 
 
 @dataclass(frozen=True)
@@ -107,14 +126,9 @@ def peak_acceleration(problem: Problem, trajectory: Trajectory) -> PeakAccelerat
     bounded = np.isfinite(limits.by_joint("acceleration", names))
     considered = sizes if np.all(bounded) else np.where(bounded, -1.0, sizes)
     row, joint = np.unravel_index(int(np.argmax(considered)), sizes.shape)
-    slides = bool(prismatic_joints(problem.robot)[joint])
-    return PeakAcceleration(
-        joint=names[joint],
-        value=float(sizes[row, joint]),
-        time=float(times[row]),
-        unit="m/s^2" if slides else "rad/s^2",
-        limited=bool(bounded[joint]),
-    )
+    unit = ACCELERATION.units[int(prismatic_joints(problem.robot)[joint])]
+    value, time = float(sizes[row, joint]), float(times[row])
+    return PeakAcceleration(names[joint], value, time, unit, bool(bounded[joint]))
 
 
 def acceleration_remark(problem: Problem, trajectory: Trajectory) -> str:

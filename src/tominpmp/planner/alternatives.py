@@ -67,7 +67,7 @@ def candidates_of_alternatives(
             # Alternatives of one configuration differ by full turns of joints, of which
             # the nearest ones are the likely ones.
             rivals = len(order) - place + len(again)
-            state.share(min(rivals, 2) if one_place else rivals)
+            state.share_time(min(rivals, 2) if one_place else rivals)
             try:
                 while True:
                     work = schedules[i].send(answers[i])

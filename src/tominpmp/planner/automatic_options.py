@@ -85,6 +85,7 @@ def minimum_time(
     Without the weight, torques that the minimum time leaves free would chatter faster
     than a controller can follow. Among obstacles the squares of the jumps are weighted:
     programs are a third as large as with the total variation, and descents end sooner.
+    Solvers of linear programs alone take the total variation there, too.
     In free space, where torques jump from one limit to the other, squared jumps would
     cost up to 0.3 % of T.
 

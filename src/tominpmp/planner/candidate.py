@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -73,7 +73,7 @@ class Candidate:
     row_times: Mapping[str, Array] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, name: str, initial: Trajectory, result: SlpResult) -> Candidate:
+    def of(cls, name: str, initial: Trajectory, result: SlpResult[Any]) -> Candidate:
         """Candidate from its initial motion and the result of the solver."""
         program = result.program
         feasible = result.best is not None

@@ -251,8 +251,9 @@ class CoarseSearch:
     Where torque limits rule, a uniform grid loses least; where speed limits or
     obstacles do, a grid with short intervals at both ends. A weight on the total
     variation of the torques leads to better optima on the coarse grid; on the fine grid
-    it costs 0.1 % of T. If the grid will be refined anyway, motions ruled by torques
-    are finished on twice as many intervals: they end 0.1 to 0.5 % faster (six goals).
+    it costs 0.1 % of T. If the grid will be refined anyway, motions in free space that
+    torques rule are finished on twice as many intervals: they end 0.1 to 0.5 % faster
+    (six goals).
 
     Args:
         system: Functions of the problem.

@@ -166,7 +166,7 @@ def with_remarks(solution: Solution, state: PlanState) -> Solution:
 def _turned(problem: Problem, motion: Trajectory) -> str:
     """The joints that end full turns from the angles of their goals, as a sentence.
 
-    Empty if there are no such joints.
+    Empty without turned joints.
     """
     angles = []
     for number, phase in enumerate(problem.alternative_of(motion).phases, 1):
@@ -212,7 +212,7 @@ def _saturated(problem: Problem, motion: Trajectory) -> str:
     Motors of time-optimal motions are often saturated. A saturated motor that spends
     most of its effort on dry friction, however, slows all other joints down.
 
-    Empty if there is no such joint.
+    Empty without a saturated joint.
     """
     robot = problem.robot
     middle, half = effort_range(robot, problem.motion_limits)
@@ -253,7 +253,7 @@ def _message(
     candidates: Sequence[Candidate],
     bound: LowerBound | None,
 ) -> str:
-    """The message of a solution: its status, its duration or what its replay breaks."""
+    """Message of a solution: its status, and its duration or its violations."""
     if best.confirmed:
         T = best.trajectory.duration
         said = status.value

@@ -5,8 +5,8 @@ Its knots are moved to ticks of the clock, and a few convex programs find a moti
 these knots that takes at most one period more, or a few more if that is infeasible.
 Each segment takes a whole number of periods; each dwell is rounded up to one. A motion
 without segments is a single segment. The controller interpolates the samples to exactly
-this motion, see :mod:`~tominpmp.transcription.grid`, so that the replay judges what the
-controller will do.
+this motion, see :mod:`~tominpmp.transcription.grid`, so that the replay judges the
+motion of the controller.
 """
 
 from __future__ import annotations
@@ -263,8 +263,8 @@ def _bring_to_clock(
     Returns:
         The motion on the clock; the last trial if no trial succeeds.
     """
-    candidate, trial = former, Trial.of(solution.problem, former.trajectory, period)
-    apart = former.clearance_rows
+    candidate, apart = former, former.clearance_rows
+    trial = ClockTrial.of(solution.problem, former.trajectory, period)
     for _ in range(TRIALS):
         tried, knots = trial.candidate(solution, state, apart), trial.layout.shares
         apart = tried.clearance_rows
@@ -276,7 +276,7 @@ def _bring_to_clock(
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class ClockTrial:
     """A trial to fit a motion into a number of periods.
 
     Attributes:
@@ -298,7 +298,7 @@ class Trial:
     finer: bool = False
 
     @classmethod
-    def of(cls, problem: Problem, motion: Trajectory, period: float) -> Trial:
+    def of(cls, problem: Problem, motion: Trajectory, period: float) -> ClockTrial:
         """The first trial for a motion: its duration rounded up to periods.
 
         A segment that waits for its earliest arrival gets the number of periods that
@@ -376,7 +376,7 @@ class Trial:
         def shown(record: IterationRecord) -> None:
             # A callback that has interrupted the plan sees no more iterations.
             if not state.deadline.interrupted:
-                state.see(record)
+                state.show_in_time(record)
 
         def make(system: ProblemFunctions, _: int, __: Candidate | None) -> Candidate:
             return self._solved(system, options, shown).verified(problem, options)
@@ -418,7 +418,7 @@ class Trial:
             return clocked
         return replace(clocked, trajectory=on_ticks(clocked.trajectory, self.period))
 
-    def after(self, candidate: Candidate) -> Trial:
+    def after(self, candidate: Candidate) -> ClockTrial:
         """The next trial after a candidate that is slower, infeasible or refuted.
 
         Args:

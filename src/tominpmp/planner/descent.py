@@ -145,7 +145,7 @@ def descend(
         stop: Additional stop rule; None for the usual ones only.
         system: Functions of the problem.
         doublings: How often the number of intervals is doubled.
-        former: The refuted candidate that serves as warm start; None in the first try.
+        former: The candidate to be repaired, as warm start; None in the first try.
         effort_tolerance: Tolerated relative excess of torques between rows.
     """
     if former is not None:

@@ -1,9 +1,9 @@
 """Objectives other than time: the motion of a solution is optimised once more.
 
-The motion is a warm start on its own grid with halved intervals, and is improved for
-the other objective. If its replay breaks limits, it is repaired: by rows against
-self-collision if links touch, otherwise by a finer grid. If this fails, the solution
-keeps its former motion.
+The motion is a warm start on its own grid, whose intervals are halved where the other
+objective gains from it, and is improved for this objective. If its replay breaks
+limits, it is repaired: by rows against self-collision if links touch, otherwise by a
+finer grid. If the repair fails, the solution keeps its former motion.
 
 One such objective is time against energy: it begins with the fastest motion, slowed
 down as far as this lowers the cost. Another one is quiet torques, see
@@ -23,6 +23,7 @@ from scipy.optimize import minimize_scalar
 
 from tominpmp.arrays import Array
 from tominpmp.linear_programs.choice import make_solver
+from tominpmp.motion.measures import ENERGIES
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.plan_state import PlanState
@@ -46,13 +47,12 @@ logger = logging.getLogger(__name__)
 REPLAYS = 2.0
 # Largest time scaling of the fastest motion that is considered for its warm start.
 SLOWEST = 100.0
-# Intervals of the optimal motion per interval of the fastest one, by the kind of
-# energy: the optimum has continuous torques, or torques that switch at other times.
-FINER = {"torque_squared": 3, "work": 2}
-# Most halvings of a time scaling that breaks limits, for example times of arrival.
+# Intervals of the optimal motion per interval of the fastest one: if its torques jump,
+# at other times than in the fastest motion, and if they are continuous.
+FINER = {True: 2, False: 3}
+# Most halvings of the logarithm of a time scaling that breaks limits, for example times
+# of arrival.
 SLOWER_TRIALS = 6
-# Names and units of the kinds of energy in messages.
-ENERGIES = {"torque_squared": ("energy", "N^2 m^2 s"), "work": ("work", "J")}
 NO_CHEAPER = "no motion of less cost was found."
 
 
@@ -105,7 +105,7 @@ def run_stage(
         solution: The solution.
         doing: Name of the stage in messages, as a gerund.
         otherwise: Sentence on the motion if the stage fails, without its reason.
-        work: Gives the better solution, or the reason why there is none.
+        work: Gives the better solution, or the reason for its failure.
 
     Returns:
         The better solution; otherwise the solution with the reason in its message.
@@ -148,7 +148,7 @@ def with_least_cost(solution: Solution) -> Solution:
 
 
 def _least_cost(solution: Solution) -> Solution | str:
-    """The solution with the motion of least cost, or the reason why there is none."""
+    """The solution with the motion of least cost, or the reason for its failure."""
     former, options = solution.trajectory, solution.options
     assert former is not None  # noqa: S101
     objective = TimeAndEnergy.of(options)
@@ -179,15 +179,15 @@ def _layout(solution: Solution, motion: Trajectory, halvings: int) -> Layout:
     the motors push, coast and brake, and torques jump in between. Torques also jump at
     the ends of segments, where the load changes.
     """
-    problem, options = solution.problem, solution.options
+    problem, kind = solution.problem, ENERGIES[solution.options.energy]
     layout = Layout.of_motion(motion, problem.segments) or Layout.of_torques(motion)
-    finer = 2**halvings * FINER[options.energy]
-    layout = layout.with_intervals(finer * len(layout.shares))
+    count = 2**halvings * FINER[kind.jumping] * len(layout.shares)
+    layout = layout.with_intervals(count)
     if layout.degree == LIFTED:
         return layout
     degree, breaks = layout.degree, layout.segment_ends[:-1]
-    if options.control not in DEGREES:
-        degree = QUADRATIC if options.energy == "work" else DEGREES["linear"]
+    if solution.options.control not in DEGREES:
+        degree = QUADRATIC if kind.jumping else DEGREES["linear"]
     if degree == QUADRATIC or not ProblemFunctions.of(problem).sudden:
         breaks = ()
     return replace(layout, degree=degree, breaks=breaks)
@@ -201,13 +201,12 @@ def _message(best: Solution, former: Trajectory) -> str:
     more = f"{abs(share):.3g} % {'more' if share >= 0.0 else 'less'}"
     converged = best.status is Status.CONVERGED
     begin = "A locally optimal" if converged else f"{best.status.value} A"
-    weight = best.options.energy_weight
-    name, unit = ENERGIES[best.options.energy]
+    kind = ENERGIES[best.options.energy]
     return (
-        f"{begin} trade of time against {name} was found. "
+        f"{begin} trade of time against {kind.name} was found. "
         f"T = {best.T:.4f} s, {more} than the fastest motion of the search, "
-        f"{name} = {best.energy:.4g} {unit}, "
-        f"T + {weight:g} {name} = {best.cost:.6g} s."
+        f"{kind.name} = {best.energy:.4g} {kind.unit}, "
+        f"T + {best.options.energy_weight:g} {kind.name} = {best.cost:.6g} s."
     )
 
 
@@ -216,7 +215,7 @@ def _best_time_scaling(
 ) -> Array:
     """The same path with the time scaling of least cost, or unscaled.
 
-    The scaling is halved, towards none, while the motion breaks further limits.
+    The logarithm of the scaling is halved while the motion breaks further limits.
     """
 
     def slower(power: float) -> Array:

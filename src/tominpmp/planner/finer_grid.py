@@ -25,8 +25,8 @@ from tominpmp.solvers.objective import SMALL_VIOLATION
 from tominpmp.solvers.stop import first_of
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import IterationRecord, Status
-from tominpmp.transcription.bends import BENDS, intervals_to_halve
 from tominpmp.transcription.distance_rows import times_of_rows, with_rows_at
+from tominpmp.transcription.halving import HALVED_SHARE, intervals_to_halve
 from tominpmp.transcription.layout import Gridded, split_intervals
 from tominpmp.transcription.program import NonlinearProgram
 
@@ -34,9 +34,10 @@ if TYPE_CHECKING:
     from tominpmp.planner.plan_state import PlanState
 
 logger = logging.getLogger(__name__)
+Descended = SlpResult[NonlinearProgram]
 
-# A round is the last one if its predicted gain is below FALLS times the least gain.
-FALLS = 2.0
+# A round is the last one if it predicts less than WORTH_NEXT times the least gain.
+WORTH_NEXT = 2.0
 # The iterations of a round continue while the part of the predicted gain that the last
 # step has not realised exceeds this share of the least gain of a round: most of the
 # gain comes with the first step.
@@ -46,7 +47,7 @@ CURABLE = 3e-4
 # Least budget of programs of all rounds.
 LEAST_PROGRAMS = 16
 # Usual and largest number of iterations on a grid. The largest is for motions with
-# violations that slowing down does not remove, as these would make the gain worthless.
+# violations that slowing down does not remove: the gain would be lost with them.
 ITERATIONS, MOST_ITERATIONS = 8, 20
 # Trust-region radius as a share of the usual one: the motion changes little.
 RADIUS = 0.3
@@ -63,23 +64,23 @@ class RefinementBudget:
         rounds: Most rounds of halving.
         work: Most programs of all rounds, as a multiple of the programs of the search.
             The round that uses them up is the last one.
-        bends: The intervals that are halved have this share of all bends, which are
-            weighted by the lengths of the intervals.
+        halved: The intervals that are halved have this share of the losses of all
+            intervals.
     """
 
     worth: float
     gain: float
     rounds: int
     work: float
-    bends: float
+    halved: float
 
 
-STANDARD_BUDGET = RefinementBudget(3e-3, 5e-4, 5, 1.5, BENDS)
+STANDARD_BUDGET = RefinementBudget(3e-3, 5e-4, 5, 1.5, HALVED_SHARE)
 # For plans in which planning time matters less than T.
 GENEROUS_BUDGET = RefinementBudget(3e-4, 1e-4, 6, 4.0, 0.99)
 
 
-def on_finer_grids(result: SlpResult, state: PlanState) -> SlpResult:
+def on_finer_grids(result: Descended, state: PlanState) -> Descended:
     """Improve the motion of a descent on finer grids, as long as the gain is worth it.
 
     Args:
@@ -88,10 +89,11 @@ def on_finer_grids(result: SlpResult, state: PlanState) -> SlpResult:
 
     Returns:
         The result on the last grid that gained enough, with the records of all grids;
-        the given result if finer grids gain next to nothing.
+        the given result if finer grids gain next to nothing, or the transcription has
+        no grid that can be refined.
     """
     best, options, program = result.best, state.options, result.program
-    if best is None or result.dropped or not isinstance(program, NonlinearProgram):
+    if best is None or result.dropped:
         return result
     incumbent = state.incumbent
     if incumbent is not None and options.refine != "switching":
@@ -114,8 +116,9 @@ def on_finer_grids(result: SlpResult, state: PlanState) -> SlpResult:
     step, stop = trust_regions(warm)
     for _ in range(budget.rounds):
         transcription, z = program.transcription, best.z
-        assert isinstance(transcription, Gridded)  # noqa: S101
-        split = intervals_to_halve(transcription, z, budget.bends)
+        if not isinstance(transcription, Gridded):
+            break
+        split = intervals_to_halve(transcription, z, budget.halved)
         if not np.any(split):
             break
         rows = times_of_rows(program, z)
@@ -137,9 +140,8 @@ def on_finer_grids(result: SlpResult, state: PlanState) -> SlpResult:
         if finer.best is None or finer.best.duration >= best.duration:
             break
         finest, best, program = finer, finer.best, finer.program
-        if promise < FALLS * budget.worth or enough.spent():
+        if promise < WORTH_NEXT * budget.worth or enough.spent():
             break
-        assert isinstance(program, NonlinearProgram)  # noqa: S101
     if best.duration > worth_it:
         return result
     records = state.records[first:]

@@ -10,7 +10,7 @@ from tominpmp.arrays import Array
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.initial_guess.warm_start import WarmStart
 from tominpmp.options import Options
-from tominpmp.transcription.bspline import DEGREES, BSplineTranscription
+from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.grid import (
@@ -18,7 +18,7 @@ from tominpmp.transcription.grid import (
     segment_intervals,
     segmented_shares,
 )
-from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.layout import QUADRATIC, Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 
@@ -61,14 +61,12 @@ def first_program(
             return guess.spline_program(system, *grid, degree)
         return with_active_rows(*guess.inverse_program(system, *grid))
     shares, ends = _guess_grid(system, options, guess)
-    transcription: BSplineTranscription
-    if degree is None:
-        transcription = InverseTranscription(system, shares, guess.duration, ends)
-    else:
-        transcription = BSplineTranscription(system, shares, degree, ends)
+    if degree is not None:
         timed = 1.0 if guess.solved else SMOOTH_TIME_SCALE
-    eta = np.full(shares.shape[1], timed * guess.duration)
-    z = transcription.start(guess.position, guess.duration, eta)
+    eta = np.full(shares.shape[1], guess.duration)
+    layout = Layout(degree or QUADRATIC, shares, eta, ends)
+    transcription = layout.transcription(system)
+    z = transcription.start(guess.position, guess.duration, timed * eta)
     return NonlinearProgram.of(transcription).at(z), z
 
 
@@ -86,9 +84,7 @@ def collocated(
         finer = replace(options, intervals=2**halvings * options.intervals)
         shares = _guess_grid(system, finer, guess)[0].sum(axis=1, keepdims=True)
         lifted = CollocationTranscription(system, shares, guess.duration)
-        nodes = np.concatenate([[0.0], np.cumsum(shares)])
-        path = guess.position(nodes * guess.duration)
-        start = lifted.start(path, np.array([duration]))
+        start = lifted.start(guess.position, guess.duration, np.array([duration]))
         program = NonlinearProgram.of(lifted).at(start)
         violation = program.rows.largest_violation(program.evaluate(start))
         return program, start, violation

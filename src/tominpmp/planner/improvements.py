@@ -1,8 +1,8 @@
 """Improvements of the incumbent: a table of stages, in their order.
 
 Exact switches free the switching times of torques from the nodes of the grid. The
-certificate checks the first-order conditions; only a motion that satisfies them is
-called optimal.
+certificate checks the first-order conditions; only a motion that satisfies them, or
+that the lower bound proves to be optimal, is called optimal.
 """
 
 from __future__ import annotations
@@ -78,6 +78,6 @@ def improvements(state: PlanState) -> Schedule[None]:
     Args:
         state: The plan.
     """
-    state.share(1)
+    state.share_time(1)
     for improved in IMPROVEMENTS.values():
         yield from improved(state)

@@ -4,9 +4,9 @@ An iteration ends when it makes no more progress, which proves nothing: it may b
 up by distance rows that miss the instants of closest approach, by a small trust region,
 or by padding of distances that costs time. The incumbent is therefore certified. If
 small changes predict too large a gain, it is improved, with less padding where the
-padding causes the gain. Only a motion that passes is called locally optimal; otherwise
-the status says which limit was reached, and the message has the remaining predicted
-gain.
+padding causes the gain. Only a motion that passes is called locally optimal, or one
+that needs no certificate: by its last step, or by the lower bound. Otherwise the status
+says which limit was reached, and the message has the remaining predicted gain.
 """
 
 from __future__ import annotations
@@ -63,28 +63,34 @@ WORTH_A_TRY = 5e-3
 # extrapolated to the changes that the certificate allows, is below this share of the
 # tolerance.
 SKIPPED = 0.3
+NO_CERTIFICATE = "There is no certificate for dwells among moving obstacles."
 
 
 def certified(state: PlanState) -> Schedule[None]:
     """Improve the incumbent until it satisfies the first-order conditions.
 
-    Motions with dwells among moving obstacles have no certificate, and are not changed.
+    Motions with dwells among moving obstacles have no certificate: they are not
+    changed, and called optimal only if the lower bound proves it.
 
     Args:
         state: The plan.
     """
     best, options, problem = state.incumbent, state.options, state.problem
     tolerance = tolerance_of(options)
-    if best is None or dwells_among_motion(problem):
+    if best is None:
         return
-    if best.status is Status.CONVERGED and last_step_suffices(
-        problem, options, best, tolerance
-    ):
-        return
+    converged, dwell = best.status is Status.CONVERGED, dwells_among_motion(problem)
+    if converged and not dwell:
+        if last_step_suffices(problem, options, best, tolerance):
+            return
     bound = state.lower_bound(problem).T
     if (1.0 - tolerance) * best.duration <= bound:
         # By the lower bound no motion at all gains more than the tolerance.
         state.amend(best, status=Status.CONVERGED)
+        return
+    if dwell:
+        if converged:
+            state.amend(best, status=Status.STALLED, remark=NO_CERTIFICATE)
         return
     # The limit is the number of iterations of the search, between two bounds.
     before = sum(len(candidate.history) for candidate in state.candidates)
@@ -97,10 +103,9 @@ def certified(state: PlanState) -> Schedule[None]:
 
     settled = yield Work.from_best(state, best, make)
     if settled is None or settled.duration > best.duration:
-        status = best.status
-        if settled is None and status is Status.CONVERGED:
-            # The certificate was cut short, or failed: the motion is not certified.
-            status = state.cut_short or Status.STALLED
+        # A certificate that was cut short, or failed, does not certify the motion.
+        lost = settled is None and converged
+        status = state.cut_short or Status.STALLED if lost else best.status
         state.amend(best, status=status)
 
 
@@ -208,7 +213,7 @@ class CertifiedDescent:
         """Reduce the padding of distances if it causes the predicted gain.
 
         Returns:
-            Whether it does.
+            Whether the padding causes the gain.
         """
         if findings.dual is None:
             return False
@@ -221,7 +226,7 @@ class CertifiedDescent:
         return spent
 
     def _improved(self, best: Candidate, layout: Layout) -> Candidate:
-        """A faster motion whose replay keeps all limits; the same if none is found."""
+        """A faster motion whose replay keeps all limits, or the same motion."""
         transcription, z = layout.represented(self.system, best.trajectory)
         program = NonlinearProgram.of(transcription).at(z)
         program, z = with_active_rows(with_rows_at(program, z, best.row_times), z)
@@ -247,8 +252,8 @@ class CertifiedDescent:
     def _show(self, record: IterationRecord) -> Status | None:
         """Show a record to the plan; a status ends the iteration.
 
-        Where rows join as it ends, it goes on until a motion keeps them: all that was
-        gained would be lost otherwise.
+        Where rows join at the end of the iteration, it continues until a motion keeps
+        them: the gain of all its steps would be lost otherwise.
         """
         status = self.state(record)
         over = self.spent and record.violation <= self.state.options.feasibility

@@ -64,8 +64,8 @@ class PlanState:
             solution if there is no incumbent in the end.
         first_guesses: The first guess for each goal, with its name and its problem;
             the last resort if the fallback fails, too.
-        complete: Whether the plan has done everything that it must. The thorough search
-            that follows is open-ended: a time limit then is its regular end.
+        complete: Whether all stages of a plan with less effort are done. The thorough
+            search that follows is open-ended: a time limit then is its regular end.
         callback_error: Error that the callback has raised; None without one.
         failures: Errors of candidates that have led to no motion.
     """
@@ -185,7 +185,7 @@ class PlanState:
         goes_on = self.cut_short is Status.TIME_LIMIT and not used_up
         return None if goes_on else self.cut_short
 
-    def share(self, parts: int) -> None:
+    def share_time(self, parts: int) -> None:
         """Give the next candidate 1 / ``parts`` of the remaining time.
 
         If there is an incumbent, the candidate gets all of the remaining time.
@@ -195,7 +195,7 @@ class PlanState:
             self._until = self.seconds + (self._limit - self.seconds) / max(parts, 1)
         self._set_deadline()
 
-    def extend(self, limit: float) -> None:
+    def reset_limit(self, limit: float) -> None:
         """Replace the time limit, counted from the beginning of the plan [s]."""
         self._limit = self._until = limit
         self.records, self.kept_iterates = [], []
@@ -239,7 +239,7 @@ class PlanState:
         return min(max(RESERVE * limit, replay), MOST_RESERVE * limit)
 
     def _candidate_end(self) -> float:
-        """Time of the candidate in progress, less the reserve of the plan [s]."""
+        """When the candidate in progress must end, with a reserve for the plan [s]."""
         return min(self._until, self._limit - self._reserve())
 
     def _set_deadline(self) -> None:
@@ -256,9 +256,9 @@ class PlanState:
             Stop: If planning is to end.
         """
         self.records.append(replace(record, iteration=len(self.records)))
-        return self.see(record)
+        return self.show_in_time(record)
 
-    def see(self, record: IterationRecord) -> Status | None:
+    def show_in_time(self, record: IterationRecord) -> Status | None:
         """Show a record and check the deadline, without adding it to the history.
 
         Raises:

@@ -74,7 +74,8 @@ def plan(
         start: Warm start: a former motion of the same joints, for a problem that
             resembles the one it solved, with another goal, obstacle or limit, or with a
             start on its path. It is bent to the new ends. Other guesses are made only
-            if the warm start leads to no motion, or ``options.starts`` asks for more
+            if the warm start leads to no motion, or to a motion that takes nearly as
+            long as the first of these guesses, or if ``options.starts`` asks for more
             than one start.
         **changes: Options by name, as in ``plan(problem, intervals=60)``; they override
             the values in ``options``.
@@ -148,7 +149,7 @@ def _finish(state: PlanState, options: Options, status: Status | None) -> Soluti
         status = None
     with state.saving():
         solution = conclude(state, options, status)
-    state.extend(options.time_limit)
+    state.reset_limit(options.time_limit)
     with state.saving():
         solution = on_clock(solution, state)
     if options.slack is not None and solution.success and status not in STOPPED:

@@ -126,7 +126,7 @@ def _alone(
     control = state.options.control
     options = replace(
         state.options,
-        # All segments have accelerations of one kind.
+        # The joined motion has one layout, and so accelerations of one kind.
         control="constant" if control == "auto" else control,
         max_planning_time=seconds,
         callback=show,

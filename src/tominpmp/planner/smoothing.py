@@ -74,7 +74,7 @@ def smooth(solution: Solution, slack: float = 0.01) -> Solution:
 
 
 def _quietest(solution: Solution, slack: float) -> Solution | str:
-    """The solution with quiet torques, or the reason why it has none."""
+    """The solution with quiet torques, or the reason for its failure."""
     options, limits = solution.options, solution.problem.robot.limits
     former, feasibility = solution.trajectory, options.feasibility
     assert former is not None  # noqa: S101

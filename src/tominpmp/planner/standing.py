@@ -49,7 +49,7 @@ def standing(problem: Problem, options: Options) -> Solution | None:
 
 
 def _motion(problem: Problem, options: Options) -> Trajectory | None:
-    """A motion at rest at the start; None if a goal is elsewhere or arrived at late."""
+    """A motion at rest at the start; None if a goal is not met there, or met late."""
     robot, period, q = problem.robot, options.control_period, problem.q_start
     v = problem.v_start
     nodes, ends, now = [0.0], [], 0.0
@@ -76,6 +76,7 @@ def _motion(problem: Problem, options: Options) -> Trajectory | None:
     marks = np.array(ends) if problem.segments else None
     motion = Trajectory(robot.joint_names, t, q, v, u=a, a=a, segment_ends=marks)
     motion = motion.with_torques(dynamics[0], dynamics if problem.segments else ())
-    # Joints without a motor exert no torque; a motion of zero duration needs none.
+    # Joints without a motor exert no torque, and a motion of zero duration needs no
+    # torque of them.
     lower, upper = robot.limits.effort_lower, robot.limits.effort_upper
     return replace(motion, u=np.where(lower == upper, lower, motion.u))

@@ -2,8 +2,8 @@
 
 The order of the starts depends neither on their number nor on the number of processes:
 a plan with more starts makes the candidates of a plan with fewer starts first, and then
-others. Several processes descend from guesses ahead of their turn; results whose turn
-does not come are dropped.
+others. Several processes descend from guesses ahead of their turn; the motions of
+guesses whose turn does not come count only if the plan is stopped.
 """
 
 from __future__ import annotations
@@ -373,7 +373,7 @@ def _keep_former(
     """Keep a former motion that led to no faster one, if its replay keeps all limits.
 
     Returns:
-        Whether it does.
+        Whether the replay keeps them.
     """
     motion = None if system.parts else former.remainder(system)
     if motion is None:

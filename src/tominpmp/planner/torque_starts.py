@@ -83,12 +83,9 @@ def torques_may_lead(system: ProblemFunctions) -> bool:
 
 def _given_torques(system: ProblemFunctions, options: Options) -> Array:
     """Initial iterate: the torques and the duration of the options, or the default."""
-    control = np.zeros(system.n)
-    if options.initial_control is not None:
-        control = options.initial_control
-    shares = torque_shares(
-        system, np.broadcast_to(control, (options.intervals, system.n))
-    )
+    given, shape = options.initial_control, (options.intervals, system.n)
+    control = np.zeros(shape) if given is None else np.broadcast_to(given, shape)
+    shares = torque_shares(system, control)
     return np.append(shares.ravel(), options.initial_duration or FIRST_DURATION)
 
 
@@ -156,7 +153,6 @@ def shoot(
             keep=state.keep,
         )
         history += result.history
-        assert isinstance(result.program, NonlinearProgram)  # noqa: S101
         program, z = result.program, result.iterate.z
     result = replace(result, history=tuple(history))
     best = result.iterate if result.best is None else result.best

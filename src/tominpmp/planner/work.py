@@ -42,7 +42,7 @@ STAGE_FAILED = "A later stage failed ({}), and this was kept."
 NUMERICAL = (ArithmeticError, ValueError, RuntimeError, MemoryError)
 
 # Makes a candidate from the functions of the problem, the number of doublings of its
-# grid, and the refuted candidate, which is None in the first try.
+# grid, and the candidate to be repaired, which is None in the first try.
 Make = Callable[[ProblemFunctions, int, Candidate | None], Candidate]
 
 
@@ -119,8 +119,8 @@ def make_and_repair(state: PlanState, work: Work) -> Candidate:
     """Make a candidate and replay it; repair and repeat if the replay breaks limits.
 
     If links of a single arm touch, the repair adds rows against self-collision;
-    otherwise it doubles the grid. If only the padding of clearances is missing, as in
-    passages that are narrower, the motion is improved with less of it.
+    otherwise it doubles the grid. A candidate that lacks only the padding of
+    clearances, as in passages that are narrower, is improved with less padding.
 
     Args:
         state: The plan, which records how long a replay takes.
@@ -166,7 +166,7 @@ def make_and_repair(state: PlanState, work: Work) -> Candidate:
 
 
 def _lacks_padding(candidate: Candidate, reach: float, padding: float) -> bool:
-    """Whether what an infeasible candidate violates most is the padding [m]."""
+    """Whether an infeasible candidate violates the padding [m] most."""
     found = candidate.violations.items()
     clearances = [size for kind, size in found if kind.startswith("clearance")]
     missing = max(clearances, default=0.0)

@@ -39,7 +39,7 @@ ITERATIONS, EXTENSIONS = 25, 12
 # leaves free, and the violations that it causes grow with the square of the radius.
 LEAST_RADIUS, SMALLEST = 0.1, 0.01
 # A motion is nearly optimal if its duration has changed by at most this share since
-# rows last joined. Each of these joins halves the radius: reversals of joints with dry
+# rows last joined. Each exchange then halves the radius: reversals of joints with dry
 # friction would otherwise move on, and with them the rows that are missing.
 SETTLED = 1e-4
 
@@ -110,7 +110,7 @@ class RowExchange:
             return False
         if status is not None:
             return loop.best is not None or state.violation <= FAR
-        # Without an accepted step a check would find nothing new.
+        # Without an accepted step a check would find the same violations again.
         moved = loop.outcome is not None and loop.outcome.accepted
         if not (moved and state.gains) or state.violation > FAR:
             return False

@@ -27,9 +27,9 @@ from tominpmp.linear_programs.choice import make_solver
 from tominpmp.linear_programs.program import LinearProgram
 from tominpmp.linear_programs.solver import LpSolver
 from tominpmp.options import Options
-from tominpmp.solvers.iterate import Iterate, Outcome, Trial
+from tominpmp.solvers.iterate import Iterate, StepOutcome, TrialPoint
 from tominpmp.solvers.loop import Loop, Rule
-from tominpmp.solvers.stop import exhausted, first_of, iterations
+from tominpmp.solvers.stop import collapsed, first_of, iterations
 from tominpmp.status import Status
 from tominpmp.stopping import check
 from tominpmp.transcription.adjoint import AdjointTranscription
@@ -51,7 +51,7 @@ def fixed_steps(options: Options) -> tuple[FixedStep, Rule]:
     """
     lp = make_solver(options.lp_solver)
     step = FixedStep(lp, options.control_step, options.time_step)
-    limits = exhausted, iterations(options.max_iterations)
+    limits = collapsed, iterations(options.max_iterations)
     return step, first_of(_steady, *limits)
 
 
@@ -100,9 +100,9 @@ class FixedStep:
         values = nlp.evaluate(z)
         multipliers = np.zeros(nlp.rows.size)
         multipliers[linearization.rows] = solution.row_duals
-        merit = float(nlp.cost @ z) + state.penalty(values)
+        trial = TrialPoint(z, values, float(nlp.cost @ z) + state.penalty(values))
         state = replace(state, z=z, values=values, multipliers=multipliers)
-        loop.advance(state, Outcome(Trial(z, values, merit), 0.0, 0.0, 0.0, True))
+        loop.advance(state, StepOutcome(trial, 0.0, 0.0, 0.0, True))
 
 
 def _build_program(state: Iterate, linearization: Linearization) -> LinearProgram:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -146,9 +147,12 @@ class Iterate:
         )
 
 
+P_co = TypeVar("P_co", bound=ProgramInterface, covariant=True)
+
+
 @dataclass(frozen=True, eq=False)
-class SlpResult:
-    """Result of an iteration.
+class SlpResult(Generic[P_co]):
+    """Result of an iteration on programs of one class.
 
     Attributes:
         status: How it ended.
@@ -163,12 +167,12 @@ class SlpResult:
     iterate: Iterate
     best: Iterate | None
     history: tuple[IterationRecord, ...]
-    program: ProgramInterface
+    program: P_co
     dropped: bool = False
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class TrialPoint:
     """A trial point, with its row values, its merit and the damping of its step."""
 
     z: Array
@@ -178,7 +182,7 @@ class Trial:
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class StepOutcome:
     """Outcome of a step.
 
     Attributes:
@@ -191,7 +195,7 @@ class Outcome:
             down removes the violations that remain.
     """
 
-    trial: Trial
+    trial: TrialPoint
     predicted: float
     actual: float
     ratio: float

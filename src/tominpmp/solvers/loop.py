@@ -28,7 +28,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.linear_programs.program import LpSolution
-from tominpmp.solvers.iterate import Iterate, Outcome, SlpResult
+from tominpmp.solvers.iterate import Iterate, SlpResult, StepOutcome
 from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Stop, grace
 from tominpmp.transcription.program import NonlinearProgram
@@ -79,7 +79,7 @@ def solve(
     exchange: Exchange | None = None,
     callback: Callback | None = None,
     keep: Keep | None = None,
-) -> SlpResult:
+) -> SlpResult[NonlinearProgram]:
     """Iterate until a stop rule applies and no constraint is violated between the rows.
 
     Args:
@@ -149,7 +149,7 @@ class Loop:
     callback: Callback | None = None
     keep: Keep | None = None
     best: Iterate | None = None
-    outcome: Outcome | None = None
+    outcome: StepOutcome | None = None
     history: list[IterationRecord] = field(default_factory=list)
     callback_status: Status | None = None
     extended_limit: int = 0
@@ -162,7 +162,7 @@ class Loop:
         self._solved.append((solution.iterations, time.perf_counter() - begin))
         return solution
 
-    def advance(self, state: Iterate, outcome: Outcome | None) -> None:
+    def advance(self, state: Iterate, outcome: StepOutcome | None) -> None:
         """Advance to the iterate after a step, and record the iteration."""
         self.program = self.program.centred_at(state.z)
         self.state, self.outcome = state, outcome
@@ -192,7 +192,10 @@ class Loop:
         return Status.STALLED
 
     def end(self, status: Status | None) -> None:
-        """Set the final iterate: the best one, slowed down to remove violations.
+        """Set the final iterate: the present one, slowed down to remove violations.
+
+        It becomes the best iterate if it is better. For FEASIBLE, the best iterate is
+        the final one.
 
         Args:
             status: How the loop ends; None if a stop was requested.

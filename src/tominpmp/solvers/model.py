@@ -55,7 +55,7 @@ class Model:
         return total
 
     def with_curvature(self, root: sp.csr_matrix | None) -> Model:
-        """The model with a further curvature, given by its root; None adds nothing."""
+        """The model with a further curvature, given by its root; unchanged for None."""
         if root is None or self.root is None:
             return replace(self, root=self.root if root is None else root)
         return replace(self, root=sp.vstack([self.root, root], format="csr"))

@@ -22,7 +22,7 @@ RESTORABLE = 1e-2
 RESTORATIONS = 8
 # Relative increase of the duration that removes a violation, as a share of it: torques
 # go with the square of the speed. An extrapolated increase is multiplied by OVERSHOOT.
-HALF, OVERSHOOT = 0.5, 1.02
+SLOWDOWN, OVERSHOOT = 0.5, 1.02
 # Violations between the rows up to this are removed by slowing down if the grid will be
 # refined anyway: programs with rows for them cost more than they gain.
 SMALL_VIOLATION = 5e-4
@@ -115,7 +115,7 @@ class Objective(ABC):
             return state
         best, low, high = state, 1.0, np.inf
         violation, rate = state.violation, 0.0
-        factor = 1.0 + HALF * violation
+        factor = 1.0 + SLOWDOWN * violation
         for _ in range(RESTORATIONS):
             z, values = program.slower(state.z, factor, state.values)
             trial = replace(state, z=z, values=values)
@@ -144,7 +144,7 @@ class Objective(ABC):
     def cured(
         self, program: NonlinearProgram, state: Iterate, largest: float
     ) -> Iterate | None:
-        """Slow a motion with small violations down until it has none.
+        """Slow a motion with small violations down until they are removed.
 
         Args:
             program: The program.

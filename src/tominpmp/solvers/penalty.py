@@ -19,7 +19,7 @@ from scipy.optimize import minimize
 
 from tominpmp.arrays import Array
 from tominpmp.options import Options
-from tominpmp.solvers.iterate import Outcome, Trial
+from tominpmp.solvers.iterate import StepOutcome, TrialPoint
 from tominpmp.solvers.loop import Loop, Rule
 from tominpmp.solvers.stop import first_of, iterations, raises, settled
 from tominpmp.stopping import check
@@ -93,7 +93,7 @@ class PenaltyRound:
         # The mean over the instants stands for the integral over tau.
         goal = rows.kind == rows.kinds.index("goal")
         share = np.where(goal, 1.0, 1.0 / np.bincount(rows.group)[rows.group])
-        latest = Trial(loop.state.z, loop.state.values, np.inf)
+        latest = TrialPoint(loop.state.z, loop.state.values, np.inf)
 
         def function(y: Array) -> tuple[float, Array]:
             nonlocal latest
@@ -103,7 +103,7 @@ class PenaltyRound:
             excess = np.maximum(values - rows.upper, 0.0)
             excess += np.minimum(values - rows.lower, 0.0)
             total = float(nlp.cost @ z) + weight * float(share @ excess**2)
-            latest = Trial(z, values, total)
+            latest = TrialPoint(z, values, total)
             gradient = nlp.cost
             # Where the motion is not finite, the line search shortens its step.
             if nlp.transcription.motion(z).finite:
@@ -115,9 +115,9 @@ class PenaltyRound:
             z, state = y * scale, loop.state
             values = latest.values if np.array_equal(z, latest.z) else nlp.evaluate(z)
             gained = state.duration - float(nlp.cost @ z)
-            trial = Trial(z, values, latest.merit)
+            trial = TrialPoint(z, values, latest.merit)
             state = replace(state, z=z, values=values)
-            loop.advance(state, Outcome(trial, 0.0, gained, 1.0, True))
+            loop.advance(state, StepOutcome(trial, 0.0, gained, 1.0, True))
             nlp = loop.program
             if loop.callback_status is not None or len(loop.history) >= self.most:
                 raise StopIteration

@@ -23,7 +23,7 @@ def settled(loop: Loop) -> Status | None:
     return Status.CONVERGED if done else None
 
 
-def exhausted(loop: Loop) -> Status | None:
+def collapsed(loop: Loop) -> Status | None:
     """STALLED if the trust region has collapsed; a failure if no program was solved."""
     if loop.state.radius >= SMALLEST_RADIUS:
         return None

@@ -1,13 +1,15 @@
 r"""Time against energy: T + k times an energy, and convex models of energies.
 
-Both energies are sums over the Gauss points, with weights w, of the intervals, with
-lengths h; each segment has its own robot and load:
+An energy is the integral of the squares, or of the positive parts, of terms r(u, v),
+one for each motor (:class:`~tominpmp.motion.measures.EnergyKind`): a sum over the Gauss
+points, with weights w, of the intervals, with lengths h; each segment has its own robot
+and load:
 
-- squared torques, :math:`\sum |r|^2` with r = sqrt(w h) u. The linearisation of r gives
-  a convex quadratic model (Gauss and Newton);
-- work of the motors, :math:`\sum \max(p, 0)` with p = w h u v, for each motor
+- squares, for example of the torques: :math:`\sum w h |r|^2`. The linearisation of
+  sqrt(w h) r gives a convex quadratic model (Gauss and Newton);
+- positive parts, for example of the powers: :math:`\sum w h \max(r, 0)`, for each motor
   separately: energy recovered by a braking motor does not drive another one. The
-  linearisation of p gives a convex, piecewise linear model, which keeps the kinks.
+  linearisation of w h r gives a convex, piecewise linear model, which keeps the kinks.
 
 Of the curvature that these models omit, the largest part is known, and is added: the
 curvature along slower and faster motions.
@@ -15,7 +17,6 @@ curvature along slower and faster motions.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -24,6 +25,7 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array
 from tominpmp.constraints.base import Partials, States
+from tominpmp.motion.measures import ENERGIES, EnergyKind
 from tominpmp.options import Options
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.solvers.model import Model
@@ -47,20 +49,28 @@ TRACE = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class Energy(ABC):
+class Energy:
     """An energy of the motions of a program.
 
     Attributes:
         nlp: The nonlinear program.
+        kind: The kind of energy.
     """
 
     nlp: NonlinearProgram
+    kind: EnergyKind
 
-    @abstractmethod
     def __call__(self, z: Array) -> float:
-        """The energy at an iterate."""
+        """The energy at an iterate, in the unit of its kind."""
+        motion = self.nlp.transcription.motion(z)
+        states = self._points(motion)[1]
+        power = self.kind.integrand(self._torques(states), states.v)
+        moving = float(np.sum(power.reshape(motion.h.size, -1) @ WEIGHTS * motion.h))
+        return moving + sum(
+            dwell * float(self.kind.integrand(u, v)[0])
+            for dwell, u, v, _ in self._holding(motion)
+        )
 
-    @abstractmethod
     def model(self, z: Array, steps: StepBounds) -> Model:
         """A convex model near an iterate.
 
@@ -68,6 +78,67 @@ class Energy(ABC):
             z: The iterate.
             steps: Box for the step.
         """
+        terms, jacobian = self._terms(z)
+        if not self.kind.squared:
+            return self._piecewise_linear(z, steps, terms, jacobian)
+        gradient = np.asarray(2.0 * (jacobian.T @ terms))
+        pace = self._pace_curvature(z, float(terms @ terms), jacobian)
+        root = sp.vstack([np.sqrt(2.0) * jacobian, pace], format="csr")
+        return Model(lambda z, _: self(z), gradient, root)
+
+    def _piecewise_linear(
+        self, z: Array, steps: StepBounds, terms: Array, jacobian: sp.csr_matrix
+    ) -> Model:
+        """Model of positive parts: max(r, 0) is half of r + abs(r).
+
+        Terms that no step within the box brings to zero have a known sign, and are
+        linear.
+        """
+        value = float(np.sum(np.maximum(terms, 0.0)))
+        box = np.maximum(steps.upper, -steps.lower)
+        near = np.abs(terms) < abs(jacobian) @ box
+        kinks = jacobian[near]
+        signs = np.where(near, 0.5, terms > 0.0)
+        # A small proximal term determines the unknowns that do not affect the energy.
+        trace = np.sqrt(TRACE * value)
+        still = np.divide(trace, box, out=np.zeros(z.size), where=box > 0.0)
+        return Model(
+            lambda z, _: self(z),
+            np.asarray(jacobian.T @ signs),
+            self._pace_curvature(z, value, sp.csr_matrix((1, z.size))),
+            still,
+            Variation(kinks, terms[near] - kinks @ z),
+            0.5,
+        )
+
+    def _terms(self, z: Array) -> tuple[Array, sp.csr_matrix]:
+        """Weighted terms at the Gauss points and during dwells, and their Jacobian.
+
+        Roots of the weights multiply terms that are squared.
+        """
+        scheme = self.nlp.transcription
+        motion = scheme.motion(z)
+        at, states = self._points(motion)
+        h, n = motion.h, states.v.shape[1]
+        exponent = 0.5 if self.kind.squared else 1.0
+        length = np.repeat(h[at.interval], n)
+        size = (np.repeat(np.tile(WEIGHTS, h.size), n) * length) ** exponent
+        by_length = self._lengths(motion)[np.repeat(at.interval, n)]
+        found = self.kind.term(self._torques(states), states.v)
+        term, by_u, by_v = (part.ravel() for part in found)
+        direct = np.tile(np.eye(n), (h.size * len(SHARES), 1)) * by_v[:, None]
+        parts = [
+            scheme.pull_back(motion, at, _plus(partials, by_u[rows], direct[rows]))
+            for rows, partials in self._torque_partials(states)
+        ]
+        jacobian = sp.diags(size) @ sp.vstack(parts, format="csr")
+        jacobian = jacobian + sp.diags(exponent * size * term / length) @ by_length
+        values, matrices = [size * term], [jacobian]
+        for dwell, u, v, by in self._holding(motion):
+            held, by_u, _ = (part[0] for part in self.kind.term(u, v))
+            values.append(dwell**exponent * held)
+            matrices.append(sp.diags(dwell**exponent * by_u) @ by)
+        return np.concatenate(values), sp.vstack(matrices, format="csr")
 
     def _points(self, motion: Motion) -> tuple[Instants, States]:
         """The Gauss points of all intervals, and the states there."""
@@ -97,6 +168,29 @@ class Energy(ABC):
             partials = part.motors.differentiate(states, at, joints)
             rows = slice(points.start * n, points.stop * n)
             yield rows, partials.times(part.motors.half[joints][:, None])
+
+    def _holding(
+        self, motion: Motion
+    ) -> Iterator[tuple[float, Array, Array, sp.csr_matrix]]:
+        """Dwells [s], with the torques that hold the arm, its velocities, (1, n) each.
+
+        The last item is the Jacobian of these torques, shape (n, size).
+        """
+        scheme = self.nlp.transcription
+        parts = scheme.system.segments
+        dwells = [segment.dwell for segment in scheme.system.problem.segments]
+        for part, (_, end), dwell in zip(parts, scheme.segments, dwells, strict=False):
+            if dwell == 0.0:
+                continue
+            at = Instants.end(end)
+            states = scheme.states(motion, at, 0)
+            still = np.zeros_like(states.q)
+            states = States(states.t, states.q, still, still)
+            joints = np.arange(still.size)
+            partials = part.motors.differentiate(states, 0 * joints, joints)
+            by_q = partials.times(part.motors.half[:, None]).by_q
+            by = scheme.pull_back(motion, at, Partials(partials.at, by_q=by_q))
+            yield dwell, part.motors.torque(states), still, by
 
     def _lengths(self, motion: Motion) -> sp.csr_matrix:
         """Derivatives of the lengths of the intervals, shape (N, size)."""
@@ -152,161 +246,32 @@ def _states_at(states: States, which: slice) -> States:
     return States(t[which], q[which], v[which], a[which] if len(a) else a, chosen_u)
 
 
-class SquaredTorques(Energy):
-    """The integral of the squared torques [N^2 m^2 s].
-
-    During a dwell at the end of a segment the torques are those that hold the arm.
-    """
-
-    def __call__(self, z: Array) -> float:
-        """The integral [N^2 m^2 s]."""
-        motion = self.nlp.transcription.motion(z)
-        squares = np.sum(self._torques(self._points(motion)[1]) ** 2, axis=1)
-        moving = float(np.sum(squares.reshape(motion.h.size, -1) @ WEIGHTS * motion.h))
-        return moving + sum(float(held @ held) for held, _ in self._holding(motion))
-
-    def model(self, z: Array, steps: StepBounds) -> Model:
-        """Gauss-Newton model of the integral near an iterate."""
-        residual, jacobian = self._terms(z)
-        gradient = np.asarray(2.0 * (jacobian.T @ residual))
-        pace = self._pace_curvature(z, float(residual @ residual), jacobian)
-        root = sp.vstack([np.sqrt(2.0) * jacobian, pace], format="csr")
-        return Model(lambda z, _: self(z), gradient, root)
-
-    def _terms(self, z: Array) -> tuple[Array, sp.csr_matrix]:
-        """Roots of the terms of the sum, and their Jacobian."""
-        scheme = self.nlp.transcription
-        motion = scheme.motion(z)
-        at, states = self._points(motion)
-        h, n = motion.h, states.v.shape[1]
-        torques = self._torques(states).ravel()
-        share = np.repeat(np.tile(WEIGHTS, h.size), n)
-        size = np.repeat(np.sqrt(h[at.interval]), n) * np.sqrt(share)
-        by_length = self._lengths(motion)[np.repeat(at.interval, n)]
-        parts = [
-            scheme.pull_back(motion, at, partials)
-            for _, partials in self._torque_partials(states)
-        ]
-        jacobian = sp.diags(size) @ sp.vstack(parts, format="csr")
-        longer = 0.5 * torques * share / size
-        jacobian = sp.csr_matrix(jacobian + sp.diags(longer) @ by_length)
-        values, matrices = [size * torques], [jacobian]
-        for held, by in self._holding(motion):
-            values.append(held)
-            matrices.append(by)
-        return np.concatenate(values), sp.vstack(matrices, format="csr")
-
-    def _holding(self, motion: Motion) -> Iterator[tuple[Array, sp.csr_matrix]]:
-        """Residuals of the holding torques during dwells, and their Jacobians."""
-        scheme = self.nlp.transcription
-        parts = scheme.system.segments
-        dwells = [segment.dwell for segment in scheme.system.problem.segments]
-        for part, (_, end), dwell in zip(parts, scheme.segments, dwells, strict=False):
-            if dwell == 0.0:
-                continue
-            at = Instants.end(end)
-            states = scheme.states(motion, at, 0)
-            still = np.zeros_like(states.q)
-            states = States(states.t, states.q, still, still)
-            root = np.sqrt(dwell)
-            held = root * part.motors.torque(states)[0]
-            joints = np.arange(held.size)
-            partials = part.motors.differentiate(states, 0 * joints, joints)
-            scale = root * part.motors.half[:, None]
-            by_q = Partials(partials.at, by_q=partials.times(scale).by_q)
-            yield held, scheme.pull_back(motion, at, by_q)
-
-
-class PositiveWork(Energy):
-    """The work of the motors [J]; energy from braking is not recovered."""
-
-    def __call__(self, z: Array) -> float:
-        """The work [J]."""
-        motion = self.nlp.transcription.motion(z)
-        states = self._points(motion)[1]
-        power = np.maximum(self._torques(states) * states.v, 0.0).sum(axis=1)
-        return float(np.sum(power.reshape(motion.h.size, -1) @ WEIGHTS * motion.h))
-
-    def model(self, z: Array, steps: StepBounds) -> Model:
-        """Model of the work near an iterate: max(p, 0) is half of p + abs(p).
-
-        Terms that no step within the box brings to zero have a known sign, and are
-        linear.
-        """
-        power, jacobian = self._terms(z)
-        value = float(np.sum(np.maximum(power, 0.0)))
-        box = np.maximum(steps.upper, -steps.lower)
-        near = np.abs(power) <= abs(jacobian) @ box
-        kinks = jacobian[near]
-        signs = np.where(near, 0.5, power > 0.0)
-        # A small proximal term determines the unknowns that do not affect the work.
-        trace = np.sqrt(TRACE * value)
-        still = np.divide(trace, box, out=np.zeros(z.size), where=box > 0.0)
-        return Model(
-            lambda z, _: self(z),
-            np.asarray(jacobian.T @ signs),
-            self._pace_curvature(z, value, sp.csr_matrix((1, z.size))),
-            still,
-            Variation(kinks, power[near] - kinks @ z),
-            0.5,
-        )
-
-    def _terms(self, z: Array) -> tuple[Array, sp.csr_matrix]:
-        """Work of each motor at each Gauss point, and the Jacobian."""
-        scheme = self.nlp.transcription
-        motion = scheme.motion(z)
-        at, states = self._points(motion)
-        h, n = motion.h, states.v.shape[1]
-        torques, speeds = self._torques(states), states.v
-        share = np.repeat(np.tile(WEIGHTS, h.size), n)
-        size = share * np.repeat(h[at.interval], n)
-        by_length = self._lengths(motion)[np.repeat(at.interval, n)]
-        parts = [
-            scheme.pull_back(motion, at, _power(partials, rows, torques, speeds))
-            for rows, partials in self._torque_partials(states)
-        ]
-        power = (torques * speeds).ravel()
-        jacobian = sp.diags(size) @ sp.vstack(parts, format="csr")
-        jacobian = jacobian + sp.diags(share * power) @ by_length
-        return size * power, sp.csr_matrix(jacobian)
-
-
-def _power(partials: Partials, rows: slice, torques: Array, speeds: Array) -> Partials:
-    """Derivatives of the powers from the derivatives of the torques."""
-    n = speeds.shape[1]
-    by = partials.times(speeds.ravel()[rows][:, None])
-    direct = np.zeros((rows.stop - rows.start, n))
-    joint = np.arange(rows.start, rows.stop) % n
-    direct[np.arange(joint.size), joint] = torques.ravel()[rows]
-    return by._replace(by_v=direct if by.by_v is None else by.by_v + direct)
-
-
-MEASURES: dict[str, type[Energy]] = {
-    "torque_squared": SquaredTorques,
-    "work": PositiveWork,
-}
+def _plus(partials: Partials, factor: Array, by_v: Array) -> Partials:
+    """Partial derivatives times factors, shape (k,), and more by velocities."""
+    by = partials.times(factor[:, None])
+    return by._replace(by_v=by_v if by.by_v is None else by.by_v + by_v)
 
 
 @dataclass(frozen=True, eq=False)
 class TimeAndEnergy(Objective):
     r"""Time against energy.
 
-    .. math:: T + k \int_0^T |u(t)|^2 \, dt \quad \text{or} \quad
-        T + k \int_0^T \sum_i \max(u_i \dot q_i, 0) \, dt
+    .. math:: T + k \int_0^T \sum_i r(u_i, \dot q_i)^2 \, dt \quad \text{or} \quad
+        T + k \int_0^T \sum_i \max(r(u_i, \dot q_i), 0) \, dt
 
     Attributes:
-        measure: Kind of energy, by its name in options.
-        weight: Weight k of the energy [1/(N^2 m^2) or s/J].
+        kind: Kind of energy.
+        weight: Weight k of the energy [s per unit of the energy].
     """
 
-    measure: str
+    kind: EnergyKind
     weight: float
 
     @classmethod
     def of(cls, options: Options) -> TimeAndEnergy:
         """The objective with the energy and the weight of options."""
-        weighed = options.energy, options.energy_weight
-        return cls(SETTLED, options.feasibility, *weighed)
+        kind, weight = ENERGIES[options.energy], options.energy_weight
+        return cls(SETTLED, options.feasibility, kind, weight)
 
     def value(self, program: NonlinearProgram, z: Array, values: Array) -> float:
         """T + k times the energy [s]; infinite if the motion is not finite."""
@@ -332,4 +297,4 @@ class TimeAndEnergy(Objective):
         )
 
     def _energy(self, program: NonlinearProgram) -> Energy:
-        return MEASURES[self.measure](program)
+        return Energy(program, self.kind)

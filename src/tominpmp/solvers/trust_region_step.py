@@ -32,14 +32,14 @@ from tominpmp.options import Options
 from tominpmp.solvers.iterate import (
     ACCEPT,
     GROWTH,
-    Outcome,
-    Trial,
+    StepOutcome,
+    TrialPoint,
     next_radius,
 )
 from tominpmp.solvers.loop import Loop, Rule
 from tominpmp.solvers.model import Model
 from tominpmp.solvers.objective import RESTORABLE
-from tominpmp.solvers.stop import exhausted, first_of, iterations, raises, settled
+from tominpmp.solvers.stop import collapsed, first_of, iterations, raises, settled
 from tominpmp.solvers.subproblem import Subproblem, build_subproblem
 from tominpmp.stopping import check
 
@@ -98,7 +98,7 @@ def trust_regions(
             the objective; None for a gap that fits the tolerance of the objective.
     """
     lp = make_solver(options.lp_solver) if lp is None else lp
-    limits = raises(WEIGHT_RAISES), exhausted, iterations(options.max_iterations)
+    limits = raises(WEIGHT_RAISES), collapsed, iterations(options.max_iterations)
     step = TrustRegionStep(lp, options.trust_region, accuracy)
     return step, first_of(settled, *limits)
 
@@ -234,7 +234,7 @@ class TrustRegionStep:
         promised[program.rows] += program.change(step)
         return _Proposal(program, model, solution, value, step, promised, reached, room)
 
-    def _search(self, loop: Loop, proposal: _Proposal) -> Outcome:
+    def _search(self, loop: Loop, proposal: _Proposal) -> StepOutcome:
         """Try the step, then its second-order corrections, then shorter steps."""
         nlp, state, rows = loop.program, loop.state, loop.program.rows
         program, model, penalty = proposal.program, proposal.model, state.penalty
@@ -242,12 +242,12 @@ class TrustRegionStep:
 
         def tried(
             step: Array, damping: float = 1.0, known: Array | None = None
-        ) -> Trial:
+        ) -> TrialPoint:
             check()
             there = z + damping * step
             reached = nlp.evaluate(there, proposal.room) if known is None else known
             merit = model.value(there, reached) + penalty(reached)
-            return Trial(there, reached, merit, damping)
+            return TrialPoint(there, reached, merit, damping)
 
         now = model.value(z, values)
         # In this order there is no rounding error if the model is exact.
@@ -284,9 +284,11 @@ class TrustRegionStep:
             else:
                 best = replace(best, damping=LINE_SEARCH[-1])
         actual = now - best.merit
-        return Outcome(best, predicted, actual, ratio, actual > 0.0)
+        return StepOutcome(best, predicted, actual, ratio, actual > 0.0)
 
-    def _radius_after(self, loop: Loop, proposal: _Proposal, outcome: Outcome) -> float:
+    def _radius_after(
+        self, loop: Loop, proposal: _Proposal, outcome: StepOutcome
+    ) -> float:
         """Trust-region radius for the next step, as a share of the initial one.
 
         A linear program uses the whole trust region for unknowns that the objective

@@ -4,8 +4,8 @@ The motion is integrated forward from the start (single shooting). Goal residual
 path constraints depend on the torques and the lengths of the intervals through the
 integrated states; their differentials (the paper's delta g and delta h, equations 12
 and 13) follow from one backward sweep of the discrete adjoint equation for all rows
-together. Path constraints enter a linear program only at active instants, the paper's
-set S; all other limits are bounds of unknowns.
+together. Torque limits are bounds of unknowns. With the paper's step rule path
+constraints enter a linear program at active instants only, the paper's set S.
 """
 
 from __future__ import annotations

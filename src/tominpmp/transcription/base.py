@@ -172,7 +172,8 @@ class HullRows(ABC, Generic[M]):
 class Transcription(ABC, Generic[M]):
     """A parameterisation of motions: gives states, pulls derivatives back to unknowns.
 
-    The only constraints it knows are bounds of its unknowns.
+    The only constraints it knows are bounds of its unknowns, its equations of motion,
+    and joint limits that it can keep between the instants as well (:meth:`hull`).
 
     Attributes:
         system: The functions of the problem.

@@ -30,8 +30,7 @@ class SampledRows:
     """Rows of a constraint that is sampled at instants.
 
     Attributes:
-        of: A parameterisation of motions on this grid: it gives states, and pulls
-            derivatives back.
+        scheme: The transcription, which gives states and pulls derivatives back.
         constraint: The constraint, with its assumptions at the instants.
         fixed: Instants at fixed shares of intervals. A constraint that holds on all
             segments has rows at its kinks, which are in real time, as well.
@@ -42,7 +41,7 @@ class SampledRows:
             (r, p).
     """
 
-    of: Transcription[Any]
+    scheme: Transcription[Any]
     constraint: Constraint
     fixed: Instants
     within: tuple[int, int] | None = None
@@ -104,17 +103,17 @@ class SampledRows:
         """
         if not self.kinks.size:
             return self.fixed
-        return self.fixed.joined(Instants.at_times(self.kinks, h, self.of.delays))
+        return self.fixed.joined(Instants.at_times(self.kinks, h, self.scheme.delays))
 
     def states(self, motion: Motion) -> tuple[Instants, States]:
         """Instants of the rows, and the states at them."""
         at = self.instants(motion.h)
-        return at, self.of.states(motion, at, self.constraint.order)
+        return at, self.scheme.states(motion, at, self.constraint.order)
 
     def values(self, motion: Motion, attention: float = np.inf) -> Array:
         """Row values; those with a margin above ``attention`` may be too large."""
-        _, states = self.states(motion)
-        return self.constraint.evaluate(states, min(self.of.cutoff, attention)).ravel()
+        states, cutoff = self.states(motion)[1], min(self.scheme.cutoff, attention)
+        return self.constraint.evaluate(states, cutoff).ravel()
 
     def reusable(self, motion: Motion, former: Motion) -> bool:
         """Whether costly row values (clearances) equal the values of a former motion.
@@ -130,9 +129,9 @@ class SampledRows:
     def jacobian(self, motion: Motion, chosen: IntArray) -> sp.csr_matrix:
         """Jacobian of some of the rows, shape (k, size)."""
         if not chosen.size:
-            return sp.csr_matrix((0, self.of.size))
+            return sp.csr_matrix((0, self.scheme.size))
         at, partials = self.partials(motion, chosen)
-        matrix = self.of.pull_back(motion, at, partials)
+        matrix = self.scheme.pull_back(motion, at, partials)
         if partials.row is None:
             return matrix
         shape = (chosen.size, partials.row.size)
@@ -166,7 +165,7 @@ class SampledRows:
             return None
         roots = np.sqrt(multipliers[chosen])[partials.row]
         bent = self._pinned(motion, at, partials.times(roots[:, None]))
-        return self.of.pull_back(motion, at, bent)
+        return self.scheme.pull_back(motion, at, bent)
 
     def _pinned(self, motion: Motion, at: Instants, partials: Partials) -> Partials:
         """Partial derivatives corrected for the rows at fixed real times (kinks).
@@ -176,12 +175,12 @@ class SampledRows:
         the kink when the duration changes; a row at the time of the kink stays there,
         and the path shifts relative to it.
         """
-        end = motion.h.sum() + self.of.delays[-1]
+        end = motion.h.sum() + self.scheme.delays[-1]
         due = np.concatenate([np.zeros(self.fixed.size, dtype=bool), self.kinks < end])
         pinned: BoolArray = due[partials.at]
         if not pinned.any() or partials.by_q is None or partials.by_t is None:
             return partials
-        rates = self.of.rates(motion, at)[partials.at]
+        rates = self.scheme.rates(motion, at)[partials.at]
         shift = np.einsum("kj,kj->k", partials.by_q, rates)
         for part, rate in self._rates(motion, at, partials):
             shift += np.einsum("kj,kj->k", part, rate[partials.at])
@@ -197,7 +196,7 @@ class SampledRows:
         if partials.by_v is None and partials.by_a is None:
             return
         shares = [np.clip(at.share + shift, 0.0, 1.0) for shift in (-ASIDE, ASIDE)]
-        of, order = self.of, self.constraint.order
+        of, order = self.scheme, self.constraint.order
         before, after = (
             of.states(motion, Instants(at.interval, share), order) for share in shares
         )
@@ -215,7 +214,7 @@ class SampledRows:
 
     def assumed(self, motion: Motion, at: Instants) -> Constraint:
         """The constraint with its assumptions taken from a motion at instants."""
-        of, constraint = self.of, self.constraint
+        of, constraint = self.scheme, self.constraint
         if not constraint.assumes:
             return constraint
         middle_v = of.states(motion, at.middles, 1).v

@@ -17,7 +17,6 @@ continuous where segments meet; its knots move with the durations.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
 from functools import cached_property, partial
@@ -35,6 +34,7 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.base import HullRows, StepBounds, Transcription, Variation
 from tominpmp.transcription.curve import (
     KnotVector,
+    PositionFunction,
     SplineMotion,
     clamped,
     nodes_of,
@@ -209,9 +209,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
         sums = np.bincount(column, target, minlength=size)
         return np.concatenate([sums / np.bincount(column, minlength=size), eta])
 
-    def start(
-        self, position: Callable[[Array], Array], guessed: float, eta: Array
-    ) -> Array:
+    def start(self, position: PositionFunction, guessed: float, eta: Array) -> Array:
         """Iterate for a guess: control points on the path at the Greville abscissae.
 
         Args:
@@ -222,7 +220,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
         knots = self._knots_for(np.ones(self._m))
         return self.unknowns(position(guessed * knots.greville / knots.knots[-1]), eta)
 
-    def interpolated(self, eta: Array, position: Callable[[Array], Array]) -> Array:
+    def interpolated(self, eta: Array, position: PositionFunction) -> Array:
         """Iterate that goes through positions at the Greville abscissae.
 
         Args:
@@ -424,7 +422,7 @@ class DerivativeHull(HullRows[SplineMotion]):
         name: str,
         within: tuple[int, int] | None = None,
     ) -> None:
-        self._of, self._limit = of, limit
+        self._scheme, self._limit = of, limit
         self.name, self.curable = name, limit.curable
         first, end = within or (0, of.intervals)
         intervals = KnotVector(of.shares.sum(axis=1), of.degree, of.breaks).first
@@ -449,7 +447,7 @@ class DerivativeHull(HullRows[SplineMotion]):
 
     def by_unknowns(self, motion: SplineMotion) -> sp.csr_matrix:
         """Jacobian of the control points of the derivative."""
-        limit, points, of = self._limit, self._points, self._of
+        limit, points, of = self._limit, self._points, self._scheme
         bands = motion.knots.bands(limit.order)[points]
         by_points, places = of_each_joint(bands, points, limit.of_joints, of.system.n)
         by_points /= np.tile(limit.scale, points.size)[:, None]

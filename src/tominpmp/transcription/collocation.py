@@ -29,6 +29,7 @@ from tominpmp.transcription.controls import (
     first_signs,
     torque_shares,
 )
+from tominpmp.transcription.curve import PositionFunction, nodes_of
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.integrator import NODES, SteppedMotion, stage_weights
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -45,6 +46,9 @@ class CollocationTranscription(TorqueTranscription):
     """
 
     bounded = frozenset({"q", "u"})
+    # Code of this transcription among the degrees of splines, and their double knots.
+    degree = 0
+    breaks: tuple[int, ...] = ()
     # Clearance to moving obstacles that a change of time alone can use up.
     moving_attention = ATTENTION
 
@@ -56,9 +60,7 @@ class CollocationTranscription(TorqueTranscription):
         signs: Signs | None = None,
     ) -> None:
         super().__init__(system, shares, duration, signs)
-        self.size = (
-            (self.intervals + 1) * 2 * self._n + self.intervals * self._n + self._m
-        )
+        self.size = (3 * self.intervals + 2) * self._n + self._m
         velocity = SPEED_FACTOR / duration * system.step_scale
         self.scale = np.concatenate([system.step_scale, velocity])
         self._columns = self._interval_columns()
@@ -93,21 +95,21 @@ class CollocationTranscription(TorqueTranscription):
         x = np.where(free, np.clip(x, self._low, self._high), self._given)
         return np.concatenate([x.ravel(), shares.ravel(), eta])
 
-    def start(self, q: Array, eta: Array) -> Array:
-        """Turn positions at the nodes into unknowns; the defects need not be zero.
+    def start(self, position: PositionFunction, guessed: float, eta: Array) -> Array:
+        """Iterate for a guess: its positions at the nodes; the defects are not zero.
 
         Velocities are taken from parabolas through neighbouring nodes, torques from the
         inverse dynamics in the middle of the intervals, within their limits.
 
         Args:
-            q: Positions at the nodes, shape (N + 1, n) [rad or m].
-            eta: Lengths, shape (m,).
-
-        Returns:
-            z.
+            position: Configurations at times, shape (k,) to (k, n).
+            guessed: Duration of the guess [s].
+            eta: Lengths of the iterate, shape (m,).
         """
         system, lengths = self.system, self.shares @ eta
         h, fixed = lengths[:, None], self._given[:, : self._n]
+        nodes = nodes_of(self.shares.sum(axis=1))
+        q = position(guessed * nodes / nodes[-1])
         q = np.where(np.isnan(fixed), q, fixed)
         slope = np.diff(q, axis=0) / h
         inner = (h[1:] * slope[:-1] + h[:-1] * slope[1:]) / (h[1:] + h[:-1])
@@ -240,17 +242,17 @@ class Defects(HullRows[SteppedMotion]):
     name = "dynamics"
 
     def __init__(self, of: CollocationTranscription) -> None:
-        self._of = of
+        self._scheme = of
         self.lower = self.upper = np.zeros((1, of.intervals * of.scale.size))
 
     def of_motion(self, motion: SteppedMotion) -> Array:
         """Defects; a large value on intervals whose inner stage was not solved for."""
-        solved = motion.stage.solved[:, None]
-        return np.where(solved, motion.defects / self._of.scale, NOT_INTEGRATED).ravel()
+        solved, defects = motion.stage.solved[:, None], motion.defects
+        return np.where(solved, defects / self._scheme.scale, NOT_INTEGRATED).ravel()
 
     def by_unknowns(self, motion: SteppedMotion) -> sp.csr_matrix:
         """Jacobian of the defects."""
-        entries, scale = motion.derivatives.defects, self._of.scale
+        entries, scale = motion.derivatives.defects, self._scheme.scale
         N, size, width = entries.shape
         entries = (entries / scale[:, None]).reshape(N * size, width)
-        return self._of.interval_rows(entries, np.repeat(np.arange(N), size))
+        return self._scheme.interval_rows(entries, np.repeat(np.arange(N), size))

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeAlias
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -23,6 +23,9 @@ from scipy.interpolate import BSpline
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.transcription.instants import Instants
+
+# Configurations at times, shape (k,) to (k, n) [rad or m].
+PositionFunction: TypeAlias = Callable[[Array], Array]
 
 # Imaginary step of a duration, too small to change any real part.
 COMPLEX_STEP = 1e-30

@@ -62,7 +62,7 @@ ROOM = 0.3
 # As soon as one torque exceeds its limit by more than the tolerance, all torques that
 # exceed theirs by this share of the tolerance become rows: otherwise most of them would
 # join one after another.
-WITH_IT = 0.5
+JOINING_SHARE = 0.5
 # Pairs of shares of each interval between which torque rates are inspected.
 RATES_INSPECTED = (
     *(0.1, 0.15, 0.22, 0.27, 0.35, 0.4, 0.475, 0.525),
@@ -134,7 +134,7 @@ class Inspection:
     @property
     def within(self) -> tuple[int, int]:
         """Half-open range of the intervals on which the constraint holds."""
-        return self.block.within or (0, self.block.of.intervals)
+        return self.block.within or (0, self.block.scheme.intervals)
 
     def exchanged(self) -> tuple[SampledRows, int]:
         """The block with updated assumptions, and rows at more instants.
@@ -142,7 +142,7 @@ class Inspection:
         Returns:
             The block, and the number of changes.
         """
-        block, of, motion = self.block, self.block.of, self.motion
+        block, of, motion = self.block, self.block.scheme, self.motion
         constraint, count = block.constraint, 0
         if constraint.assumes:
             at, states = block.states(motion)
@@ -210,7 +210,7 @@ class Inspection:
         next, and clearances to moving obstacles to shrink no faster than the obstacles
         move. For obstacles at rest, the step is refined only once.
         """
-        constraint, of, h = self.constraint, self.block.of, self.motion.h
+        constraint, of, h = self.constraint, self.block.scheme, self.motion.h
         usable, most = constraint.usable, most_instants(constraint.count)
         assert usable is not None  # noqa: S101
         rises = constraint.rises(float(h.sum() + of.delays[-1]))
@@ -283,7 +283,7 @@ class Inspection:
     def excess(self, at: Instants, attention: float = np.inf) -> Array:
         """Excess of the values over their bounds at any instants, shape (m, p)."""
         constraint = self.block.assumed(self.motion, at)
-        states = self.block.of.states(self.motion, at, constraint.order)
+        states = self.block.scheme.states(self.motion, at, constraint.order)
         values = constraint.evaluate(states, attention)
         lower, upper = constraint.bounds(at.size)
         if isinstance(constraint, PathConstraint) and constraint.window is not None:
@@ -301,7 +301,7 @@ class Inspection:
         dry friction are inspected as well.
         """
         constraint, tolerance = self.constraint, self.tolerance
-        of, (first, end) = self.block.of, self.within
+        of, (first, end) = self.block.scheme, self.within
         found: dict[tuple[int, float], BoolArray] = {}
         for shares in of.inspected:
             at = Instants.spread(of.intervals, shares).within(first, end)
@@ -309,7 +309,7 @@ class Inspection:
             worst, largest = np.argmax(excess, axis=1), np.max(excess, axis=1)
             if not np.any(largest > tolerance):
                 continue
-            over = largest > (WITH_IT if tolerance > 0.0 else 1.0) * tolerance
+            over = largest > (JOINING_SHARE if tolerance > 0.0 else 1.0) * tolerance
             for k, j in np.argwhere(over).tolist():
                 sample = worst[k, j]
                 found[first + k, shares[sample]] = excess[k, sample] > -ROOM
@@ -335,7 +335,7 @@ class Inspection:
         For each interval and value, the pair with the largest excess; without
         repetitions.
         """
-        intervals = self.block.of.intervals
+        intervals = self.block.scheme.intervals
         excess = self.excess(Instants.spread(intervals, RATES_INSPECTED))
         excess = excess.reshape(intervals, len(RATES_INSPECTED) // 2, -1)
         worst = np.argmax(excess, axis=1)
@@ -351,7 +351,7 @@ class Inspection:
         Args:
             joints: Whether each joint has dry friction, shape (n,).
         """
-        of, (first, end), steps = self.block.of, self.within, REVERSAL_STEPS
+        of, (first, end), steps = self.block.scheme, self.within, REVERSAL_STEPS
         shares = tuple(np.linspace(0.0, 1.0, steps + 1).tolist())
         at = Instants.spread(of.intervals, shares).within(first, end)
         v = of.states(self.motion, at, 1).v[:, joints]

@@ -42,7 +42,7 @@ NEWTON_STEPS = 30
 NEWTON_STEPS_NEAR = 8  # on all steps at once, before they are solved one by one
 
 
-class Stage(NamedTuple):
+class InnerStage(NamedTuple):
     """Inner stages of intervals whose two ends are given.
 
     Attributes:
@@ -133,7 +133,7 @@ class NewtonConvergence:
         return bool(np.all(self.solved)) or not bool(np.all(np.isfinite(size)))
 
 
-class Sensitivities(NamedTuple):
+class StepJacobians(NamedTuple):
     """Derivatives of the state at the end of each step.
 
     Attributes:
@@ -183,7 +183,7 @@ class SteppedMotion:
         return self.ends[:-1], self.ends[1:], u, h[:, None]
 
     @cached_property
-    def stage(self) -> Stage:
+    def stage(self) -> InnerStage:
         """Inner stages between the ends of the steps, by Newton's iteration."""
         dynamics, (start, end, u, h) = self.dynamics, self._steps
         n = u.shape[1]
@@ -205,7 +205,7 @@ class SteppedMotion:
                 x = x - change
                 if progress.reached(change, x):
                     break
-        return Stage(np.where(progress.solved[:, None], x, guess), progress.solved)
+        return InnerStage(np.where(progress.solved[:, None], x, guess), progress.solved)
 
     @property
     def inner(self) -> Array:
@@ -246,14 +246,14 @@ class SteppedMotion:
         return DefectJacobians(direct - step * a21 * F1 @ inner, inner)
 
     @cached_property
-    def sensitivities(self) -> Sensitivities:
+    def sensitivities(self) -> StepJacobians:
         """Derivatives of the ends of the steps, whose defects must be zero."""
         size = self.ends.shape[1]
         starts, ends, others = np.split(self.derivatives.defects, [size, 2 * size], 2)
         # The end of each step is defined implicitly by a zero defect.
         parts = -solve_systems(ends, np.concatenate([starts, others], axis=2))
         by_length = parts[..., -1] / self.substeps
-        return Sensitivities(parts[..., :size], parts[..., size:-1], by_length)
+        return StepJacobians(parts[..., :size], parts[..., size:-1], by_length)
 
     def steps(self, at: Instants) -> tuple[IntArray, Array]:
         """Indices of the steps of instants, and shares of these steps, (m,) each."""
@@ -390,7 +390,7 @@ def _forward_sweep(parts: Array) -> Array:
 
 
 def sweep_adjoint(
-    sensitivities: Sensitivities, nodes: IntArray, seeds: Array, functionals: IntArray
+    sensitivities: StepJacobians, nodes: IntArray, seeds: Array, functionals: IntArray
 ) -> tuple[Array, Array]:
     r"""Differentiate functionals of states at the ends of steps by the controls.
 

@@ -13,14 +13,12 @@ so that the double integrator holds exactly without rows, the motion on interval
 depends on P_{k-1}, P_k, P_{k+1} alone, the curve lies in the convex hull of the control
 points (position limits hold at all times) and speed is piecewise linear (speed limits
 hold at all times, too). Torques at both ends of every interval follow from the inverse
-dynamics. This is the paper's state-dependent control limit (its section 4) for the
-control
-v = acceleration: u_l <= u(q, v, a) <= u_u.
+dynamics. With the accelerations as controls, torque limits are the paper's
+state-dependent control limits (its section 4): u_l <= u(q, v, a) <= u_u.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
@@ -30,7 +28,7 @@ from tominpmp.arrays import Array
 from tominpmp.constraints.joint_limits import JointLimit
 from tominpmp.transcription.base import HullRows
 from tominpmp.transcription.bspline import BSplineTranscription
-from tominpmp.transcription.curve import SplineMotion, nodes_of
+from tominpmp.transcription.curve import PositionFunction, SplineMotion, nodes_of
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -67,9 +65,7 @@ class InverseTranscription(BSplineTranscription):
         start = self.system.problem.q_start
         return self.unknowns(np.concatenate([start[None], points, q_end[None]]), eta)
 
-    def start(
-        self, position: Callable[[Array], Array], guessed: float, eta: Array
-    ) -> Array:
+    def start(self, position: PositionFunction, guessed: float, eta: Array) -> Array:
         """Iterate for a guess: parabolas through its nodes and middles.
 
         Sampling the guess at the Greville abscissae instead would demand torques far
@@ -120,7 +116,7 @@ class Speeds(HullRows[SplineMotion]):
     """
 
     def __init__(self, of: InverseTranscription, limit: JointLimit, name: str) -> None:
-        self._of, self._limit, N = of, limit, of.intervals
+        self._scheme, self._limit, N = of, limit, of.intervals
         self.name, self.curable = name, limit.curable
         free_end = of.system.final_velocity is None
         self._nodes = np.arange(1, N + 1 if free_end else N)
@@ -140,12 +136,12 @@ class Speeds(HullRows[SplineMotion]):
 
     def by_unknowns(self, motion: SplineMotion) -> sp.csr_matrix:
         """Jacobian of the excess of the speeds."""
-        limit, n, count = self._limit, self._of.system.n, self._nodes.size
+        limit, n, count = self._limit, self._scheme.system.n, self._nodes.size
         slope = np.tile(2.0 / (limit.upper * self._unit), count)
         data = np.stack([-slope, slope], axis=1)
         before = (self._nodes[:, None] * n + limit.of_joints).reshape(-1, 1)
         places = np.tile(before + np.array([0, n]), (2, 1))
         apart = np.repeat(-self._apart / self._unit, limit.count, axis=0)
-        return self._of.by_unknowns(
+        return self._scheme.by_unknowns(
             np.concatenate([data, -data]), places, np.tile(apart, (2, 1))
         )

@@ -29,7 +29,7 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 Gridded = BSplineTranscription | CollocationTranscription
 # Codes of parameterisations in Layout.degree: states with constant torques, and splines
 # of constant accelerations.
-LIFTED, QUADRATIC = 0, 2
+LIFTED, QUADRATIC = CollocationTranscription.degree, 2
 # Intervals shorter than this share of the mean are not taken over into a grid.
 SHORTEST = 1e-3
 # Most intervals of a segment after halving on a clock, unless its motion has more.
@@ -63,10 +63,8 @@ class Layout:
             return None
         shares = transcription.shares
         eta = np.array(z[z.size - shares.shape[1] :])
-        degree, breaks = LIFTED, tuple[int, ...]()
-        if isinstance(transcription, BSplineTranscription):
-            degree, breaks = transcription.degree, transcription.breaks
-        return cls(degree, shares, eta, transcription.segment_ends, breaks)
+        ends, breaks = transcription.segment_ends, transcription.breaks
+        return cls(transcription.degree, shares, eta, ends, breaks)
 
     @classmethod
     def of_motion(

@@ -45,7 +45,8 @@ class LazyClearanceRows:
         problem: The problem.
         reach: Length of the arm, which scales lengths [m].
         passed: Configurations that the motion passes, shape (k, n): its start first,
-            then the goals that are configurations, and those of a guess at the others.
+            then the goals that are configurations, and the configurations of a guess at
+            all other goals.
         share: Share of the full padding beyond the margin.
     """
 
@@ -68,7 +69,7 @@ class LazyClearanceRows:
 
         With it, the motion keeps the margin between the rows as well. Goals may lie
         closer to an obstacle than the full padding: a part in a gripper, or a tool at
-        work. A configuration in collision, as a guess may have, is no such goal.
+        work. Configurations in collision, as a guess may have, do not count as goals.
         """
         problem, checker = self.problem, self.problem.checker
         # Distances beyond this do not change the padding.
@@ -80,7 +81,7 @@ class LazyClearanceRows:
         excess = np.min(excess, axis=0)
         most = np.where(checker.moving_pairs, MOVING_PADDING, PADDING)
         padding = self.share * np.clip(PADDING_SHARE * excess, 0.0, most)
-        # States at the margin may lack what rounding has left of it.
+        # Rounding may leave states at the margin slightly inside it.
         return np.asarray(padding + np.clip(excess, -ROUNDING, 0.0))
 
     @cached_property

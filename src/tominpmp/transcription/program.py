@@ -146,7 +146,7 @@ class NonlinearProgram:
         return np.append(z[:-1], T)
 
     def evaluate(self, z: Array, attention: float = np.inf) -> Array:
-        """Row values; margins above ``attention`` are not exact: ProgramInterface."""
+        """Row values; see :meth:`ProgramInterface.evaluate` for ``attention``."""
         motion = self.transcription.motion(self.timed(z))
         if not motion.finite:
             return np.full(self.rows.size, NOT_INTEGRATED)
@@ -315,7 +315,7 @@ def _at_ends_of_segments(of: Transcription[Any]) -> list[Block]:
     """Rows at the ends of segments: all goals but the last one, and arrival times."""
     goals, arrivals = list[Block](), list[Block]()
     parts, segments = of.system.segments, of.system.problem.segments
-    # A problem without segments has no such rows: its list of segments is empty.
+    # The list of segments is empty for a problem without segments, as are these rows.
     each = zip(segments, of.segments, strict=False)
     for number, (segment, within) in enumerate(each):
         at, suffix = Instants.end(within[1]), f" of segment {number + 1}"

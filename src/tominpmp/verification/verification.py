@@ -1,7 +1,9 @@
 """Verification of a motion by a replay of its torques.
 
 The replay is judged instead of the plan: its final state, its violations of limits,
-every millisecond, and its violations of margins, at all times.
+every millisecond, and its violations of margins, at all times. An unstable motion,
+whose errors grow too fast for its torques alone, is replayed with a small feedback
+(:mod:`~tominpmp.verification.feedback`), whose torques are judged as well.
 """
 
 from __future__ import annotations

@@ -12,21 +12,22 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from tominpmp.arrays import Array, BoolArray
-from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.layout import Gridded
 
 # Largest number of intervals of a grid.
 MOST_INTERVALS = 300
-# The intervals to halve hold this share of the sum of all bends, weighted by length; a
-# bend is the largest jump of the controls, or of their slopes, around an interval.
-BENDS = 0.95
+# The intervals to halve hold this share of the sum of all losses. The loss of an
+# interval is its length times the largest jump of the controls, or of their slopes,
+# around it, or times its unused torque.
+HALVED_SHARE = 0.95
 # Intervals shorter than this share of T are not halved.
 SHORTEST = 1e-3
 # A finer grid gains nothing on an interval in which a limiting joint, one that
 # determines T, is at its speed limit throughout. A joint counts as limiting if it is at
 # its speed limit for the share LIMITING of T; other joints may reach theirs only to
-# support its motion elsewhere. AT_LIMIT is the share of the limit that counts as it.
+# support its motion elsewhere. Speeds above the share AT_LIMIT of their limit count as
+# being at it.
 AT_LIMIT, LIMITING = 0.999, 0.4
 # If constant accelerations leave more than this mean share of the half range of
 # saturated torques unused, intervals are chosen by the unused torque instead of the
@@ -36,8 +37,8 @@ MUCH_MISSING = 1e-2
 AT_TORQUE_LIMIT = 0.98
 
 
-def intervals_to_halve(of: Gridded, z: Array, share: float = BENDS) -> BoolArray:
-    """Whether to halve each interval, (N,): the intervals that hold most of the bends.
+def intervals_to_halve(of: Gridded, z: Array, share: float = HALVED_SHARE) -> BoolArray:
+    """Whether to halve each interval, (N,): the intervals with most of the losses.
 
     Where torques limit constant accelerations, the intervals with saturated torques are
     halved: the jumps of the halves are no smaller, but they use more of the torque.
@@ -45,17 +46,17 @@ def intervals_to_halve(of: Gridded, z: Array, share: float = BENDS) -> BoolArray
     Args:
         of: The parameterisation.
         z: An iterate of it.
-        share: Share of the sum of all bends that the chosen intervals hold.
+        share: Share of the sum of all losses that the chosen intervals hold.
     """
     h = of.motion(z).h
-    bends = _unused_torques(of, z, h)
-    if bends is None:
-        bends = _bends(of, z, h)
-    bends[h < SHORTEST * h.sum()] = 0.0
-    order = np.argsort(-bends, kind="stable")
-    before = np.cumsum(bends[order]) - bends[order]
+    losses = _unused_torques(of, z, h)
+    if losses is None:
+        losses = _jumps(of, z, h)
+    losses[h < SHORTEST * h.sum()] = 0.0
+    order = np.argsort(-losses, kind="stable")
+    before = np.cumsum(losses[order]) - losses[order]
     split = np.zeros(h.size, dtype=bool)
-    split[order] = (bends[order] > 0.0) & (before < share * bends.sum())
+    split[order] = (losses[order] > 0.0) & (before < share * losses.sum())
     split[order[max(MOST_INTERVALS - h.size, 0) :]] = False
     return split
 
@@ -87,26 +88,24 @@ def _unused_torques(of: Gridded, z: Array, h: Array) -> Array | None:
     return unused if unused.sum() > MUCH_MISSING * h.sum() else None
 
 
-def _bends(of: Gridded, z: Array, h: Array) -> Array:
-    """Bends of the controls times length, (N,); zero where limiting speeds saturate."""
+def _jumps(of: Gridded, z: Array, h: Array) -> Array:
+    """Jumps of the controls times length, (N,); zero where limiting speeds saturate."""
     speeds = np.abs(of.trajectory(z).v)
     limits = of.system.problem.robot.limits
-    bends = h * _bends_of_controls(of, z)
+    losses = h * _jumps_of_controls(of, z)
     at_limit = speeds > AT_LIMIT * limits.velocity
     if at_limit.shape[0] == h.size + 1:  # without dwells, nodes match intervals
         at_limit = at_limit[1:] & at_limit[:-1]
         limiting = h @ at_limit > LIMITING * h.sum()
-        bends[np.any(at_limit[:, limiting], axis=1)] = 0.0
-    return bends
+        losses[np.any(at_limit[:, limiting], axis=1)] = 0.0
+    return losses
 
 
-def _bends_of_controls(of: Gridded, z: Array) -> Array:
+def _jumps_of_controls(of: Gridded, z: Array) -> Array:
     """Largest jump of the controls, or of their slopes, around each interval, (N,)."""
     variation = of.scaled_at(z).variation(z)
     jumps = np.abs(variation.at(z))
-    N, more = of.intervals, 0
-    if isinstance(of, BSplineTranscription):
-        more = max(of.degree - 3, 0)
+    N, more = of.intervals, max(of.degree - 3, 0)
     # The jumps are between N intervals, or between N control points and a few more.
     jumps = np.max(jumps.reshape(N - 1 + more, -1), axis=1, initial=0.0)
     jumps = np.concatenate([[0.0], jumps, [0.0]])
