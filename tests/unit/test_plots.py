@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib
@@ -293,6 +294,20 @@ def test_motion_shows_the_arm_at_instants(motions: Motions) -> None:
     assert figure.axes[0].get_xlim() == figure.axes[1].get_xlim()
     assert figure.axes[1].get_title("left") == "b: $T$ = 0.95 s"
     assert "obstacle" in legend_texts(figure)
+
+
+@pytest.mark.parametrize("count", [1, 2, 4])
+def test_labels_of_panels_are_inside_the_figure(count: int, motions: Motions) -> None:
+    """The labels of the lowest axes were cut where panels are high."""
+    problem, held, _ = motions
+    q = np.linspace([0.8, 0.0, 0.0], [-0.8, 0.0, 0.0], held.t.size)
+    high = replace(held, q=q, v=0.0 * q)
+    figure = plot_motion(problem, {str(k): high for k in range(count)})
+    figure.draw_without_rendering()
+    for panel in figure.axes:
+        around = panel.get_tightbbox()
+        assert around is not None and around.min.min() >= 0.0
+        assert np.all(around.max <= figure.bbox.max)
 
 
 def test_outlines_of_the_other_obstacles() -> None:

@@ -121,13 +121,18 @@ def plot_motion(
                 panel.plot(*view.project(ends).T, **END_LOOK, zorder=2.6)
             if goal is not None:
                 panel.plot(*view.project(goal), **GOAL_LOOK, zorder=3.0)
-            xlim, ylim = zip(low, high, strict=True)
-            title = f"{label}: $T$ = {motion.duration:.4g} s"
-            panel.set(title=title, aspect="equal", xlim=xlim, ylim=ylim)
+            panel.set_title(f"{label}: $T$ = {motion.duration:.4g} s")
+            panel.margins(0.0)
+            panel.update_datalim([low, high])
         _label_axes(axes, view)
         edges = set(map(_edge, itertools.chain(*around)))
         segments = bool(surroundings.inner_segment_ends(motions[0]).size)
         figures.add_legend(figure, _handles(edges, segments), 5)
+        # Windows are widened to the aspect ratios that the layout gives their panels;
+        # around panels that shrink the layout leaves too little room for labels.
+        figure.draw_without_rendering()
+        for panel in axes:
+            panel.set_aspect("equal", adjustable="datalim")
         return figures.finish(figure, path)
 
 
@@ -209,11 +214,10 @@ def _label_axes(axes: list[Axes], view: View) -> None:
     """Label the panels in the left column, and the lowest panel of each column."""
     wide = min(len(axes), PANELS_IN_ROW)
     for i, panel in enumerate(axes):
-        if i % wide == 0:
-            panel.set_ylabel(f"{view.labels[1]} [m]")
-        if i + wide >= len(axes):
-            panel.tick_params(labelbottom=True)
-            panel.set_xlabel(f"{view.labels[0]} [m]")
+        left, lowest = i % wide == 0, i + wide >= len(axes)
+        panel.tick_params(labelleft=left, labelbottom=lowest)
+        panel.set_ylabel(f"{view.labels[1]} [m]" * left)
+        panel.set_xlabel(f"{view.labels[0]} [m]" * lowest)
 
 
 def _panels(count: int, extent: Array) -> tuple[Figure, list[Axes]]:
@@ -224,7 +228,7 @@ def _panels(count: int, extent: Array) -> tuple[Figure, list[Axes]]:
     inside = width - 0.45  # without the labels of the axis
     height = float(np.clip(inside * extent[1] / extent[0], 1.6, 1.6 * width))
     figure = figures.new_figure(0.5 + width * wide, 0.75 + rows * (height + 0.6))
-    axes = figure.subplots(rows, wide, sharex=True, sharey=True, squeeze=False)
+    axes = figure.subplots(rows, wide, squeeze=False)
     flat = list(axes.reshape(-1))
     for extra in flat[count:]:
         extra.set_axis_off()
