@@ -368,7 +368,9 @@ def plot_sensitivities(
         labels = [f"{item.label}  +{item.more}" for item in shown]
         for place, item in enumerate(shown):
             side = figures.color(2 if item.effect < 0.0 else 1)
-            panel.barh(place, 100.0 * item.effect, color=side, height=0.7)
+            bar = panel.barh(place, 100.0 * item.effect, color=side, height=0.7)
+            panel.bar_label(bar, fmt="{:.2g}", padding=3, fontsize=7.0)
+        panel.margins(x=0.12)
         panel.axvline(0.0, color="#4a5867", linewidth=0.7)
         panel.set_yticks(range(len(shown)), labels)
         panel.set_ylim(bars - 0.4, -0.6)
