@@ -34,7 +34,7 @@ from tominpmp.exceptions import (
     ProblemError,
     ScenarioError,
 )
-from tominpmp.goals.frames import PoseGoal
+from tominpmp.goals.frames import AxisGoal, PoseGoal
 from tominpmp.goals.joints import JointGoal
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
@@ -308,6 +308,14 @@ def test_labels_of_panels_are_inside_the_figure(count: int, motions: Motions) ->
         around = panel.get_tightbbox()
         assert around is not None and around.min.min() >= 0.0
         assert np.all(around.max <= figure.bbox.max)
+
+
+def test_a_goal_without_a_point_is_not_in_the_legend(motions: Motions) -> None:
+    problem, held, _ = motions
+    turned = replace(problem, goal=AxisGoal("tip", (1, 0, 0), (0, 1, 0)))
+    figure = plot_motion(turned, {"": held})
+    assert "goal" not in legend_texts(figure)
+    assert "goal" in legend_texts(plot_motion(problem, {"": held}))
 
 
 def test_outlines_of_the_other_obstacles() -> None:

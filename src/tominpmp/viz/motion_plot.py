@@ -127,7 +127,8 @@ def plot_motion(
         _label_axes(axes, view)
         edges = set(map(_edge, itertools.chain(*around)))
         segments = bool(surroundings.inner_segment_ends(motions[0]).size)
-        figures.add_legend(figure, _handles(edges, segments), 5)
+        handles = _handles(edges, segments, goal is not None)
+        figures.add_legend(figure, handles, 5)
         # Windows are widened to the aspect ratios that the layout gives their panels;
         # around panels that shrink the layout leaves too little room for labels.
         figure.draw_without_rendering()
@@ -252,13 +253,14 @@ def _draw_arm(panel: Axes, view: View, pose: Skeleton) -> None:
             )
 
 
-def _handles(edges: set[str], segments: bool) -> list[Any]:
+def _handles(edges: set[str], segments: bool, goal: bool) -> list[Any]:
     handles = [
         figures.line_key("start", color=ARM_COLOR, alpha=0.35, linewidth=1.2),
         figures.line_key("end", color=ARM_COLOR, linewidth=2.0),
         figures.line_key("path of the end", **PATH_LOOK),
-        figures.line_key("goal", **GOAL_LOOK),
     ]
+    if goal:
+        handles.append(figures.line_key("goal", **GOAL_LOOK))
     if segments:
         handles.append(figures.line_key("end of a segment", **END_LOOK))
     for edge in (surroundings.HAZARD_COLOR, surroundings.FURNITURE_COLOR):
