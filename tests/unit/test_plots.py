@@ -296,6 +296,14 @@ def test_motion_shows_the_arm_at_instants(motions: Motions) -> None:
     assert "obstacle" in legend_texts(figure)
 
 
+def test_rounding_of_a_joint_at_rest_is_not_seen(motions: Motions) -> None:
+    """It filled the panel, below a power of ten that ran into the next column."""
+    problem, held, _ = motions
+    rest = replace(held, v=1e-13 * np.sin(np.arange(held.v.size).reshape(held.v.shape)))
+    for panel in plot_trajectory(problem, rest).axes[1::3]:
+        assert np.ptp(panel.get_ylim()) > 0.01
+
+
 @pytest.mark.parametrize("count", [1, 2, 4])
 def test_labels_of_panels_are_inside_the_figure(count: int, motions: Motions) -> None:
     """The labels of the lowest axes were cut where panels are high."""

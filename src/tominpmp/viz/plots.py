@@ -444,7 +444,9 @@ def _show_limits(panel: Axes, values: Array, lower: float, upper: float) -> None
     reach = FAR_LIMIT * max(abs(low), abs(high), 1e-9)
     drawn = [limit for limit in (lower, upper) if abs(limit) <= reach]
     bottom, top = min([low, *drawn]), max([high, *drawn])
-    margin = 0.09 * (top - bottom) or 0.1
+    # Next to the limits rounding errors of a joint at rest are not seen.
+    widest = max(filter(np.isfinite, (-lower, upper)), default=100.0)
+    margin = max(0.09 * (top - bottom), 1e-3 * widest) or 0.1
     panel.set_ylim(bottom - margin, top + margin)
     for limit, edge in zip((lower, upper), panel.get_ylim(), strict=True):
         if limit in drawn:
