@@ -117,7 +117,7 @@ class HelpFormatter(PlainFormatter):
         """Write one group of arguments, options or commands."""
         rows = []
         for entry in panel.entries:
-            text = _plain(console, options, entry.description)
+            text = _unwrapped(console, options, entry.description)
             metavar = metavar_of(text)
             rows.append((_labels(entry, metavar), text[len(labelled(metavar, "")) :]))
         if not rows:
@@ -130,33 +130,28 @@ class HelpFormatter(PlainFormatter):
             if len(names) > LONGEST:
                 lines.append(label)
                 label = " " * indent
-            lines += _wrapped(console, text, label, indent) or [label]
+            lines += textwrap.wrap(
+                text,
+                min(console.width, WIDEST) - 1,
+                initial_indent=label,
+                subsequent_indent=" " * indent,
+                break_long_words=False,
+                break_on_hyphens=False,
+            ) or [label]
         console.print("\n".join(lines), "", sep="\n", soft_wrap=True, markup=False)
 
     def render_description(
-        self, console: Console, options: ConsoleOptions, description: object
+        self, console: Console, options: ConsoleOptions, description: Any
     ) -> None:
         """Write paragraphs; indented lines, such as exit codes, stay lines."""
-        for part in _plain(console, options, description).rstrip().split("\n\n"):
-            lines = [part] if "\n " in part else _wrapped(console, part)
-            console.print("\n".join(lines), "", sep="\n", soft_wrap=True, markup=False)
+        width = min(console.width, WIDEST) - 1
+        for part in _unwrapped(console, options, description).rstrip().split("\n\n"):
+            filled = textwrap.fill(part, width, break_on_hyphens=False)
+            text = part if "\n " in part else filled
+            console.print(text, "", sep="\n", soft_wrap=True, markup=False)
 
 
-def _plain(console: Console, options: ConsoleOptions, text: Any) -> str:
-    """The letters of a text, in lines as long as they are written."""
+def _unwrapped(console: Console, options: ConsoleOptions, text: Any) -> str:
+    """A text in lines as long as they are written."""
     shown = console.render(text, options.update(width=10_000))
     return "".join(part.text for part in shown)
-
-
-def _wrapped(
-    console: Console, text: str, label: str = "", indent: int = 0
-) -> list[str]:
-    """Lines of a text after a label, as wide as the terminal allows."""
-    return textwrap.wrap(
-        text,
-        min(console.width, WIDEST) - 1,
-        initial_indent=label,
-        subsequent_indent=" " * indent,
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
