@@ -19,7 +19,8 @@ from tominpmp.problem.joint_limits import JointBounds, joint_limits
 from tominpmp.problem.problem import Problem
 from tominpmp.sensitivities.records import LEAST, Sensitivities
 from tominpmp.status import IterationRecord
-from tominpmp.viz import figures
+from tominpmp.viz import figures, surroundings
+from tominpmp.viz.figures import area_key, line_key
 from tominpmp.viz.motion_plot import plot_motion
 from tominpmp.viz.shares import Shares, shares_of_limits
 from tominpmp.viz.skeleton import check_motions
@@ -107,10 +108,9 @@ def plot_trajectory(
             look |= {"rotation": 90, "annotation_clip": False}
             _note(axes[i, 0], joint, (-0.36, 0.5), **look)
         _time_axes(axes, trajectory.duration)
-        if trajectory.segment_ends is not None:
-            for panel in axes.reshape(-1):
-                for end in trajectory.segment_ends[:-1]:
-                    panel.axvline(end, color=SEGMENT_COLOR, linewidth=0.6, zorder=0.8)
+        for panel in axes.reshape(-1):
+            for end in surroundings.inner_segment_ends(trajectory):
+                panel.axvline(end, color=SEGMENT_COLOR, linewidth=0.6, zorder=0.8)
         figures.add_legend(figure, _limit_keys(), 2)
         return figures.finish(figure, path)
 
@@ -201,7 +201,7 @@ def plot_controls(
             for i in range(robot.n):
                 panels[i].plot(times, controls[:, i], **look)
             name = f"{label} (T = {trajectory.duration:.4g} s)"
-            handles.append(figures.line_key(name, **look))
+            handles.append(line_key(name, **look))
         for i, joint in enumerate(robot.joint_names):
             panel, values = panels[i], np.concatenate(drawn)[:, i]
             _show_limits(panel, values, limits.lower[i], limits.upper[i])
@@ -313,14 +313,12 @@ def plot_certificate(
         for joint in range(n):
             _plot_joint(axes[joint], shares, certificate, joint)
         _plot_limits(axes[n], limits)
-        hamiltonian = certificate.hamiltonian
-        axes[n + 1].axhline(0.0, color="#9aa5b1", linewidth=0.8)
-        axes[n + 1].stairs(
-            hamiltonian, certificate.t, baseline=None, color=HAMILTONIAN_COLOR
-        )
-        largest = max(1.2 * np.max(np.abs(hamiltonian), initial=0.0), 0.05)
-        axes[n + 1].set_ylim(-largest, largest)
-        axes[n + 1].set_ylabel("H", rotation=0, labelpad=10.0)
+        last, values = axes[-1], certificate.hamiltonian
+        last.axhline(0.0, color="#9aa5b1", linewidth=0.8)
+        last.stairs(values, certificate.t, baseline=None, color=HAMILTONIAN_COLOR)
+        largest = max(1.2 * np.max(np.abs(values), initial=0.0), 0.05)
+        last.set_ylim(-largest, largest)
+        last.set_ylabel("H", rotation=0, labelpad=10.0)
         for panel in axes[:-1]:
             panel.tick_params(labelbottom=False)
         _time_axes(axes[:, None], trajectory.duration)
@@ -330,14 +328,10 @@ def plot_certificate(
             f"{100 * certificate.sign_share:.1f} % of the time"
         )
         handles = [
-            figures.line_key(
-                f"{shares.control} / limit (left)", color=figures.color(0)
-            ),
-            figures.line_key("switching function (right, reversed)", **SWITCHING_LOOK),
-            figures.area_key(
-                "sign not obeyed", facecolor=figures.LIMIT_COLOR, alpha=0.18
-            ),
-            figures.line_key("Hamiltonian H", color=HAMILTONIAN_COLOR),
+            line_key(f"{shares.control} / limit (left)", color=figures.color(0)),
+            line_key("switching function (right, reversed)", **SWITCHING_LOOK),
+            area_key("sign not obeyed", facecolor=figures.LIMIT_COLOR, alpha=0.18),
+            line_key("Hamiltonian H", color=HAMILTONIAN_COLOR),
         ]
         figures.add_legend(figure, handles, 4)
         return figures.finish(figure, path)
@@ -425,8 +419,8 @@ def _name_look(name: str, joint: int) -> dict[str, Any]:
 
 
 def _limit_keys() -> list[Any]:
-    beyond = figures.area_key("beyond it", facecolor=figures.BEYOND_COLOR)
-    return [figures.line_key("limit", **figures.LIMIT_LOOK), beyond]
+    beyond = area_key("beyond it", facecolor=figures.BEYOND_COLOR)
+    return [line_key("limit", **figures.LIMIT_LOOK), beyond]
 
 
 def _show_limit(panel: Axes, limit: float, edge: float | None = None) -> None:

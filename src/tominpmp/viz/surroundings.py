@@ -44,9 +44,8 @@ def obstacle_color(obstacle: Obstacle) -> str:
     """
     board = False
     if isinstance(obstacle, Box | Mesh):
-        vertices = obstacle_surface(obstacle).vertices
-        least, middle, _ = np.sort(np.ptp(vertices, axis=0))
-        board = bool(middle >= BOARD * least)
+        least, middle, _ = sorted(obstacle_surface(obstacle).extents.tolist())
+        board = middle >= BOARD * least
     furniture = board or isinstance(obstacle, HeightField)
     rests = obstacle.motion is None
     return FURNITURE_COLOR if furniture and rests else HAZARD_COLOR
