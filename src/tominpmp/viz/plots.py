@@ -414,7 +414,7 @@ def _note(panel: Axes, text: str, place: tuple[float, float], **look: Any) -> No
 
 def _name_look(name: str, joint: int) -> dict[str, Any]:
     """Text properties with which the name of a joint fits next to its row."""
-    size = 8.0 if len(name) <= 12 else 6.5
+    size = min(8.0, 120.0 / max(len(name), 1))
     return {"fontsize": size, "fontweight": "bold", "color": figures.color(joint)}
 
 
@@ -515,7 +515,9 @@ def _plot_limits(panel: Axes, limits: Sequence[tuple[ActiveLimit, str]]) -> None
         for begin, end, strength in zip(item.begin, item.end, strengths, strict=True):
             look: dict[str, Any] = {"color": shade, "alpha": strength, "linewidth": 0.0}
             panel.broken_barh([(begin, end - begin)], (row - 0.36, 0.72), **look)
-        short = item.name if len(item.name) <= 30 else f"{item.name[:29]}\u2026"
+        # Names of pairs differ at both ends.
+        name = item.name
+        short = name if len(name) <= 30 else f"{name[:15]}\u2026{name[-14:]}"
         labels.append(f"{item.kind}, {short}")
     panel.set_yticks(range(len(labels)), labels, fontsize=6.5)
     panel.set_ylim(-0.6, max(len(labels), 1) - 0.4)
