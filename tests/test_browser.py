@@ -464,6 +464,9 @@ def test_telephones_have_the_curves_below_the_motion(
         " return [r.top, r.bottom, r.width]; })"
     )
     pane, player, shares = places
+    # The arm is below the title, which covers all of the width.
+    title = "document.getElementById('about').getBoundingClientRect().bottom"
+    assert page.evaluate(f"viewer.camera.view.offsetY + {title}") == pytest.approx(0.0)
     assert pane[2] == 358 and player[1] <= pane[1]
     # What is drawn is as high as the pane, so that nothing of the arm is cut off.
     drawn = page.evaluate("document.querySelector('#meshcat-pane canvas').offsetHeight")
