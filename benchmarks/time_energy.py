@@ -55,24 +55,22 @@ def main() -> int:
 
 def draw(solutions: list[tm.Solution], path: Path) -> None:
     """T over energy, each point with its weight."""
-    from matplotlib.figure import Figure
+    from tominpmp.viz import figures
 
-    figure = Figure(figsize=(5.0, 3.2), layout="constrained")
-    axes = figure.subplots()
     found = [one for one in solutions if one.success and one.energy is not None]
-    axes.plot([one.energy for one in found], [one.T for one in found], "o-", ms=4)
-    for one in found:
-        label = f"k = {one.options.energy_weight:g}"
-        place = (one.energy or 0.0, one.T)
-        axes.annotate(
-            label, place, xytext=(2, 5), textcoords="offset points", size=7, rotation=45
-        )
     work = bool(found) and found[0].options.energy == "work"
     kind = "work [J]" if work else "energy, the integral of |u|² over time [N² m² s]"
-    axes.set(xlabel=kind, ylabel="T [s]")
-    axes.margins(x=0.08, y=0.18)
-    axes.grid(visible=True, alpha=0.3)
-    figure.savefig(path, dpi=150)
+    with figures.styled():
+        figure = figures.new_figure(5.0, 3.2)
+        axes = figure.subplots()
+        axes.plot([one.energy for one in found], [one.T for one in found], "o-", ms=4)
+        for one in found:
+            look = {"textcoords": "offset points", "size": 7, "rotation": 45}
+            label, place = f"k = {one.options.energy_weight:g}", (one.energy, one.T)
+            axes.annotate(label, place, xytext=(2, 5), **look)
+        axes.margins(y=0.25)
+        axes.set(xlabel=kind, ylabel="T [s]")
+        figures.finish(figure, path)
 
 
 if __name__ == "__main__":

@@ -203,7 +203,7 @@ def draw(folder: Path, solutions: Mapping[Key, tm.Solution]) -> list[Path]:
 
     first = solutions[CASES[1], gravity, "adjoint"]
     starts = {
-        "this method": first.initial,
+        "adjoint": first.initial,
         "penalty": solutions[CASES[1], gravity, "penalty"].initial,
     }
     plot_controls(first.problem, starts, path("figure_2_initial_controls.png"))

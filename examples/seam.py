@@ -15,16 +15,12 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-
-import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 
 import tominpmp as tm
 from tominpmp.kinematics import RobotKinematics
+from tominpmp.viz import figures
 
 HOME = np.array([-0.4, -1.6, 1.9, -1.9, -1.57, 0.0])
 NOZZLE = "tool0"
@@ -94,15 +90,18 @@ def tell(solution: tm.Solution) -> None:
 def plot(solution: tm.Solution, path: Path) -> None:
     """The speed of the nozzle over time, the seam shaded."""
     times, speed = speeds(solution)
-    figure, axes = plt.subplots(figsize=(7.0, 3.0), layout="constrained")
-    axes.axvspan(
-        solution.segments[1].begin, solution.segments[2].end, color="0.9", label="seam"
-    )
-    axes.plot(times, speed, color="#0072b2")
-    axes.axhline(SPEED, color="#b03020", linestyle="--", linewidth=0.8, label="limit")
-    axes.set(xlabel="time [s]", ylabel="speed of the nozzle [m/s]", xlim=(0, times[-1]))
-    axes.legend(loc="upper right")
-    figure.savefig(path, dpi=150)
+    begin, end, out = (solution.segments[k].end for k in (0, 2, 3))
+    with figures.styled():
+        figure = figures.new_figure(7.0, 3.0)
+        axes = figure.subplots()
+        seam = axes.axvspan(begin, end, color="0.93", label="seam")
+        axes.plot(times, speed, color=figures.color(0))
+        look = {"label": "limit"} | figures.LIMIT_LOOK
+        (limit,) = axes.plot([begin, out], [SPEED, SPEED], **look)
+        axes.set(xlabel="time [s]", ylabel="speed of the nozzle [m/s]")
+        axes.set(xlim=(0.0, solution.T), ylim=(0.0, None))
+        figures.add_legend(figure, [seam, limit], 2)
+        figures.finish(figure, path)
 
 
 def main() -> int:

@@ -141,7 +141,7 @@ def main() -> int:
     arguments.out.mkdir(parents=True, exist_ok=True)
     found.plot(arguments.out / "spot_weld.png")
     found.play(arguments.out / "spot_weld.html")
-    found.export(arguments.out / "spot_weld.csv", dt=0.004)
+    found.export(arguments.out / "spot_weld.csv")
     for ending in ("png", "html", "csv"):
         print(arguments.out / f"spot_weld.{ending}")
     return 0

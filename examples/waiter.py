@@ -14,10 +14,10 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
 import tominpmp as tm
 from tominpmp.kinematics import RobotKinematics
+from tominpmp.viz import figures
 
 FRAME = "tool0"
 # The tray is level in both configurations, its centre on either side of the arm.
@@ -28,7 +28,13 @@ TRAY, GLASS = 0.4, 0.3  # [kg]
 LEVEL = 0.02  # tolerated tilt of a level tray [rad]
 # The final grid from the start: motions on the verge of slipping gain little from the
 # refinement of a coarse grid, which takes ten times as long.
-OPTIONS = tm.Options(intervals=40, control="linear", effort="quick", refine=None)
+OPTIONS = tm.Options(
+    intervals=40,
+    control="linear",
+    effort="quick",
+    refine=None,
+    max_planning_time=60.0,
+)
 
 
 def robot() -> tm.Robot:
@@ -67,26 +73,30 @@ def tilts(solution: tm.Solution, times: np.ndarray) -> np.ndarray:
 
 
 def draw(solutions: dict[str, tm.Solution], path: Path) -> None:
-    """Tilt of the tray, and the used share of the friction limit, over time."""
-    figure = Figure(figsize=(6.0, 4.5), layout="constrained")
-    angle, grip = figure.subplots(2, sharex=True)
-    for name, solution in solutions.items():
-        motion = solution.trajectory
-        if motion is None:
-            continue
-        glass = solution.problem.ready_constraints[0]
-        assert isinstance(glass, tm.StableContact)
-        times = np.linspace(0.0, motion.duration, 400)
-        state = motion(times)
-        w = glass.wrenches(state.q, state.v, state.a)
-        slip = np.hypot(w[:, 0], w[:, 1]) / (FRICTION * w[:, 2])
-        angle.plot(times, tilts(solution, times), label=f"{name}: {solution.T:.3f} s")
-        grip.plot(times, slip, label=name)
-    angle.set(ylabel="tilt [deg]", title="A glass on a tray")
-    grip.axhline(1.0, color="0.6", linestyle="--", linewidth=1.0)
-    grip.set(xlabel="t [s]", ylabel="share of the friction", ylim=(0.0, 1.1))
-    angle.legend()
-    figure.savefig(path, dpi=150)
+    """Tilt of the tray, and the friction that the glass could still use, over time."""
+    with figures.styled():
+        figure = figures.new_figure(6.0, 4.5)
+        angle, grip = figure.subplots(2, sharex=True)
+        for k, (name, solution) in enumerate(solutions.items()):
+            motion = solution.raise_if_failed().trajectory
+            glass = solution.problem.ready_constraints[0]
+            assert motion is not None and isinstance(glass, tm.StableContact)
+            times = np.linspace(0.0, motion.duration, 400)
+            state = motion(times)
+            w = glass.wrenches(state.q, state.v, state.a)
+            reserve = FRICTION * w[:, 2] - np.hypot(w[:, 0], w[:, 1])
+            label, color = f"{name} (T = {solution.T:.3f} s)", figures.color(k)
+            angle.plot(times, tilts(solution, times), color=color, label=label)
+            grip.plot(times, reserve, color=color)
+        angle.set(ylabel="tilt of the tray [deg]")
+        limit = grip.axhline(0.0, label="limit", **figures.LIMIT_LOOK)
+        # From the verge of slipping to the glass at rest.
+        grip.set(
+            ylabel="reserve of friction [N]", ylim=(-0.05, FRICTION * GLASS * 9.81)
+        )
+        grip.set(xlabel="time [s]", xlim=(0.0, None))
+        figures.add_legend(figure, [*angle.get_lines(), limit], 3)
+        figures.finish(figure, path)
 
 
 def main() -> int:

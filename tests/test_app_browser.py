@@ -6,6 +6,7 @@ import contextlib
 import socket
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -248,18 +249,15 @@ def test_a_viser_that_cannot_be_guarded_serves_nothing(
 @pytest.mark.browser
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is on the path")
 def test_the_browser_shows_what_a_drag_leads_to(
-    page: object,
-    tmp_path_factory: pytest.TempPathFactory,
-    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    before = awaited(page, 1)
-    assert before.shown is not None
     # The page comes from this machine, and from nowhere else.
     rules = "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE localhost"
     flags = [f for f in test_browser.FLAGS if not f.startswith("--host-resolver")]
     monkeypatch.setattr(test_browser, "FLAGS", (*flags, rules))
-    browser = Browser(tmp_path_factory.mktemp("home"))
-    try:
+    with opened("planar3r") as page, contextlib.closing(Browser(tmp_path)) as browser:
+        before = awaited(page, 1)
+        assert before.shown is not None
         view = browser.open(page.address)  # type: ignore[attr-defined]
 
         def headline(expected: str) -> str:
@@ -275,7 +273,7 @@ def test_the_browser_shows_what_a_drag_leads_to(
         position, _ = page.controller.reach().pose(  # type: ignore[attr-defined]
             page.controller.request.q_goal  # type: ignore[attr-defined]
         )
-        drag(page, "q_goal", (position - np.array([0.4, 0.3, 0.0])).tolist())
+        drag(page, "q_goal", (position - np.array([0.2, 0.0, 0.0])).tolist())
         after = awaited(page, before.number + 1)
         assert after.shown is not None
         assert f"{after.shown.T:.3f}" != f"{before.shown.T:.3f}"
@@ -300,5 +298,3 @@ def test_the_browser_shows_what_a_drag_leads_to(
         )
         assert 0.0 < height < 60.0 and top + height < 800.0
         assert view.complaints() == []
-    finally:
-        browser.close()

@@ -434,6 +434,22 @@ def test_a_ball_is_round_in_every_window(
     assert high == pane
 
 
+# Torques that rise to their limit and fall again; what is drawn above this limit.
+ABOVE_THE_LIMIT = """(() => {
+shares.t = Array.from({length: 401}, (_, i) => duration * i / 400);
+shares.torque[0] = shares.t.map((_, i) => 1 - Math.abs(i % 20 - 10) / 10);
+shares.speed[0] = shares.t.map(() => 0);
+fit_curves();
+const [half, top] = [background.width / 2, row_of(0, canvas.clientHeight)[0]];
+const above = background.getContext("2d").getImageData(half, top - 5, half, 3);
+return above.data.filter(Boolean).length; })()"""
+
+
+def test_curves_do_not_pass_a_limit_that_they_touch(page: Page) -> None:
+    """The pointed corners of lines did."""
+    assert page.evaluate(ABOVE_THE_LIMIT) == 0
+
+
 @pytest.mark.parametrize(("height", "below"), [(636, True), (380, False)])
 def test_telephones_have_the_curves_below_the_motion(
     browser: Browser, address: str, height: int, below: bool
@@ -448,6 +464,9 @@ def test_telephones_have_the_curves_below_the_motion(
         " return [r.top, r.bottom, r.width]; })"
     )
     pane, player, shares = places
+    # The arm is below the title, which covers all of the width.
+    title = "document.getElementById('about').getBoundingClientRect().bottom"
+    assert page.evaluate(f"viewer.camera.view.offsetY + {title}") == pytest.approx(0.0)
     assert pane[2] == 358 and player[1] <= pane[1]
     # What is drawn is as high as the pane, so that nothing of the arm is cut off.
     drawn = page.evaluate("document.querySelector('#meshcat-pane canvas').offsetHeight")

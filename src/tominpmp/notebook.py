@@ -7,7 +7,7 @@ may come from untrusted files.
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from html import escape
 from typing import Any
 
@@ -90,22 +90,22 @@ def _share_curves(name: str, t: Array, values: Array, largest: Array) -> str:
     return curves(f"{name} over its limit", t, share, (-1.0, 1.0))
 
 
-def skeletons(title: str, arms: Mapping[str, Array]) -> str:
+def skeletons(title: str, arms: Sequence[Array]) -> str:
     """A panel with stick figures.
 
     Args:
         title: Title of the panel.
-        arms: Ends of the sticks, shape (k, 2, 3) [m], by configuration; the last one is
-            drawn in colour.
+        arms: Ends of the sticks of each configuration, shape (k, 2, 3) [m]; the last
+            configuration is drawn in colour.
     """
-    points = np.concatenate([arm.reshape(-1, 3) for arm in arms.values()])
+    points = np.concatenate([arm.reshape(-1, 3) for arm in arms])
     flat = np.ptp(points[:, 2]) < 1e-6
     axes = [0, 1] if flat else [int(np.argmax(np.ptp(points[:, :2], axis=0))), 2]
     seen = points[:, axes]
     low, extent = seen.min(axis=0), max(float(np.ptp(seen, axis=0).max()), 1e-6)
     scale = (HEIGHT - 4 * EDGE) / extent
     parts = []
-    for number, arm in enumerate(arms.values(), 1):
+    for number, arm in enumerate(arms, 1):
         ends = (arm[:, :, axes] - low) * scale
         ends = np.stack([2 * EDGE + ends[..., 0], HEIGHT - EDGE - ends[..., 1]], axis=2)
         color = COLORS[0] if number == len(arms) else GREY

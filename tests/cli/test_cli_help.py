@@ -59,6 +59,18 @@ def test_help_of_plan_groups_all_options(run: Run) -> None:
     assert " plan [OPTIONS] ROBOT\n" in text
 
 
+@pytest.mark.parametrize("width", ["60", "80"])
+def test_descriptions_fill_their_lines(
+    run: Run, width: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Lines once ended where they end in the source, and at the edge besides."""
+    monkeypatch.setenv("COLUMNS", width)
+    for name in ("app", "batch", "plan"):
+        _, _, paragraph, *_ = run(name, "--help").stdout.split("\n\n")
+        *lines, _ = paragraph.splitlines()
+        assert all(int(width) - 15 < len(line) < int(width) for line in lines), name
+
+
 def examples() -> list[list[str]]:
     """The examples of the help, as lists of words."""
     lines = EXAMPLES.replace("\\\n", " ").splitlines()

@@ -30,6 +30,14 @@ def test_notebooks_show_a_picture_and_a_table(solution: tm.Solution) -> None:
     assert "joint2" in solution.trajectory._repr_html_()
 
 
+def test_a_goal_without_a_configuration_is_not_drawn(solution: tm.Solution) -> None:
+    """The start was drawn in its place."""
+    robot, start = solution.problem.robot, solution.problem.q_start
+    point = tm.Problem(robot, start, tm.PositionGoal("tip", (4.0, 1.0, 0.0)))
+    assert "goal in grey" in solution.problem._repr_html_()
+    assert "goal in grey" not in point._repr_html_()
+
+
 def test_names_of_strangers_are_escaped() -> None:
     name = "<script>alert(1)</script>"
     q = np.array([[0.0], [1.0]])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib
@@ -33,7 +34,7 @@ from tominpmp.exceptions import (
     ProblemError,
     ScenarioError,
 )
-from tominpmp.goals.frames import PoseGoal
+from tominpmp.goals.frames import AxisGoal, PoseGoal
 from tominpmp.goals.joints import JointGoal
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
@@ -293,6 +294,36 @@ def test_motion_shows_the_arm_at_instants(motions: Motions) -> None:
     assert figure.axes[0].get_xlim() == figure.axes[1].get_xlim()
     assert figure.axes[1].get_title("left") == "b: $T$ = 0.95 s"
     assert "obstacle" in legend_texts(figure)
+
+
+def test_rounding_of_a_joint_at_rest_is_not_seen(motions: Motions) -> None:
+    """It filled the panel, below a power of ten that ran into the next column."""
+    problem, held, _ = motions
+    rest = replace(held, v=1e-13 * np.sin(np.arange(held.v.size).reshape(held.v.shape)))
+    for panel in plot_trajectory(problem, rest).axes[1::3]:
+        assert np.ptp(panel.get_ylim()) > 0.01
+
+
+@pytest.mark.parametrize("count", [1, 2, 4])
+def test_labels_of_panels_are_inside_the_figure(count: int, motions: Motions) -> None:
+    """The labels of the lowest axes were cut where panels are high."""
+    problem, held, _ = motions
+    q = np.linspace([0.8, 0.0, 0.0], [-0.8, 0.0, 0.0], held.t.size)
+    high = replace(held, q=q, v=0.0 * q)
+    figure = plot_motion(problem, {str(k): high for k in range(count)})
+    figure.draw_without_rendering()
+    for panel in figure.axes:
+        around = panel.get_tightbbox()
+        assert around is not None and around.min.min() >= 0.0
+        assert np.all(around.max <= figure.bbox.max)
+
+
+def test_a_goal_without_a_point_is_not_in_the_legend(motions: Motions) -> None:
+    problem, held, _ = motions
+    turned = replace(problem, goal=AxisGoal("tip", (1, 0, 0), (0, 1, 0)))
+    figure = plot_motion(turned, {"": held})
+    assert "goal" not in legend_texts(figure)
+    assert "goal" in legend_texts(plot_motion(problem, {"": held}))
 
 
 def test_outlines_of_the_other_obstacles() -> None:

@@ -34,25 +34,27 @@ def solution():
     return found
 
 
-def crate_of(problem, trajectory, times):
-    """The load of a motion, which is one body of the name of its shape."""
-    (load,) = (one for one in scene_items(problem, trajectory, times) if one.load)
-    assert load.load == load.name == "crate"
-    assert load.present.all()
-    return load
+def crates_of(problem, trajectory, times):
+    """The loads of a motion, each of which is one body of the name of its shape."""
+    loads = [one for one in scene_items(problem, trajectory, times) if one.load]
+    names = ["crate", "crate (2)"][: len(loads)]
+    assert [load.load for load in loads] == names
+    assert all(load.name == "crate" and load.present.all() for load in loads)
+    return loads
 
 
 def test_a_load_stands_is_carried_and_stays(solution):
     first, second, third = solution.trajectory.segment_ends
     times = np.array([0.0, first, 0.5 * (first + second), second, third])
-    load = crate_of(solution.problem, solution.trajectory, times)
+    (load,) = crates_of(solution.problem, solution.trajectory, times)
     x = load.placements[:, :3, 3] - load.placements[0, :3, 3]
     way = np.linalg.norm(x, axis=1)
     middle = float(solution.trajectory(times[2]).q[0]) - 0.5
     np.testing.assert_allclose(way, [0.0, 0.0, middle, 0.5, 0.5], atol=1e-9)
 
 
-def test_one_load_on_several_segments_goes_with_the_hand_on_all_of_them():
+def test_equal_loads_at_two_places_are_two_bodies():
+    """They were drawn as one, which jumped from the one place to the other."""
     shape = tm.Box("crate", size=(0.1, 0.1, 0.1))
     crate = tm.Payload(1.0, "tip", geometry=[shape], name="crate")
     ends = [0.5, 1.0, 0.7, 0.2, 0.6]
@@ -68,13 +70,26 @@ def test_one_load_on_several_segments_goes_with_the_hand_on_all_of_them():
     zero = np.zeros_like(q)
     motion = Trajectory(robot.joint_names, t, q, zero, zero, segment_ends=t[1:])
     times = np.array([0.5, 1.0, 1.5, 2.5, 3.0, 3.5, 4.0, 4.5])
-    load = crate_of(problem, motion, times)
-    places = load.placements[:, 0, 3] - frame_placements(robot, q[:1], "tip")[0, 0, 3]
     hand = motion(times).q[:, 0]
-    # It stands at 0.5, is carried to 0.7, stays there, and goes on from where it is
-    # taken up again.
-    expected = [0.5, 0.5, hand[2], hand[3], 0.7, 0.7, 0.2, hand[7]]
-    np.testing.assert_allclose(places, expected, atol=1e-9)
+    # The first stands at 0.5, is carried on two segments to 0.7, and stays there; the
+    # other stands at 0.2, where it is taken up.
+    ways = [0.5, 0.5, hand[2], hand[3], 0.7, 0.7, 0.7, 0.7], [*[0.2] * 7, hand[7]]
+    begin = frame_placements(robot, q[:1], "tip")[0, 0, 3]
+    for load, way in zip(crates_of(problem, motion, times), ways, strict=True):
+        np.testing.assert_allclose(load.placements[:, 0, 3] - begin, way, atol=1e-9)
+
+
+def test_a_load_that_is_taken_up_again_where_it_stands_is_one_body(solution):
+    first, carries, last = solution.problem.segments
+    problem = replace(
+        solution.problem,
+        goal=None,
+        segments=[first, carries, replace(last, payload=carries.payload)],
+    )
+    times = solution.trajectory.segment_ends
+    (load,) = crates_of(problem, solution.trajectory, times)
+    way = load.placements[:, 0, 3] - load.placements[0, 0, 3]
+    np.testing.assert_allclose(way, [0.0, 0.5, -0.3], atol=1e-9)
 
 
 def test_other_loads_of_one_name_are_other_bodies(solution):
@@ -135,10 +150,12 @@ def test_the_figure_has_them_all(solution, tmp_path):
 
 def test_a_load_that_another_hand_takes_is_one_body():
     robot = make_arm(slide(1.0), slide(1.0), effort=10.0)
-    first, other = robot.frame_names[-1], robot.frame_names[-2]
+    first, other = robot.frame_names[-1], "link1"
+    # The first frame is 0.2 m further along x where the other takes over.
+    holds = ((first, (0.3, 0.0, 0.0)), (other, (0.5, 0.0, 0.0)))
     held = [
         tm.Payload(0.1, frame, geometry=[tm.Box("b", size=(0.1,) * 3, position=at)])
-        for frame, at in ((first, (0.3, 0.0, 0.0)), (other, (0.0, 0.2, 0.0)))
+        for frame, at in holds
     ]
     segments = [
         tm.Segment(tm.JointGoal([0.1, 0.2]), stop=True, payload=held[0]),
@@ -150,7 +167,7 @@ def test_a_load_that_another_hand_takes_is_one_body():
     times = np.array([0.0, found.T])
     (load,) = scene_items(problem, found.trajectory, times)
     q = found.trajectory(times).q
-    for row, (frame, at) in enumerate(((first, (0.3, 0, 0)), (other, (0, 0.2, 0)))):
+    for row, (frame, at) in enumerate(holds):
         box = np.eye(4)
         box[:3, 3] = at
         place = frame_placements(robot, q[row : row + 1], frame)[0] @ box

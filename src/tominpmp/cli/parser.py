@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Collection, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cyclopts import App, CycloptsError, Parameter, UnusedCliTokensError
 from cyclopts.help import PlainFormatter
@@ -115,11 +115,9 @@ class HelpFormatter(PlainFormatter):
         self, console: Console, options: ConsoleOptions, panel: HelpPanel
     ) -> None:
         """Write one group of arguments, options or commands."""
-        wide = options.update(width=10_000)
         rows = []
         for entry in panel.entries:
-            shown = console.render(entry.description, wide)
-            text = "".join(part.text for part in shown)
+            text = _unwrapped(console, options, entry.description)
             metavar = metavar_of(text)
             rows.append((_labels(entry, metavar), text[len(labelled(metavar, "")) :]))
         if not rows:
@@ -132,13 +130,28 @@ class HelpFormatter(PlainFormatter):
             if len(names) > LONGEST:
                 lines.append(label)
                 label = " " * indent
-            width = min(console.width, WIDEST) - 1
             lines += textwrap.wrap(
                 text,
-                width,
+                min(console.width, WIDEST) - 1,
                 initial_indent=label,
                 subsequent_indent=" " * indent,
                 break_long_words=False,
                 break_on_hyphens=False,
             ) or [label]
         console.print("\n".join(lines), "", sep="\n", soft_wrap=True, markup=False)
+
+    def render_description(
+        self, console: Console, options: ConsoleOptions, description: Any
+    ) -> None:
+        """Write paragraphs; indented lines, such as exit codes, stay lines."""
+        width = min(console.width, WIDEST) - 1
+        for part in _unwrapped(console, options, description).rstrip().split("\n\n"):
+            filled = textwrap.fill(part, width, break_on_hyphens=False)
+            text = part if "\n " in part else filled
+            console.print(text, "", sep="\n", soft_wrap=True, markup=False)
+
+
+def _unwrapped(console: Console, options: ConsoleOptions, text: Any) -> str:
+    """A text in lines as long as they are written."""
+    shown = console.render(text, options.update(width=10_000))
+    return "".join(part.text for part in shown)

@@ -297,7 +297,7 @@ def robot_text(data: dict[str, Any]) -> str:
     kind = ", kinematic: without torques" if data["kinematic"] else ""
     lines = [f"{data['name']}: {count} joint{'' if count == 1 else 's'}{kind}", ""]
     lines += _table(data["joints"])
-    lines += ["", "Units: rad, rad/s, N m; for prismatic joints m, m/s, N.", ""]
+    lines += ["", "Units: rad, s, N m; for prismatic joints m, s, N.", ""]
     lines += [_row(name, row, width) for name, row in rows.items() if row]
     return "\n".join(lines)
 

@@ -247,7 +247,7 @@ class Trajectory(TimedRows):
         """Show curves and a table, in notebooks."""
         times = np.linspace(0.0, self.duration, 200)
         q, v, _, u = self(times)
-        title = f"Trajectory, T = {self.duration:.6g} s"
+        title = f"Trajectory in SI units, T = {self.duration:.6g} s"
         return motion_card(title, self.joint_names, times, q, v, u)
 
     def _outside(self, times: Array) -> BoolArray:

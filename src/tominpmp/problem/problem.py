@@ -146,13 +146,12 @@ class Problem(Record):
 
     def _repr_html_(self) -> str:
         """Show stick figures at the start and the goal, and a table, in notebooks."""
-        robot, goal = self.robot, self.goal.configuration
-        ends = {"goal": self.q_start if goal is None else goal, "start": self.q_start}
-        arms = {k: sticks(robot.model, robot.expand(q)) for k, q in ends.items()}
+        robot, ends = self.robot, [self.goal.configuration, self.q_start]
+        arms = [sticks(robot.model, robot.expand(q)) for q in ends if q is not None]
         rows = [("robot", robot.name), ("goal", brief(self.goal))]
         rows += [("scene", brief(self.scene)), ("margin", f"{self.margin:g} m")]
         rows += [("constraint", brief(item)) for item in self.constraints]
-        picture = skeletons("start, and goal in grey", arms)
+        picture = skeletons("start" + ", and goal in grey" * (len(arms) > 1), arms)
         return card("Problem", picture, table((), rows))
 
     @cached_property

@@ -179,8 +179,8 @@ class Robot(Record):
             columns["effort"] = self.limits.effort_upper
         values = (column.tolist() for column in columns.values())
         rows = list(zip(self.joint_names, *values, strict=True))
-        picture = skeletons("at zero", {"robot": arm})
-        return card(f"Robot {self.name}", picture, table(("joint", *columns), rows))
+        title, picture = f"Robot {self.name}, in SI units", skeletons("at zero", [arm])
+        return card(title, picture, table(("joint", *columns), rows))
 
     @property
     def n(self) -> int:

@@ -119,6 +119,8 @@ def add_legend(figure: Figure, handles: Sequence[Any], columns: int) -> None:
     count = max(min(columns, len(labels)), 1)
     while count > 1 and _legend_width(labels, count) > width:
         count -= 1
+    # As few columns as fill the same number of rows.
+    count = -(-len(labels) // -(-len(labels) // count))
     figure.legend(
         handles=list(handles),
         loc="outside upper center",

@@ -105,7 +105,7 @@ def plot_motion(
     with figures.styled():
         outlines = [_outlines(items, view) for items in around]
         low, high = _window(view, poses, outlines, goal)
-        figure, axes = _panels(len(motions), high - low)
+        figure, axes = _panels(len(motions), high - low, view)
         for panel, (label, motion), pose, shown in zip(
             axes, trajectories.items(), poses, outlines, strict=True
         ):
@@ -121,13 +121,18 @@ def plot_motion(
                 panel.plot(*view.project(ends).T, **END_LOOK, zorder=2.6)
             if goal is not None:
                 panel.plot(*view.project(goal), **GOAL_LOOK, zorder=3.0)
-            xlim, ylim = zip(low, high, strict=True)
-            title = f"{label}: $T$ = {motion.duration:.4g} s"
-            panel.set(title=title, aspect="equal", xlim=xlim, ylim=ylim)
-        _label_axes(axes, view)
+            panel.set_title(f"{label}: $T$ = {motion.duration:.4g} s")
+            panel.margins(0.0)
+            panel.update_datalim([low, high])
         edges = set(map(_edge, itertools.chain(*around)))
         segments = bool(surroundings.inner_segment_ends(motions[0]).size)
-        figures.add_legend(figure, _handles(edges, segments), 5)
+        handles = _handles(edges, segments, goal is not None)
+        figures.add_legend(figure, handles, 5)
+        # Windows are widened to the aspect ratios that the layout gives their panels;
+        # around panels that shrink the layout leaves too little room for labels.
+        figure.draw_without_rendering()
+        for panel in axes:
+            panel.set_aspect("equal", adjustable="datalim")
         return figures.finish(figure, path)
 
 
@@ -205,30 +210,24 @@ def _window(
     return low - margin - spare, high + margin + spare
 
 
-def _label_axes(axes: list[Axes], view: View) -> None:
-    """Label the panels in the left column, and the lowest panel of each column."""
-    wide = min(len(axes), PANELS_IN_ROW)
-    for i, panel in enumerate(axes):
-        if i % wide == 0:
-            panel.set_ylabel(f"{view.labels[1]} [m]")
-        if i + wide >= len(axes):
-            panel.tick_params(labelbottom=True)
-            panel.set_xlabel(f"{view.labels[0]} [m]")
+def _panels(count: int, extent: Array, view: View) -> tuple[Figure, list[Axes]]:
+    """Panels side by side, in rows of three, with the aspect ratio of their content.
 
-
-def _panels(count: int, extent: Array) -> tuple[Figure, list[Axes]]:
-    """Panels side by side, in rows of three, with the aspect ratio of their content."""
+    The panels in the left column, and the lowest of each column, are labelled.
+    """
     wide = min(count, PANELS_IN_ROW)
     rows = -(-count // wide)
     width = {1: 5.6, 2: 4.2, 3: 3.4}[wide]
     inside = width - 0.45  # without the labels of the axis
     height = float(np.clip(inside * extent[1] / extent[0], 1.6, 1.6 * width))
     figure = figures.new_figure(0.5 + width * wide, 0.75 + rows * (height + 0.6))
-    axes = figure.subplots(rows, wide, sharex=True, sharey=True, squeeze=False)
-    flat = list(axes.reshape(-1))
-    for extra in flat[count:]:
-        extra.set_axis_off()
-    return figure, flat[:count]
+    axes = [figure.add_subplot(rows, wide, 1 + i) for i in range(count)]
+    for i, panel in enumerate(axes):
+        left, lowest = i % wide == 0, i + wide >= count
+        panel.tick_params(labelleft=left, labelbottom=lowest)
+        panel.set_ylabel(f"{view.labels[1]} [m]" * left)
+        panel.set_xlabel(f"{view.labels[0]} [m]" * lowest)
+    return figure, axes
 
 
 def _draw_arm(panel: Axes, view: View, pose: Skeleton) -> None:
@@ -248,19 +247,19 @@ def _draw_arm(panel: Axes, view: View, pose: Skeleton) -> None:
             )
 
 
-def _handles(edges: set[str], segments: bool) -> list[Any]:
+def _handles(edges: set[str], segments: bool, goal: bool) -> list[Any]:
     handles = [
         figures.line_key("start", color=ARM_COLOR, alpha=0.35, linewidth=1.2),
         figures.line_key("end", color=ARM_COLOR, linewidth=2.0),
         figures.line_key("path of the end", **PATH_LOOK),
-        figures.line_key("goal", **GOAL_LOOK),
     ]
+    if goal:
+        handles.append(figures.line_key("goal", **GOAL_LOOK))
     if segments:
         handles.append(figures.line_key("end of a segment", **END_LOOK))
-    for edge in (surroundings.HAZARD_COLOR, surroundings.FURNITURE_COLOR):
-        if edge in edges:
-            handles.append(figures.area_key("obstacle", **_outline_look(edge)))
-            break
+    obstacles = (surroundings.HAZARD_COLOR, surroundings.FURNITURE_COLOR)
+    for edge in [edge for edge in obstacles if edge in edges][:1]:
+        handles.append(figures.area_key("obstacle", **_outline_look(edge)))
     if LOAD_COLOR in edges:
         handles.append(figures.area_key("load", facecolor="none", edgecolor=LOAD_COLOR))
     return handles

@@ -19,7 +19,8 @@ from tominpmp.problem.joint_limits import JointBounds, joint_limits
 from tominpmp.problem.problem import Problem
 from tominpmp.sensitivities.records import LEAST, Sensitivities
 from tominpmp.status import IterationRecord
-from tominpmp.viz import figures
+from tominpmp.viz import figures, surroundings
+from tominpmp.viz.figures import area_key, line_key
 from tominpmp.viz.motion_plot import plot_motion
 from tominpmp.viz.shares import Shares, shares_of_limits
 from tominpmp.viz.skeleton import check_motions
@@ -107,10 +108,9 @@ def plot_trajectory(
             look |= {"rotation": 90, "annotation_clip": False}
             _note(axes[i, 0], joint, (-0.36, 0.5), **look)
         _time_axes(axes, trajectory.duration)
-        if trajectory.segment_ends is not None:
-            for panel in axes.reshape(-1):
-                for end in trajectory.segment_ends[:-1]:
-                    panel.axvline(end, color=SEGMENT_COLOR, linewidth=0.6, zorder=0.8)
+        for panel in axes.reshape(-1):
+            for end in surroundings.inner_segment_ends(trajectory):
+                panel.axvline(end, color=SEGMENT_COLOR, linewidth=0.6, zorder=0.8)
         figures.add_legend(figure, _limit_keys(), 2)
         return figures.finish(figure, path)
 
@@ -201,7 +201,7 @@ def plot_controls(
             for i in range(robot.n):
                 panels[i].plot(times, controls[:, i], **look)
             name = f"{label} (T = {trajectory.duration:.4g} s)"
-            handles.append(figures.line_key(name, **look))
+            handles.append(line_key(name, **look))
         for i, joint in enumerate(robot.joint_names):
             panel, values = panels[i], np.concatenate(drawn)[:, i]
             _show_limits(panel, values, limits.lower[i], limits.upper[i])
@@ -313,14 +313,12 @@ def plot_certificate(
         for joint in range(n):
             _plot_joint(axes[joint], shares, certificate, joint)
         _plot_limits(axes[n], limits)
-        hamiltonian = certificate.hamiltonian
-        axes[n + 1].axhline(0.0, color="#9aa5b1", linewidth=0.8)
-        axes[n + 1].stairs(
-            hamiltonian, certificate.t, baseline=None, color=HAMILTONIAN_COLOR
-        )
-        largest = max(1.2 * np.max(np.abs(hamiltonian), initial=0.0), 0.05)
-        axes[n + 1].set_ylim(-largest, largest)
-        axes[n + 1].set_ylabel("H", rotation=0, labelpad=10.0)
+        last, values = axes[-1], certificate.hamiltonian
+        last.axhline(0.0, color="#9aa5b1", linewidth=0.8)
+        last.stairs(values, certificate.t, baseline=None, color=HAMILTONIAN_COLOR)
+        largest = max(1.2 * np.max(np.abs(values), initial=0.0), 0.05)
+        last.set_ylim(-largest, largest)
+        last.set_ylabel("H", rotation=0, labelpad=10.0)
         for panel in axes[:-1]:
             panel.tick_params(labelbottom=False)
         _time_axes(axes[:, None], trajectory.duration)
@@ -330,14 +328,10 @@ def plot_certificate(
             f"{100 * certificate.sign_share:.1f} % of the time"
         )
         handles = [
-            figures.line_key(
-                f"{shares.control} / limit (left)", color=figures.color(0)
-            ),
-            figures.line_key("switching function (right, reversed)", **SWITCHING_LOOK),
-            figures.area_key(
-                "sign not obeyed", facecolor=figures.LIMIT_COLOR, alpha=0.18
-            ),
-            figures.line_key("Hamiltonian H", color=HAMILTONIAN_COLOR),
+            line_key(f"{shares.control} / limit (left)", color=figures.color(0)),
+            line_key("switching function (right, reversed)", **SWITCHING_LOOK),
+            area_key("sign not obeyed", facecolor=figures.LIMIT_COLOR, alpha=0.18),
+            line_key("Hamiltonian H", color=HAMILTONIAN_COLOR),
         ]
         figures.add_legend(figure, handles, 4)
         return figures.finish(figure, path)
@@ -368,7 +362,9 @@ def plot_sensitivities(
         labels = [f"{item.label}  +{item.more}" for item in shown]
         for place, item in enumerate(shown):
             side = figures.color(2 if item.effect < 0.0 else 1)
-            panel.barh(place, 100.0 * item.effect, color=side, height=0.7)
+            bar = panel.barh(place, 100.0 * item.effect, color=side, height=0.7)
+            panel.bar_label(bar, fmt="{:.2g}", padding=3, fontsize=7.0)
+        panel.margins(x=0.12)
         panel.axvline(0.0, color="#4a5867", linewidth=0.7)
         panel.set_yticks(range(len(shown)), labels)
         panel.set_ylim(bars - 0.4, -0.6)
@@ -418,13 +414,13 @@ def _note(panel: Axes, text: str, place: tuple[float, float], **look: Any) -> No
 
 def _name_look(name: str, joint: int) -> dict[str, Any]:
     """Text properties with which the name of a joint fits next to its row."""
-    size = 8.0 if len(name) <= 12 else 6.5
+    size = min(8.0, 120.0 / max(len(name), 1))
     return {"fontsize": size, "fontweight": "bold", "color": figures.color(joint)}
 
 
 def _limit_keys() -> list[Any]:
-    beyond = figures.area_key("beyond it", facecolor=figures.BEYOND_COLOR)
-    return [figures.line_key("limit", **figures.LIMIT_LOOK), beyond]
+    beyond = area_key("beyond it", facecolor=figures.BEYOND_COLOR)
+    return [line_key("limit", **figures.LIMIT_LOOK), beyond]
 
 
 def _show_limit(panel: Axes, limit: float, edge: float | None = None) -> None:
@@ -442,7 +438,9 @@ def _show_limits(panel: Axes, values: Array, lower: float, upper: float) -> None
     reach = FAR_LIMIT * max(abs(low), abs(high), 1e-9)
     drawn = [limit for limit in (lower, upper) if abs(limit) <= reach]
     bottom, top = min([low, *drawn]), max([high, *drawn])
-    margin = 0.09 * (top - bottom) or 0.1
+    # Next to the limits rounding errors of a joint at rest are not seen.
+    widest = max(filter(np.isfinite, (-lower, upper)), default=100.0)
+    margin = max(0.09 * (top - bottom), 1e-3 * widest) or 0.1
     panel.set_ylim(bottom - margin, top + margin)
     for limit, edge in zip((lower, upper), panel.get_ylim(), strict=True):
         if limit in drawn:
@@ -517,7 +515,9 @@ def _plot_limits(panel: Axes, limits: Sequence[tuple[ActiveLimit, str]]) -> None
         for begin, end, strength in zip(item.begin, item.end, strengths, strict=True):
             look: dict[str, Any] = {"color": shade, "alpha": strength, "linewidth": 0.0}
             panel.broken_barh([(begin, end - begin)], (row - 0.36, 0.72), **look)
-        short = item.name if len(item.name) <= 30 else f"{item.name[:29]}\u2026"
+        # Names of pairs differ at both ends.
+        name = item.name
+        short = name if len(name) <= 30 else f"{name[:15]}\u2026{name[-14:]}"
         labels.append(f"{item.kind}, {short}")
     panel.set_yticks(range(len(labels)), labels, fontsize=6.5)
     panel.set_ylim(-0.6, max(len(labels), 1) - 0.4)

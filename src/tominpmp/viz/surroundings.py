@@ -2,8 +2,9 @@
 
 An obstacle is drawn as furniture or as a hazard, during the segments whose scenes
 contain it. A load rests at its place of pick-up until it is picked up, moves with its
-frame while it is carried, and rests where it is put down. Loads of equal name and shape
-are the same body, whichever arm carries it.
+frame while it is carried, and rests where it is put down. A load that is picked up
+where one of equal name and shape was put down is the same body, whichever arm carries
+it; at another place it is another body.
 """
 
 from __future__ import annotations
@@ -43,9 +44,8 @@ def obstacle_color(obstacle: Obstacle) -> str:
     """
     board = False
     if isinstance(obstacle, Box | Mesh):
-        vertices = obstacle_surface(obstacle).vertices
-        least, middle, _ = np.sort(np.ptp(vertices, axis=0))
-        board = bool(middle >= BOARD * least)
+        least, middle, _ = sorted(obstacle_surface(obstacle).extents.tolist())
+        board = middle >= BOARD * least
     furniture = board or isinstance(obstacle, HeightField)
     rests = obstacle.motion is None
     return FURNITURE_COLOR if furniture and rests else HAZARD_COLOR
@@ -111,30 +111,42 @@ def _loads(
     problem: Problem, trajectory: Trajectory, stages: Sequence[Stage], times: Array
 ) -> Iterator[SceneItem]:
     """The shapes of all loads."""
-    loads: dict[tuple[str, tuple[Obstacle, ...]], Array] = {}
+    # The last two instants are the begin and the end of the segment that carries.
+    loads: list[tuple[tuple[str, tuple[Obstacle, ...]], Array]] = []
     segments = problem.segments if len(stages) == len(problem.segments) else ()
     for stage, segment in zip(stages, segments, strict=False):
         payload = segment.payload
-        if payload is None:
+        if payload is None or not payload.geometry:
             continue
         # The body does not depend on the placement in which it is held.
         bare = tuple(
             replace(item, position=np.zeros(3), rotation=np.eye(3))
             for item in payload.geometry
         )
-        body, every = (payload.name, bare), np.empty((len(bare), times.size, 4, 4))
-        # A load rests at its pick-up before it is carried, at its last place later.
-        mine = (times >= stage.begin) | (body not in loads)
-        held = trajectory(np.clip(times[mine], stage.begin, stage.end)).q
-        frames = frame_placements(problem.robot, held, payload.frame)
-        places = loads.setdefault(body, every)
-        for shape, rows in zip(payload.geometry, places, strict=True):
-            rows[mine] = frames @ transform(shape.position, shape.rotation)
+        instants = np.append(times, [stage.begin, stage.end])
+        q = trajectory(np.clip(instants, stage.begin, stage.end)).q
+        frames = frame_placements(problem.robot, q, payload.frame)
+        every = [transform(item.position, item.rotation) for item in payload.geometry]
+        held, now = frames @ np.array(every)[:, None], instants >= stage.begin
+        for body, places in loads:
+            if body == (payload.name, bare) and _meet(bare[0], places[0], held[0]):
+                places[:, now] = held[:, now]
+                break
+        else:
+            loads.append(((payload.name, bare), held))
     always, names = np.ones(times.size, dtype=bool), Counter[str]()
-    for (name, bare), places in loads.items():
+    for (name, bare), places in loads:
         load = _distinct(name, names)
         for shape, rows in zip(bare, places, strict=True):
-            yield SceneItem(shape.name, shape, rows, always, load)
+            yield SceneItem(shape.name, shape, rows[:-2], always, load)
+
+
+def _meet(shape: Obstacle, earlier: Array, later: Array) -> bool:
+    """Whether a load is picked up where one was put down: two bodies would overlap."""
+    surface = obstacle_surface(shape)
+    center = np.append(surface.bounds.mean(axis=0), 1.0)
+    apart = np.linalg.norm((later[-2] - earlier[-1]) @ center)
+    return bool(apart <= 0.5 * surface.extents.min())
 
 
 def _distinct(name: str, names: Counter[str]) -> str:
