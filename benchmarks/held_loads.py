@@ -49,7 +49,7 @@ def main() -> int:
         cells = [problem]
         for name, options in OPTIONS.items():
             begin = time.process_time()
-            solution = tm.plan(task, options)
+            solution = tm.plan(task, options, max_planning_time=60.0)
             seconds = time.process_time() - begin
             promise = solution.certificate.stationarity
             found = (problem, name, solution.status.name, solution.T, promise, seconds)

@@ -450,12 +450,15 @@ def test_curves_do_not_pass_a_limit_that_they_touch(page: Page) -> None:
     assert page.evaluate(ABOVE_THE_LIMIT) == 0
 
 
-@pytest.mark.parametrize(("height", "below"), [(636, True), (380, False)])
+@pytest.mark.parametrize(
+    ("width", "height", "below"),
+    [(358, 636, True), (358, 380, False), (320, 568, True)],
+)
 def test_telephones_have_the_curves_below_the_motion(
-    browser: Browser, address: str, height: int, below: bool
+    browser: Browser, address: str, width: int, height: int, below: bool
 ) -> None:
     page = browser.open(address)
-    size = {"width": 358, "height": height, "deviceScaleFactor": 1, "mobile": True}
+    size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": True}
     page._call("Emulation.setDeviceMetricsOverride", **size)
     page.frames()
     places = page.evaluate(
@@ -467,7 +470,12 @@ def test_telephones_have_the_curves_below_the_motion(
     # The arm is below the title, which covers all of the width.
     title = "document.getElementById('about').getBoundingClientRect().bottom"
     assert page.evaluate(f"viewer.camera.view.offsetY + {title}") == pytest.approx(0.0)
-    assert pane[2] == 358 and player[1] <= pane[1]
+    assert pane[2] == width and player[1] <= pane[1]
+    # No control ends beyond the player.
+    last = page.evaluate(
+        "document.getElementById('speed').getBoundingClientRect().right"
+    )
+    assert last <= width - 0.03 * width - 10
     # What is drawn is as high as the pane, so that nothing of the arm is cut off.
     drawn = page.evaluate("document.querySelector('#meshcat-pane canvas').offsetHeight")
     assert drawn == pytest.approx(pane[1] - pane[0], abs=1.0)

@@ -50,7 +50,7 @@ def test_planned(run: Run, planner: Planner, tmp_path: Path) -> None:
     assert table["duration"] == "2.0000 s"
     assert table["iterations"] == "3 (6 linear programs, 2 starts)"
     assert table["planning time"] == "0.25 s"
-    assert table["violations"] == "torque 2.0e-09, velocity 0"
+    assert table["violations"] == "torque 2.0e-09, velocity 0 (scaled)"
     assert table["motion"] == "motion.csv"
     motion = load_motion(tmp_path / "motion.csv")
     np.testing.assert_array_equal(motion.q[-1], [2.0, -1.0, 0.5])
@@ -203,7 +203,7 @@ def test_limit_shares() -> None:
 
 def test_an_infinite_violation_is_not_shown_as_zero(run: Run, planner: Planner) -> None:
     planner.violations = {"goal": math.inf, "torque": 0.0}
-    assert "violations     goal infinite, torque 0\n" in run(*PLAN).stdout
+    assert "violations     goal infinite, torque 0 (scaled)\n" in run(*PLAN).stdout
 
 
 def test_report_of_infinite_velocity_limits() -> None:

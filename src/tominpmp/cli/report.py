@@ -40,10 +40,8 @@ def limit_shares(problem: Problem, trajectory: Trajectory) -> tuple[float, float
     """
     middles = 0.5 * (trajectory.t[1:] + trajectory.t[:-1])
     shares = shares_of_limits(problem, trajectory, middles)
-    torque, speed = (
-        np.any(np.abs(part) >= 1.0 - CLOSE, axis=1)
-        for part in (shares.torque, shares.speed)
-    )
+    parts = np.abs([shares.torque, shares.speed])
+    torque, speed = np.any(parts >= 1.0 - CLOSE, axis=2)
     weights = np.diff(trajectory.t) / (trajectory.duration or 1.0)
     return float(weights @ torque), float(weights @ (torque | speed))
 
@@ -110,12 +108,10 @@ def _named(record: object, *names: str) -> dict[str, Any]:
 def _sensitivities_data(solution: Solution) -> list[dict[str, Any]]:
     """Report of the sensitivities of a motion, the largest effect first."""
     names = ("kind", "joint", "subject", "value", "unit", "limit", "limit_unit")
+    T = 1e3 * solution.T
     return [
         _named(item, *names, "vector")
-        | {
-            "text": f"{item.label}, {item.more} more: "
-            f"{1e3 * item.effect * solution.T:+.3g} ms"
-        }
+        | {"text": f"{item.label}, {item.more} more: {item.effect * T:+.3g} ms"}
         for item in solution.sensitivities
     ]
 
@@ -192,7 +188,7 @@ def report_text(data: Mapping[str, Any]) -> str:
         worst = data["violations"].items()
         shown = {None: "infinite", 0.0: "0"}
         texts = (f"{kind} {shown.get(x) or format(x, '.1e')}" for kind, x in worst)
-        rows.append(("violations", ", ".join(texts)))
+        rows.append(("violations", f"{', '.join(texts)} (scaled)"))
     rows += data["files"].items()
     if "file_holds" in data:
         verdict = "passes" if data["file_holds"] else "does not pass"
@@ -239,14 +235,10 @@ def robot_data(robot: Robot) -> dict[str, Any]:
     limits, beyond, semantics = robot.limits, robot.motion_limits, robot.srdf
     groups = {} if semantics is None else semantics.groups
     kinds = {joint.name: joint.kind for joint in robot.description.joints}
-    columns = {
-        item.name: getattr(limits, item.name) for item in dataclasses.fields(limits)
-    }
-    columns |= {key: getattr(robot, key) for key in ("damping", "armature", "friction")}
+    columns = _named(limits, *(item.name for item in dataclasses.fields(limits)))
+    columns |= _named(robot, "damping", "armature", "friction")
     if robot.kinematic:
-        columns = {
-            k: columns[k] for k in ("position_lower", "position_upper", "velocity")
-        }
+        columns = _named(limits, "position_lower", "position_upper", "velocity")
     for quantity in kinds_of(MotionLimits, numbers=True):
         if beyond is not None and getattr(beyond, quantity) is not None:
             columns[quantity] = beyond.by_joint(quantity, robot.joint_names)

@@ -243,12 +243,8 @@ def plot_convergence(
         above, below = figure.subplots(2, 1, sharex=True)
         handles = []
         for k, (label, history) in enumerate(histories.items()):
-            look: dict[str, Any] = {
-                "color": figures.color(k),
-                "linestyle": LINE_STYLES[k % len(LINE_STYLES)],
-                "markersize": 3.2,
-                "linewidth": 1.3,
-            }
+            look: dict[str, Any] = {"color": figures.color(k), "markersize": 3.2}
+            look |= {"linestyle": LINE_STYLES[k % len(LINE_STYLES)], "linewidth": 1.3}
             starts = sorted({record.start for record in history})
             for start in starts:
                 records = [record for record in history if record.start == start]
