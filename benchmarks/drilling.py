@@ -1,7 +1,7 @@
 """Drilling tasks of RoboTSP: durations, bounds and planning times as a table.
 
     git clone https://github.com/crigroup/raveutils
-    python benchmarks/drilling.py raveutils [--holes 25 50 ...] [--out drilling.csv]
+    python -m benchmarks.drilling raveutils [--holes 25 50 ...] [--out drilling.csv]
 
 The published durations are the shortest of all methods in benchmarks.hdf5 of
 github.com/crigroup/robotsp; each task has the holes drawn there, the same limits
@@ -15,7 +15,8 @@ import csv
 import time
 from pathlib import Path
 
-from drilling_cell import (
+import tominpmp as tm
+from benchmarks.drilling_cell import (
     HOME,
     MARGIN,
     PUBLISHED,
@@ -26,8 +27,6 @@ from drilling_cell import (
     stations,
     subsets,
 )
-
-import tominpmp as tm
 
 COLUMNS = [
     "holes",

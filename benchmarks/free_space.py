@@ -207,13 +207,13 @@ def table(sheet: Sheet, robots: list[str]) -> str:
     header = (
         "robot",
         "solved",
-        "touched before",
-        "touch now",
-        "median s before",
-        "median s now",
+        "touch without",
+        "touch with",
+        "median s without",
+        "median s with",
         "median change",
         "change of the sum",
-        "factor where it touched",
+        "factor where links touch",
     )
     return markdown(header, lines)
 

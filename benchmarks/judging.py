@@ -23,7 +23,7 @@ import pinocchio as pin
 import yaml
 from scipy.integrate import solve_ivp
 
-from .exact_geometry import Array, Clearance, ExactArm, Surroundings
+from benchmarks.exact_geometry import Array, Clearance, ExactArm, Surroundings
 
 # A time in [s] to q, v, a, u, each of shape (n,).
 Motion = Callable[[float], tuple[Array, Array, Array, Array]]

@@ -21,7 +21,7 @@ import time
 from pathlib import Path
 
 import tominpmp as tm
-from benchmarks.motionbenchmaker import Case, Court, add_problems
+from benchmarks.motionbenchmaker import VARIABLE, Case, Court, add_problems
 from tominpmp.files.moveit import load_moveit
 
 COLUMNS = (
@@ -63,6 +63,8 @@ def main() -> int:
     add_problems(parser, "1-2")
     parser.add_argument("--csv", type=Path, default=Path("out/there_and_back.csv"))
     arguments = parser.parse_args()
+    if arguments.data is None:
+        parser.error(f"--data is missing, and ${VARIABLE} is not set")
     sheet = Sheet(arguments.csv, COLUMNS)
     for scene in arguments.scenes:
         for number in arguments.problems:

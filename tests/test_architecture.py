@@ -283,6 +283,17 @@ def test_chains_of_imports_are_short() -> None:
     assert height("tominpmp.planner.planning") <= LONGEST_CHAIN
 
 
+def test_benchmarks_import_each_other_from_their_package() -> None:
+    scripts = sorted(Path(__file__).parents[1].glob("benchmarks/*.py"))
+    names = {path.stem for path in scripts}
+    wrong = [
+        f"{path.name} imports {name}, which `python -m` does not find"
+        for path in scripts
+        for name in names.intersection(imported_names(parse(path)))
+    ]
+    assert wrong == []
+
+
 def goal_classes() -> set[str]:
     """Names of all classes of goals but their base."""
     assert classes(Goal)  # imports all modules that have some

@@ -159,7 +159,9 @@ class Options(Record):
             ``max_planning_time`` lasts if that is given). A higher effort repeats the
             attempts of a lower one, and then adds others.
         energy_weight: Weight k of the energy, in 1/(N^2 m^2) or s/J according to
-            ``energy``: the objective is T + k times the energy; 0 for time alone.
+            ``energy``: the objective is T + k times the energy; 0 for time alone. The
+            fastest motion, with which the search for the least objective begins, is
+            that of ``effort="quick"`` and ``refine=None``.
         energy: Definition of the energy: "torque_squared", the integral of the squared
             torques of all motors over time [N^2 m^2 s], including the forces of
             prismatic joints [N], which is proportional to the heat losses of motors; or
