@@ -43,11 +43,8 @@ def padded(rows: Iterable[tuple[Array, Array]]) -> tuple[Array, Array]:
         Residuals, shape (m, k), and their Jacobians, shape (m, k, n).
     """
     values, slopes = zip(*rows, strict=True)
-    most = max(map(len, values))
-    value, slope = (
-        np.zeros((len(values), most)),
-        np.zeros((len(values), most, slopes[0].shape[1])),
-    )
+    shape = len(values), max(map(len, values))
+    value, slope = np.zeros(shape), np.zeros((*shape, slopes[0].shape[1]))
     for row, (one, by_q) in enumerate(zip(values, slopes, strict=True)):
         value[row, : len(one)], slope[row, : len(one)] = one, by_q
     return value, slope
