@@ -19,6 +19,7 @@ Motions that use the tolerances of the verification can be correspondingly short
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -63,27 +64,60 @@ def lower_bound(
 
 
 def _of_segments(problem: Problem) -> LowerBound:
-    """Sum of the bounds of segments with a known start, and of all dwells.
-
-    Velocities at ends of segments are free unless the goal fixes them.
-    """
-    total = dwells = 0.0
-    start, known = problem.v_start, True
-    for phase, segment in zip(problem.phases, problem.segments, strict=True):
-        dwells += segment.dwell
-        if known:
-            total += _of_goal(phase, phase.goal, start, smooth_ends=False).T
-        known = phase.goal.configuration is not None
-        start = _end_velocity(phase, phase.goal)
+    """The bound of the last arrival and its dwell, or that of the last goal alone."""
+    bound = _arrival_bounds(problem)[-1]
+    total = bound.T + problem.segments[-1].dwell
     same = all(phase.robot is problem.robot for phase in problem.phases) and all(
         segment.motion_limits is None for segment in problem.segments
     )
     if same:
         last = problem.phases[-1].goal
         total = max(total, _of_goal(problem, last, problem.v_start).T)
-    return LowerBound(
-        total + dwells, "the limits of the joints on each segment, and all dwells"
-    )
+    return LowerBound(total, "the limits of the joints on each segment, and all dwells")
+
+
+def _arrival_bounds(problem: Problem) -> list[LowerBound]:
+    """Bounds on the arrival at the goal of each segment, from the start of the motion.
+
+    They are the sums of the bounds of segments with a known start, and of the dwells
+    before. Velocities at ends of segments are free unless the goal fixes them.
+    """
+    bounds, begin = list[LowerBound](), 0.0
+    start, known = problem.v_start, True
+    for phase, segment in zip(problem.phases, problem.segments, strict=True):
+        bound = LowerBound(0.0, "")
+        if known:
+            bound = _of_goal(phase, phase.goal, start, smooth_ends=False)
+        earliest, _ = segment.arrival or (0.0, math.inf)
+        bounds.append(replace(bound, T=max(begin + bound.T, earliest)))
+        begin = bounds[-1].T + segment.dwell
+        known = phase.goal.configuration is not None
+        start = _end_velocity(phase, phase.goal)
+    return bounds
+
+
+def late_arrival(problem: Problem, tolerance: float) -> str:
+    """The first segment whose latest arrival no motion can meet, in a sentence.
+
+    Args:
+        problem: The problem.
+        tolerance: Excess over limits that is tolerated, as a share.
+
+    Returns:
+        The sentence; empty if no segment is proved to be late.
+    """
+    limits = [segment.arrival or (0.0, math.inf) for segment in problem.segments]
+    if all(math.isinf(latest) for _, latest in limits):
+        return ""
+    each = zip(limits, _arrival_bounds(problem), strict=True)
+    for k, ((_, latest), bound) in enumerate(each, 1):
+        if bound.T > (1.0 + 2.0 * tolerance) * latest:
+            why = f": {bound.reason}" if k == 1 else ""
+            return (
+                f"No motion exists: the goal of segment {k} is to be reached by "
+                f"{latest:.4g} s, and no motion gets there before {bound.T:.4g} s{why}."
+            )
+    return ""
 
 
 def _of_goal(

@@ -20,6 +20,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.transcription.problem_functions import PADDING, ProblemFunctions
+from tominpmp.verification.diagnosis import impasse
 
 # Longest branches of the trees [rad of a joint of median speed].
 REACH = 0.75
@@ -86,6 +87,7 @@ def sample_paths(
     known: Sequence[Array] = (),
     checks: int = CHECKS,
     deadline: float = np.inf,
+    impasses: list[str] | None = None,
 ) -> Iterator[Array]:
     """Distinct paths from the start of a problem to given ends in turn.
 
@@ -99,6 +101,7 @@ def sample_paths(
         known: Known free paths, each of shape (m, n); paths alike to them are left out.
         checks: Most collision checks for each path.
         deadline: When to stop, as a value of :func:`time.perf_counter` [s].
+        impasses: Receives the searches without a path, until one is found.
 
     Yields:
         Corners of a path, shape (m, n). The search is lazy.
@@ -112,7 +115,7 @@ def sample_paths(
         end = ends[number % len(ends)]
         number += 1
         seed = int(rng.integers(1, 2**31))
-        path = sample_path(system, end, seed, checks, deadline)
+        path = sample_path(system, end, seed, checks, deadline, impasses)
         failures += FAILED if path is None else 1
         if path is None or any(alike(system, path, other) for other in paths):
             continue
@@ -127,6 +130,7 @@ def sample_path(
     seed: int,
     checks: int = CHECKS,
     deadline: float = np.inf,
+    impasses: list[str] | None = None,
 ) -> Array | None:
     """A collision-free path, shortened.
 
@@ -136,6 +140,7 @@ def sample_path(
         seed: Seed of the random numbers.
         checks: Most collision checks before the path is shortened.
         deadline: When to stop, as a value of :func:`time.perf_counter` [s].
+        impasses: Receives a search without a path.
 
     Returns:
         Corners, shape (m, n); None if no path was found.
@@ -144,9 +149,15 @@ def sample_path(
     if not (is_free(system, q_start) and is_free(system, q_end)):
         return None
     space = _Space(system, q_end, checks, deadline)
+    trees = [_Tree(end) for end in space.ends]
     try:
-        path = _connected(space, rng)
+        path = _connected(space, trees, rng)
     except _BudgetSpent:
+        # A search that was cut short early says nothing about the obstacles.
+        if impasses is not None and space.budget < checks // 2:
+            margin = None if system.clearance is None else system.clearance.margin
+            grown = [tree.q * space.unit for tree in trees]
+            impasses.append(impasse(system.problem, margin, grown))
         return None
     corners = _shortened(space, path, rng) * space.unit
     corners[0], corners[-1] = q_start, q_end
@@ -168,6 +179,7 @@ class _Space:
         ends: Both ends, shape (2, n), in these units.
         lower: Lower bounds of a batch of random configurations, shape (BATCH, n).
         upper: Upper bounds of the batch.
+        budget: Collision checks that are left.
     """
 
     def __init__(
@@ -184,7 +196,7 @@ class _Space:
         self.lower = np.maximum(low, self.ends.min(axis=0) - beyond)
         self.upper = np.minimum(high, self.ends.max(axis=0) + beyond)
         self._radian = scale / self.unit
-        self._check, self._budget, self._deadline = _check_of(system), checks, deadline
+        self._check, self.budget, self._deadline = _check_of(system), checks, deadline
 
     def each_free(self, points: Array) -> Iterator[bool]:
         """Yield for each point, shape (m, n), whether it is free.
@@ -195,8 +207,8 @@ class _Space:
         if time.perf_counter() > self._deadline:
             raise _BudgetSpent
         for free in self._check(points * self.unit):
-            self._budget -= 1
-            if self._budget < 0:
+            self.budget -= 1
+            if self.budget < 0:
                 raise _BudgetSpent
             yield free
 
@@ -218,7 +230,7 @@ class _Space:
 
     def allow(self, checks: int) -> None:
         """Allow this many collision checks from now on."""
-        self._budget = checks
+        self.budget = checks
 
 
 @lru_cache(maxsize=1024)
@@ -270,15 +282,22 @@ class _Tree:
         return branch
 
 
-def _connected(space: _Space, rng: np.random.Generator) -> Array:
+def _connected(
+    space: _Space, trees: Sequence[_Tree], rng: np.random.Generator
+) -> Array:
     """A path between both ends, shape (m, n), in units of the space.
+
+    Args:
+        space: The joint space.
+        trees: A tree at each end, which grow.
+        rng: Random numbers.
 
     Raises:
         _BudgetSpent: If the collision checks or the time are used up.
     """
     if space.is_free_along(space.ends):
         return space.ends
-    here, there = (_Tree(end) for end in space.ends)
+    here, there = trees
     while True:
         if len(here) > len(there):
             here, there = there, here

@@ -1,4 +1,4 @@
-"""Errors for goals that no configuration was found to reach: their likely reason."""
+"""Goals that no configuration was found to reach, or to rest in: the likely reason."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.guess import KINEMATIC_STARTS
 from tominpmp.initial_guess.inverse_kinematics import Target, find_configurations
 from tominpmp.initial_guess.segments import first_unreached
+from tominpmp.problem.problem import Problem
+from tominpmp.problem.state_checks import unheld
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 
@@ -38,6 +40,29 @@ def unreachable(system: ProblemFunctions, rng: np.random.Generator) -> ProblemEr
         f"{where}goal: no configuration within the position limits {verb}; the nearest "
         f"one found misses it by {ik.least:.4g} (m, rad)",
         "goal",
+    )
+
+
+def hindrance(problem: Problem) -> str:
+    """What may keep an arm from a goal that is no configuration, in a clause; or empty.
+
+    It holds for all configurations found to reach the goal, which may not be all that
+    there are.
+    """
+    robot, goal = problem.robot, problem.goal
+    if goal.configuration is not None or problem.segments or goal.alternatives[1:]:
+        return ""
+    target = Target(ProblemFunctions.of(problem), goal)
+    ik = find_configurations(target, KINEMATIC_STARTS, np.random.default_rng(0))
+    if not ik.free:
+        return f"goal: {_collision(target.system, ik.blocked)}" if ik.blocked else ""
+    faults = [unheld(robot, q) for q in ik.free]
+    rests = goal.fixes_velocity and not np.any(goal.final_velocity(robot.n))
+    if not (rests and all(faults)):
+        return ""
+    return (
+        f"goal: the arm cannot rest in any of the {len(faults)} configurations found "
+        f"to reach it: at q = {np.round(ik.free[0], 4).tolist()}, {faults[0]}"
     )
 
 

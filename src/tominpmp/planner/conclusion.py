@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from tominpmp.bounds.result import LowerBound
+from tominpmp.initial_guess.unreachable import hindrance
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion.measures import acceleration_remark
 from tominpmp.motion.trajectory import Trajectory
@@ -66,7 +66,7 @@ def conclude(state: PlanState, options: Options, status: Status | None) -> Solut
         problem=problem,
         options=options,
         status=ended,
-        message=_message(problem, options, ended, best, candidates, bound)
+        message=_message(state, options, ended, best, bound)
         + _advice(problem, options, ended, best),
         feasible=best.confirmed,
         trajectory=best.trajectory,
@@ -90,7 +90,7 @@ def without_motion(
         status: How planning ended.
         message: The reason; by default how planning ended.
     """
-    message = message or explain(state.problem, (), status)
+    message = message or _why_not_found(state, status)
     if status is Status.TIME_LIMIT:
         message += _time_advice(options)
     return Solution(
@@ -246,11 +246,10 @@ def _scope(options: Options, motion: Trajectory) -> str:
 
 
 def _message(
-    problem: Problem,
+    state: PlanState,
     options: Options,
     status: Status,
     best: Candidate,
-    candidates: Sequence[Candidate],
     bound: LowerBound | None,
 ) -> str:
     """The message of a solution: its status, its duration or what its replay breaks."""
@@ -268,13 +267,22 @@ def _message(
         return f"{sentence}. {best.remark}".rstrip()
     if best.unconfirmed:
         return f"{status.value} There was no time to verify the motion that was found."
-    if best.feasible and best.verification is not None:
-        ended = f"{GAVE_UP[status]}:" if status in STOPPED else status.value
-        sentence = f"{ended} {best.verification.message}"
-        if bound is not None and bound.T > LONGEST:
-            sentence += f" No motion takes less than {bound.T:.3g} s: {bound.reason}."
-        return sentence
+    if state.impasses or not best.feasible or best.verification is None:
+        return _why_not_found(state, status)
+    ended = f"{GAVE_UP[status]}:" if status in STOPPED else status.value
+    sentence = f"{ended} {best.verification.message}"
+    if bound is not None and bound.T > LONGEST:
+        sentence += f" No motion takes less than {bound.T:.3g} s: {bound.reason}."
+    return sentence
+
+
+def _why_not_found(state: PlanState, status: Status) -> str:
+    """Why a plan has found no motion, in sentences."""
+    best, tried = best_of(state.candidates), (state.start + 1, state.iterations)
+    motion = None if best is None else best.trajectory
     try:
-        return explain(problem, candidates, status)
+        with state.saving():
+            reason = "".join(state.impasses[:1]) or hindrance(state.problem)
+            return explain(state.problem, motion, status, tried, reason)
     except Stop:
-        return explain(problem, (), status)
+        return explain(state.problem, None, status, tried)

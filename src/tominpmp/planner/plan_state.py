@@ -68,6 +68,8 @@ class PlanState:
             that follows is open-ended: a time limit then is its regular end.
         callback_error: Error that the callback has raised; None without one.
         failures: Errors of candidates that have led to no motion.
+        iterations: Number of iterations of all candidates.
+        impasses: Clauses on searches for paths without success, until one succeeds.
     """
 
     def __init__(
@@ -90,6 +92,8 @@ class PlanState:
         self.complete = False
         self.callback_error: Exception | None = None
         self.failures: list[Exception] = []
+        self.iterations = 0
+        self.impasses: list[str] = []
         self._bounds: list[tuple[list[Goal], LowerBound]] = []
         self._begin = time.perf_counter()
         self._limit = self._until = options.time_limit
@@ -279,6 +283,7 @@ class PlanState:
         Raises:
             Stop: If the callback says so, or raises an error.
         """
+        self.iterations += 1
         record = replace(record, start=self.start, seconds=self.seconds)
         callback = self.options.callback
         try:
