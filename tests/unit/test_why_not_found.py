@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from optimum_cases import ROD
 from sample_arms import DOWNWARD, make_arm
 
 import tominpmp as tm
-from tominpmp.bounds.lower_bound import late_arrival, lower_bound
+from tominpmp.bounds.lower_bound import lower_bound, why_impossible
 from tominpmp.initial_guess.unreachable import hindrance
 from tominpmp.status import Status
 
@@ -48,7 +49,7 @@ def test_arrivals_are_bounded_by_the_segments_and_stays_before() -> None:
     least = 2.0 * fastest + 0.5
 
     early, in_time = (
-        late_arrival(rushed(None, share * least, dwell=0.5), TOLERANCE)
+        why_impossible(rushed(None, share * least, dwell=0.5), TOLERANCE)
         for share in (0.97, 1.0)
     )
 
@@ -56,6 +57,45 @@ def test_arrivals_are_bounded_by_the_segments_and_stays_before() -> None:
     assert early.endswith(f"no motion gets there before {least:.4g} s.")
     assert not in_time
     assert tm.plan(rushed(None, 1.05 * least, dwell=0.5)).success
+
+
+def moving(at: float, v: float, to: float, w: float) -> tm.Problem:
+    """A joint between 0 and 1 rad, with up to 2 rad/s^2."""
+    arm = make_arm(ROD, effort=50.0).with_changes(
+        position_lower=0.0, position_upper=1.0
+    )
+    limits = tm.MotionLimits(acceleration=2.0)
+    return tm.Problem(
+        arm, [at], tm.JointGoal([to], v=[w]), v_start=[v], motion_limits=limits
+    )
+
+
+def test_room_that_is_missing_to_stop_or_for_a_run_up_is_told() -> None:
+    """Other limits were named, after eight starts."""
+    stop = tm.plan(moving(0.9, 1.0, 0.5, 0.0))
+    assert stop.status is Status.INFEASIBLE and not stop.history
+    assert stop.message == (
+        "No motion exists: joint 'joint1' has 1 rad/s at the start, 0.1 rad from its "
+        "position limit of 1 rad, and needs 0.25 rad to stop."
+    )
+    run_up = why_impossible(moving(0.5, 0.0, 0.9, -1.0), TOLERANCE)
+    assert "has 1 rad/s at the goal, 0.1 rad from its position limit of 1" in run_up
+    assert run_up.endswith("and needs 0.25 rad to reach this speed.")
+
+
+@pytest.mark.parametrize(
+    "ends",
+    [
+        (0.7, 1.0, 0.5, 0.0),
+        (0.5, 0.0, 0.7, -1.0),
+        (0.9, 1.0, 0.95, 1.0),
+        (0.1, -0.6, 0.05, -0.4),
+    ],
+)
+def test_enough_room_is_not_disputed(ends: tuple[float, ...]) -> None:
+    problem = moving(*ends)
+    assert why_impossible(problem, TOLERANCE) == ""
+    assert tm.plan(problem).success
 
 
 def test_joint_and_obstacle_without_a_path_are_named() -> None:

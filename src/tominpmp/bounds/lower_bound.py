@@ -28,6 +28,7 @@ from tominpmp.blas_threads import on_one_thread
 from tominpmp.bounds.energy import energy_bounds
 from tominpmp.bounds.frames import frame_bounds, tool_speed_bounds
 from tominpmp.bounds.joints import joint_bounds, joints_of, reach_of
+from tominpmp.bounds.least_time import OFF, SHARE
 from tominpmp.bounds.result import LowerBound
 from tominpmp.checks import instance, number
 from tominpmp.exceptions import warn_caller
@@ -96,16 +97,22 @@ def _arrival_bounds(problem: Problem) -> list[LowerBound]:
     return bounds
 
 
-def late_arrival(problem: Problem, tolerance: float) -> str:
-    """The first segment whose latest arrival no motion can meet, in a sentence.
+def why_impossible(problem: Problem, tolerance: float) -> str:
+    """Proof by the limits of joints and tools that no motion exists, in a sentence.
 
     Args:
         problem: The problem.
         tolerance: Excess over limits that is tolerated, as a share.
 
     Returns:
-        The sentence; empty if no segment is proved to be late.
+        The sentence; empty without a proof.
     """
+    why = _without_room(problem) or _late_arrival(problem, tolerance)
+    return why and f"No motion exists: {why}."
+
+
+def _late_arrival(problem: Problem, tolerance: float) -> str:
+    """The first segment whose latest arrival no motion can meet; or empty."""
     limits = [segment.arrival or (0.0, math.inf) for segment in problem.segments]
     if all(math.isinf(latest) for _, latest in limits):
         return ""
@@ -114,9 +121,46 @@ def late_arrival(problem: Problem, tolerance: float) -> str:
         if bound.T > (1.0 + 2.0 * tolerance) * latest:
             why = f": {bound.reason}" if k == 1 else ""
             return (
-                f"No motion exists: the goal of segment {k} is to be reached by "
-                f"{latest:.4g} s, and no motion gets there before {bound.T:.4g} s{why}."
+                f"the goal of segment {k} is to be reached by {latest:.4g} s, and no "
+                f"motion gets there before {bound.T:.4g} s{why}"
             )
+    return ""
+
+
+def _without_room(problem: Problem) -> str:
+    """The first joint without room to stop, or for the run-up to a speed; or empty.
+
+    The room ends at a position limit. A joint needs none on a segment that it passes in
+    one direction.
+    """
+    q: Array | None = problem.q_start
+    v, many = problem.v_start, len(problem.phases) > 1
+    for k, phase in enumerate(problem.phases, 1):
+        goal, limits = phase.goal, phase.robot.limits
+        q_end, w = goal.configuration, _end_velocity(phase, goal)
+        if goal.alternatives[1:]:
+            q_end, w = None, np.full(v.size, math.inf)
+        returns = np.isfinite(v) & np.isfinite(w) & (np.sign(v) * np.sign(w) <= 0.0)
+        ends = (q, v, 1, "start", "stop"), (q_end, w, 0, "goal", "reach this speed")
+        for i, joint in enumerate(joints_of(phase, smooth_ends=False)):
+            for place, speeds, law, end, verb in ends:
+                if place is None or not (returns[i] and speeds[i]):
+                    continue
+                speed, ahead = abs(float(speeds[i])), bool(speeds[i] > 0.0)
+                change = (joint.drive.ahead if ahead else joint.drive.back)[law]
+                seconds, integral = change.abrupt(0.0, speed)
+                needed = speed * seconds - integral
+                upper = ahead == (law == 1)
+                limit = (limits.position_upper if upper else limits.position_lower)[i]
+                room, unit = abs(float(limit - place[i])), joint.unit
+                if needed > room + OFF + SHARE * needed:
+                    where = f" of segment {k}" if many else ""
+                    return (
+                        f"joint {joint.name!r} has {speed:.4g} {unit}/s at the {end}"
+                        f"{where}, {room:.4g} {unit} from its position limit of "
+                        f"{limit:.4g} {unit}, and needs {needed:.4g} {unit} to {verb}"
+                    )
+        q, v = q_end, w
     return ""
 
 
