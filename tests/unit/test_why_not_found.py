@@ -10,6 +10,7 @@ from sample_arms import DOWNWARD, make_arm
 import tominpmp as tm
 from tominpmp.bounds.lower_bound import lower_bound, why_impossible
 from tominpmp.initial_guess.unreachable import hindrance
+from tominpmp.kinematics import RobotKinematics
 from tominpmp.status import Status
 
 TOLERANCE = 5e-3
@@ -141,3 +142,21 @@ def test_what_covers_a_goal_on_a_frame_is_named() -> None:
 
     assert "configurations found to reach it are in collision" in told
     assert "obstacle 'ball' lack 0." in told
+
+
+def test_how_far_a_tool_can_follow_its_path_is_told() -> None:
+    """The distance from the goal was told, and neither the ball nor the place."""
+    arm, q = tm.load_robot("planar3r"), [0.5, 1.4, -0.8]
+    begin = np.array(RobotKinematics(arm).placement(np.array(q), "tip").translation)
+
+    def told(way: float, *obstacles: tm.Sphere) -> str:
+        line = tm.ToolLine("tip", begin, begin + np.array([way, 0.0, 0.0]), radius=0.01)
+        goal = tm.PositionGoal("tip", line.end)
+        return hindrance(tm.Problem(arm, q, goal, obstacles, constraints=[line]))
+
+    assert told(-4.0) == ""
+    ball = tm.Sphere("ball", radius=0.2, position=begin - np.array([2.0, 0.0, 0.0]))
+    assert (
+        "frame 'tip' could be led along its path for 1.67 of 4 m, beyond which link "
+        "'link3' and obstacle 'ball' collide"
+    ) in told(-4.0, ball)
