@@ -54,6 +54,8 @@ def conclude(state: PlanState, options: Options, status: Status | None) -> Solut
     best = best_of(candidates)
     if best is None:
         return without_motion(state, options, status or Status.INFEASIBLE)
+    if not best.confirmed:
+        history = tuple(state.shown)  # of all that was tried in vain
     ended = best.status
     if status in STOPPED:
         ended = status
@@ -100,6 +102,7 @@ def without_motion(
         message,
         False,
         None,
+        history=tuple(state.shown),
         planning_time=state.seconds,
     )
 
@@ -278,7 +281,7 @@ def _message(
 
 def _why_not_found(state: PlanState, status: Status) -> str:
     """Why a plan has found no motion, in sentences."""
-    best, tried = best_of(state.candidates), (state.start + 1, state.iterations)
+    best, tried = best_of(state.candidates), (state.start + 1, len(state.shown))
     motion = None if best is None else best.trajectory
     try:
         with state.saving():

@@ -68,7 +68,7 @@ class PlanState:
             that follows is open-ended: a time limit then is its regular end.
         callback_error: Error that the callback has raised; None without one.
         failures: Errors of candidates that have led to no motion.
-        iterations: Number of iterations of all candidates.
+        shown: Records of all iterations, with the numbers of their candidates.
         impasses: Clauses on searches for paths without success, until one succeeds.
     """
 
@@ -92,7 +92,7 @@ class PlanState:
         self.complete = False
         self.callback_error: Exception | None = None
         self.failures: list[Exception] = []
-        self.iterations = 0
+        self.shown: list[IterationRecord] = []
         self.impasses: list[str] = []
         self._bounds: list[tuple[list[Goal], LowerBound]] = []
         self._begin = time.perf_counter()
@@ -283,8 +283,8 @@ class PlanState:
         Raises:
             Stop: If the callback says so, or raises an error.
         """
-        self.iterations += 1
         record = replace(record, start=self.start, seconds=self.seconds)
+        self.shown.append(record)
         callback = self.options.callback
         try:
             stops = callback is not None and callback(record)
