@@ -147,3 +147,12 @@ def test_paths_are_alike_if_they_shift_into_each_other(tmp_path):
     assert not alike(system, over, under)
     elsewhere = np.array([START, (0.0, 0.8), (1.5, 1.5)])
     assert not alike(system, over, elsewhere)
+
+
+def test_searches_for_further_paths_say_nothing(tmp_path):
+    """One path was known, and the message was that none was found."""
+    system, said = maze(tmp_path, wall("closed", 0.0, -3.0, 3.0)), list[str]()
+    ends, known = [np.array(END)], [np.array([START, END])]
+    rng = np.random.default_rng(0)
+    paths = sample_paths(system, ends, rng, known=known, checks=500, impasses=said)
+    assert not list(paths) and not said

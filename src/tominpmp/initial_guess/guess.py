@@ -145,7 +145,8 @@ class GuessRequest:
             fastest straight line.
         deadline: When to stop sampling, as a value of :func:`time.perf_counter` [s].
         beyond: Constraints on positions that hold from the goal on.
-        impasses: Receives clauses on searches for paths that found none.
+        impasses: Receives clauses on searches for paths that found none; the first is
+            empty once a path was found.
     """
 
     count: int
@@ -407,7 +408,7 @@ def sampled_guesses(
     first = next(guesses, None)
     if first is None:
         return
-    request.impasses.clear()
+    request.impasses[:] = [""]
     if first.timed and first.duration <= enough:
         yield first
     else:

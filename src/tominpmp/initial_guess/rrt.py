@@ -101,7 +101,7 @@ def sample_paths(
         known: Known free paths, each of shape (m, n); paths alike to them are left out.
         checks: Most collision checks for each path.
         deadline: When to stop, as a value of :func:`time.perf_counter` [s].
-        impasses: Receives the searches without a path, until one is found.
+        impasses: Receives clauses on searches without a path, until one is found.
 
     Yields:
         Corners of a path, shape (m, n). The search is lazy.
@@ -115,7 +115,8 @@ def sample_paths(
         end = ends[number % len(ends)]
         number += 1
         seed = int(rng.integers(1, 2**31))
-        path = sample_path(system, end, seed, checks, deadline, impasses)
+        told = None if paths else impasses
+        path = sample_path(system, end, seed, checks, deadline, told)
         failures += FAILED if path is None else 1
         if path is None or any(alike(system, path, other) for other in paths):
             continue
@@ -140,7 +141,7 @@ def sample_path(
         seed: Seed of the random numbers.
         checks: Most collision checks before the path is shortened.
         deadline: When to stop, as a value of :func:`time.perf_counter` [s].
-        impasses: Receives a search without a path.
+        impasses: Receives a clause on a search without a path.
 
     Returns:
         Corners, shape (m, n); None if no path was found.

@@ -62,7 +62,8 @@ def _guess(system: ProblemFunctions, request: GuessRequest) -> Guess | None:
         guesses = make(single, one_more)
         moving = (g for g in guesses if g.name != RESTING or len(system.parts) == 1)
         first = [*itertools.islice(moving, request.count)]
-        request.impasses.extend(f"on segment {place + 1}, {item}" for item in alone)
+        if any(alone[:1]):
+            request.impasses.append(f"on segment {place + 1}, {alone[0]}")
         if not first:
             return None
         pieces.append(first[-1])

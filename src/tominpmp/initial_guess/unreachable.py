@@ -94,7 +94,6 @@ def _lost_path(system: ProblemFunctions) -> str:
             continue
         first = np.array(kinematics.placement(q, frame).translation)
         points = between(first, last, PLACES + 1)
-        lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
         for k, point in enumerate(points[1:]):
             target = Target(system, PositionGoal(frame, point), keep_clear=True)
             q_next, missing = target.solve(q)
@@ -104,10 +103,10 @@ def _lost_path(system: ProblemFunctions) -> str:
                 contact = problem.checker.closest(alone, problem.margins)
                 if missing <= REACHED and contact is not None:
                     why = f"{contact.pair} collide"
+                at = np.round(points[k], 4).tolist()
                 return (
-                    f"frame {frame!r} could be led along its path for "
-                    f"{lengths[:k].sum():.3g} of {lengths.sum():.3g} m, beyond which "
-                    f"{why}; another path or start may help"
+                    f"frame {frame!r} can be led along its path as far as {at} m, "
+                    f"beyond which {why}; another path or start may help"
                 )
             q = q_next
     return ""

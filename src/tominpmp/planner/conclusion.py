@@ -270,7 +270,7 @@ def _message(
         return f"{sentence}. {best.remark}".rstrip()
     if best.unconfirmed:
         return f"{status.value} There was no time to verify the motion that was found."
-    if state.impasses or not best.feasible or best.verification is None:
+    if any(state.impasses[:1]) or not best.feasible or best.verification is None:
         return _why_not_found(state, status)
     ended = f"{GAVE_UP[status]}:" if status in STOPPED else status.value
     sentence = f"{ended} {best.verification.message}"

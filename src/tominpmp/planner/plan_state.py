@@ -69,7 +69,8 @@ class PlanState:
         callback_error: Error that the callback has raised; None without one.
         failures: Errors of candidates that have led to no motion.
         shown: Records of all iterations, with the numbers of their candidates.
-        impasses: Clauses on searches for paths without success, until one succeeds.
+        impasses: Clauses on searches for paths that found none; the first is empty once
+            a path was found.
     """
 
     def __init__(
