@@ -27,12 +27,13 @@ from tominpmp.arrays import Array
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.bounds.energy import energy_bounds
 from tominpmp.bounds.frames import frame_bounds, tool_speed_bounds
-from tominpmp.bounds.joints import joint_bounds, joints_of, reach_of
+from tominpmp.bounds.joints import joint_bounds, joints_of, reach_of, tightest_limits
 from tominpmp.bounds.least_time import OFF, SHARE
 from tominpmp.bounds.result import LowerBound
 from tominpmp.checks import instance, number
 from tominpmp.exceptions import warn_caller
 from tominpmp.goals.base import Goal
+from tominpmp.kinematics import prismatic_joints
 from tominpmp.problem.problem import Problem
 
 
@@ -140,26 +141,23 @@ def _without_room(problem: Problem) -> str:
         q_end, w = goal.configuration, _end_velocity(phase, goal)
         if goal.alternatives[1:]:
             q_end, w = None, np.full(v.size, math.inf)
+        most = tightest_limits(phase)["a"]
         returns = np.isfinite(v) & np.isfinite(w) & (np.sign(v) * np.sign(w) <= 0.0)
-        ends = (q, v, 1, "start", "stop"), (q_end, w, 0, "goal", "reach this speed")
-        for i, joint in enumerate(joints_of(phase, smooth_ends=False)):
-            for place, speeds, law, end, verb in ends:
-                if place is None or not (returns[i] and speeds[i]):
-                    continue
-                speed, ahead = abs(float(speeds[i])), bool(speeds[i] > 0.0)
-                change = (joint.drive.ahead if ahead else joint.drive.back)[law]
-                seconds, integral = change.abrupt(0.0, speed)
-                needed = speed * seconds - integral
-                upper = ahead == (law == 1)
-                limit = (limits.position_upper if upper else limits.position_lower)[i]
-                room, unit = abs(float(limit - place[i])), joint.unit
-                if needed > room + OFF + SHARE * needed:
-                    where = f" of segment {k}" if many else ""
-                    return (
-                        f"joint {joint.name!r} has {speed:.4g} {unit}/s at the {end}"
-                        f"{where}, {room:.4g} {unit} from its position limit of "
-                        f"{limit:.4g} {unit}, and needs {needed:.4g} {unit} to {verb}"
-                    )
+        ends = (q, v, v, "start", "stop"), (q_end, w, -w, "goal", "reach this speed")
+        for place, speed, way, end, verb in ends:
+            if place is None:
+                continue
+            limit = np.where(way > 0.0, limits.position_upper, limits.position_lower)
+            room, needed = np.abs(limit - place), 0.5 * speed**2 / np.maximum(most, 1e-9)
+            lacking = returns & (needed * (1.0 - SHARE) > room + OFF)
+            for i in np.flatnonzero(lacking).tolist():
+                unit = "m" if prismatic_joints(phase.robot)[i] else "rad"
+                return (
+                    f"joint {phase.robot.joint_names[i]!r} has {abs(speed[i]):.4g} "
+                    f"{unit}/s at the {end}{f' of segment {k}' * many}, {room[i]:.4g} "
+                    f"{unit} from its position limit of {limit[i]:.4g} {unit}, and "
+                    f"needs {needed[i]:.4g} {unit} to {verb}"
+                )
         q, v = q_end, w
     return ""
 
