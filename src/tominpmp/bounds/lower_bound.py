@@ -120,7 +120,7 @@ def _late_arrival(problem: Problem, tolerance: float) -> str:
     each = zip(limits, _arrival_bounds(problem), strict=True)
     for k, ((_, latest), bound) in enumerate(each, 1):
         if bound.T > (1.0 + 2.0 * tolerance) * latest:
-            why = f": {bound.reason}" if k == 1 else ""
+            why = f": {bound.reason}" if k == 1 else ", by its joint limits and dwells"
             return (
                 f"the goal of segment {k} is to be reached by {latest:.4g} s, and no "
                 f"motion gets there before {bound.T:.4g} s{why}"
@@ -148,7 +148,10 @@ def _without_room(problem: Problem) -> str:
             if place is None:
                 continue
             limit = np.where(way > 0.0, limits.position_upper, limits.position_lower)
-            room, needed = np.abs(limit - place), 0.5 * speed**2 / np.maximum(most, 1e-9)
+            room, needed = (
+                np.abs(limit - place),
+                0.5 * speed**2 / np.maximum(most, 1e-9),
+            )
             lacking = returns & (needed * (1.0 - SHARE) > room + OFF)
             for i in np.flatnonzero(lacking).tolist():
                 unit = "m" if prismatic_joints(phase.robot)[i] else "rad"

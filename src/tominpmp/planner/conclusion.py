@@ -54,8 +54,10 @@ def conclude(state: PlanState, options: Options, status: Status | None) -> Solut
     best = best_of(candidates)
     if best is None:
         return without_motion(state, options, status or Status.INFEASIBLE)
+    reason = ""
     if not best.confirmed:
         history = tuple(state.shown)  # of all that was tried in vain
+        reason = _reason(state)
     ended = best.status
     if status in STOPPED:
         ended = status
@@ -68,8 +70,8 @@ def conclude(state: PlanState, options: Options, status: Status | None) -> Solut
         problem=problem,
         options=options,
         status=ended,
-        message=_message(state, options, ended, best, bound)
-        + _advice(problem, options, ended, best),
+        message=_message(state, options, ended, best, bound, reason)
+        + ("" if reason else _advice(problem, options, ended, best)),
         feasible=best.confirmed,
         trajectory=best.trajectory,
         initial=best.initial,
@@ -92,8 +94,9 @@ def without_motion(
         status: How planning ended.
         message: The reason; by default how planning ended.
     """
-    message = message or _why_not_found(state, status)
-    if status is Status.TIME_LIMIT:
+    reason = "" if message else _reason(state)
+    message = message or _why_not_found(state, status, reason)
+    if status is Status.TIME_LIMIT and not reason:
         message += _time_advice(options)
     return Solution(
         state.problem,
@@ -254,6 +257,7 @@ def _message(
     status: Status,
     best: Candidate,
     bound: LowerBound | None,
+    reason: str,
 ) -> str:
     """The message of a solution: its status, its duration or what its replay breaks."""
     if best.confirmed:
@@ -268,10 +272,10 @@ def _message(
         if gap:
             sentence = f"{sentence}, {gap}"
         return f"{sentence}. {best.remark}".rstrip()
-    if best.unconfirmed:
+    if reason or not best.feasible:
+        return _why_not_found(state, status, reason)
+    if best.verification is None:
         return f"{status.value} There was no time to verify the motion that was found."
-    if any(state.impasses[:1]) or not best.feasible or best.verification is None:
-        return _why_not_found(state, status)
     ended = f"{GAVE_UP[status]}:" if status in STOPPED else status.value
     sentence = f"{ended} {best.verification.message}"
     if bound is not None and bound.T > LONGEST:
@@ -279,13 +283,18 @@ def _message(
     return sentence
 
 
-def _why_not_found(state: PlanState, status: Status) -> str:
+def _reason(state: PlanState) -> str:
+    """What stood in the way of a plan without a motion, in a clause; or empty."""
+    with contextlib.suppress(Stop), state.saving():
+        return "".join(state.impasses[:1]) or hindrance(state.problem)
+    return ""
+
+
+def _why_not_found(state: PlanState, status: Status, reason: str) -> str:
     """Why a plan has found no motion, in sentences."""
     best, tried = best_of(state.candidates), (state.start + 1, len(state.shown))
     motion = None if best is None else best.trajectory
     try:
-        with state.saving():
-            reason = "".join(state.impasses[:1]) or hindrance(state.problem)
-            return explain(state.problem, motion, status, tried, reason)
+        return explain(state.problem, motion, status, tried, reason)
     except Stop:
         return explain(state.problem, None, status, tried)
