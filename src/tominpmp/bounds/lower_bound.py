@@ -148,11 +148,9 @@ def _without_room(problem: Problem) -> str:
             if place is None:
                 continue
             limit = np.where(way > 0.0, limits.position_upper, limits.position_lower)
-            room, needed = (
-                np.abs(limit - place),
-                0.5 * speed**2 / np.maximum(most, 1e-9),
-            )
-            lacking = returns & (needed * (1.0 - SHARE) > room + OFF)
+            room = np.abs(limit - place)
+            needed = 0.5 * np.where(returns, speed, 0.0) ** 2 / np.maximum(most, 1e-9)
+            lacking = needed * (1.0 - SHARE) > room + OFF
             for i in np.flatnonzero(lacking).tolist():
                 unit = "m" if prismatic_joints(phase.robot)[i] else "rad"
                 return (

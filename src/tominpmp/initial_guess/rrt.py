@@ -13,18 +13,21 @@ Distances in the trees approximate times: slow joints have a larger weight.
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
+from itertools import takewhile
 
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
+from tominpmp.kinematics import prismatic_joints
 from tominpmp.transcription.problem_functions import PADDING, ProblemFunctions
-from tominpmp.verification.diagnosis import impasse
 
 # Longest branches of the trees [rad of a joint of median speed].
 REACH = 0.75
-# Number of random configurations towards which a tree grows at once.
+# Number of random configurations towards which a tree grows at once. Of as many, a
+# failed search tells what is in their way.
 BATCH = 16
 # Spacing of collision checks on a branch, and on a shortcut, which cuts corners as far
 # as the checks allow [rad].
@@ -156,9 +159,8 @@ def sample_path(
     except _BudgetSpent:
         # A search that was cut short early says nothing about the obstacles.
         if impasses is not None and space.budget < checks // 2:
-            margin = None if system.clearance is None else system.clearance.margin
             grown = [tree.q * space.unit for tree in trees]
-            impasses.append(impasse(system.problem, margin, grown))
+            impasses.append(_impasse(system, grown))
         return None
     corners = _shortened(space, path, rng) * space.unit
     corners[0], corners[-1] = q_start, q_end
@@ -281,6 +283,45 @@ class _Tree:
             branch.append(self._q[index])
             index = self.parents[index]
         return branch
+
+
+def _impasse(system: ProblemFunctions, trees: Sequence[Array]) -> str:
+    """What is known of a search for a path that found none, in a clause.
+
+    It names the joint that made the least headway towards the other end, and what this
+    joint runs into if it alone moves on.
+
+    Args:
+        system: Limits and clearance.
+        trees: Configurations reached from the start and from the goal, which come
+            first, shape (m, n) each [rad or m].
+    """
+    said = "no path around the obstacles was found"
+    robot, clearance = system.problem.robot, system.clearance
+    way = trees[1][0] - trees[0][0]
+    signs = np.sign(way), -np.sign(way)
+    made = [(tree - tree[0]) * sign for tree, sign in zip(trees, signs, strict=True)]
+    most = np.array([rows.max(axis=0) for rows in made])
+    shares = np.divide(most, np.abs(way), np.full_like(most, np.inf), where=way != 0.0)
+    root, j = divmod(int(np.argmin(shares)), way.size)
+    if clearance is None or shares[root, j] >= 1.0:
+        return said
+    checker, pairs = clearance.checker, Counter[str]()
+    ahead = np.zeros((BATCH, way.size))
+    ahead[:, j] = signs[root][j] * RESOLUTION * np.arange(1, BATCH + 1)
+    for q in trees[root][np.argsort(made[root][:, j])[-BATCH:]]:
+        free = list(takewhile(bool, checker.each_free(q + ahead, clearance.margin)))
+        hit = checker.closest(q + ahead[len(free) % BATCH], clearance.margin)
+        if len(free) < BATCH and hit is not None:
+            pairs[hit.pair] += 1
+    here, there = ("start", "goal")[:: 1 - 2 * root]
+    unit = "m" if prismatic_joints(robot)[j] else "rad"
+    bodies = " or ".join(pair for pair, _ in pairs.most_common(2))
+    before = f" before {bodies} collide; room there may open a way" if pairs else ""
+    return (
+        f"{said}: from the {here}, joint {robot.joint_names[j]!r} came no farther than "
+        f"{most[root, j]:.2g} of {abs(way[j]):.3g} {unit} towards the {there}{before}"
+    )
 
 
 def _connected(

@@ -8,15 +8,9 @@ from a search that was cut short ("gave up").
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Sequence
-from itertools import takewhile
-
 import numpy as np
 
-from tominpmp.arrays import Array
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import EFFORT
 from tominpmp.options import Tolerances
@@ -49,8 +43,6 @@ HELP = {
 }
 # Tolerances beyond which a deviation of an infeasible motion is a violation.
 STRICT = Tolerances(goal=1e-4, speed=1e-3, limits=1e-3, contact=1e-5)
-# A joint is moved on by up to STEPS steps [rad or m] from as many configurations.
-STEP, STEPS = 0.05, 16
 # Largest number of instants at which an infeasible motion is examined.
 MOST_INSTANTS = 1000
 
@@ -139,49 +131,6 @@ def _clause(stage: Stage, motion: Trajectory, item: LimitViolation) -> str:
     return (
         f"joint {item.name} would need {bound + item.amount:.3g} {item.unit} at "
         f"{item.time:.2f} s, {bound:.3g} allowed"
-    )
-
-
-def impasse(
-    problem: Problem, margin: float | Array | None, trees: Sequence[Array]
-) -> str:
-    """What is known of a search for a path that found none, in a clause.
-
-    It names the joint that made the least headway towards the other end, and what this
-    joint runs into if it alone moves on.
-
-    Args:
-        problem: The problem.
-        margin: Distance to keep [m], a number or by collision pair; None without pairs.
-        trees: Configurations reached from the start and from the goal, which come
-            first, shape (m, n) each [rad or m].
-    """
-    said, robot = "no path around the obstacles was found", problem.robot
-    way = trees[1][0] - trees[0][0]
-    made = [
-        (trees[0] - trees[0][0]) * np.sign(way),
-        (trees[1][0] - trees[1]) * np.sign(way),
-    ]
-    most = np.array([rows.max(axis=0) for rows in made])
-    shares = np.divide(most, np.abs(way), np.full_like(most, np.inf), where=way != 0.0)
-    root, j = divmod(int(np.argmin(shares)), way.size)
-    if margin is None or shares[root, j] >= 1.0:
-        return said
-    ahead = np.zeros((STEPS, way.size))
-    ahead[:, j] = np.copysign(STEP, (1 - 2 * root) * way[j]) * np.arange(1, STEPS + 1)
-    pairs = Counter[str]()
-    for q in trees[root][np.argsort(made[root][:, j])[-STEPS:]]:
-        free = list(takewhile(bool, problem.checker.each_free(q + ahead, margin)))
-        hit = problem.checker.closest(q + ahead[len(free) % STEPS], margin)
-        if len(free) < STEPS and hit is not None:
-            pairs[hit.pair] += 1
-    here, there = ("start", "goal")[:: 1 - 2 * root]
-    unit = "m" if prismatic_joints(robot)[j] else "rad"
-    bodies = " or ".join(pair for pair, _ in pairs.most_common(2))
-    before = f" before {bodies} collide; room there may open a way" if pairs else ""
-    return (
-        f"{said}: from the {here}, joint {robot.joint_names[j]!r} came no farther than "
-        f"{most[root, j]:.2g} of {abs(way[j]):.3g} {unit} towards the {there}{before}"
     )
 
 
