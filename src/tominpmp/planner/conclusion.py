@@ -292,7 +292,9 @@ def _reason(state: PlanState) -> str:
 
 def _why_not_found(state: PlanState, status: Status, reason: str) -> str:
     """Why a plan has found no motion, in sentences."""
-    best, tried = best_of(state.candidates), (state.start + 1, len(state.shown))
+    coarse = [] if state.fallback is None else [state.fallback.candidate]
+    tried = state.start + 1, len(state.shown)
+    best = best_of([*coarse, *state.candidates])
     motion = None if best is None else best.trajectory
     try:
         return explain(state.problem, motion, status, tried, reason)
