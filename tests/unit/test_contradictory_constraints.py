@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -107,12 +106,9 @@ def test_what_stays_violated_is_named_with_its_place():
     motion = tm.plan(tm.Problem(rail, [0.0], tm.JointGoal([1.0])), **QUICK).trajectory
     wall = tm.KeepAway("tip", (0.5, 0.0, 0.0), 0.2)
     problem = tm.Problem(rail, [0.0], tm.JointGoal([1.0]), constraints=(wall,))
-    outcome = SimpleNamespace(
-        status=Status.INFEASIBLE, trajectory=motion, violations={"x": 1.0}, history=()
-    )
-    text = explain(problem, [outcome], Status.INFEASIBLE)
+    text = explain(problem, motion, Status.INFEASIBLE, (1, 1))
     assert "the intrusion of frame tip is 0.2 m beyond its limit at 0.4" in text
-    assert "would need 0.2 m more intrusion of frame tip." in text
+    assert "What may help: a wider limit of the intrusion of frame tip." in text
 
 
 @pytest.mark.parametrize(

@@ -72,16 +72,23 @@ def test_joints_may_have_next_to_no_room():
 def test_no_path_through_a_closed_wall(tmp_path):
     system = maze(tmp_path, wall("closed", 0.0, -3.0, 3.0))
     assert sample_path(system, np.array(END), 1, checks=2000) is None
-    rng = np.random.default_rng(0)
-    assert list(sample_paths(system, [np.array(END)], rng, checks=500)) == []
+    rng, said = np.random.default_rng(0), list[str]()
+    ends = [np.array(END)]
+    assert not list(sample_paths(system, ends, rng, checks=500, impasses=said))
+    assert len(said) > 1
+    assert "no path around the obstacles was found: from the " in said[0]
+    assert "joint 'x' came no farther than " in said[0]
+    assert "and obstacle 'closed' collide; room there may open a way" in said[0]
 
 
 def test_no_path_once_the_time_is_up(tmp_path):
     past = time.perf_counter() - 1.0
     system = zigzag(tmp_path)
     assert sample_path(system, np.array(END), 1, deadline=past) is None
-    rng = np.random.default_rng(0)
-    assert list(sample_paths(system, [np.array(END)], rng, deadline=past)) == []
+    rng, said = np.random.default_rng(0), list[str]()
+    ends = [np.array(END)]
+    assert not list(sample_paths(system, ends, rng, deadline=past, impasses=said))
+    assert not said  # a search that was cut short says nothing about the obstacles
 
 
 def test_no_path_to_an_end_in_collision(tmp_path):
@@ -140,3 +147,12 @@ def test_paths_are_alike_if_they_shift_into_each_other(tmp_path):
     assert not alike(system, over, under)
     elsewhere = np.array([START, (0.0, 0.8), (1.5, 1.5)])
     assert not alike(system, over, elsewhere)
+
+
+def test_searches_for_further_paths_say_nothing(tmp_path):
+    """One path was known, and the message was that none was found."""
+    system, said = maze(tmp_path, wall("closed", 0.0, -3.0, 3.0)), list[str]()
+    ends, known = [np.array(END)], [np.array([START, END])]
+    rng = np.random.default_rng(0)
+    paths = sample_paths(system, ends, rng, known=known, checks=500, impasses=said)
+    assert not list(paths) and not said

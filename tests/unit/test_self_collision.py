@@ -114,7 +114,7 @@ def test_time_that_ends_before_links_are_parted_is_said(
     solution = tm.plan(problem, effort="quick", max_planning_time=60.0, **motion)
     assert solution.status is tm.Status.TIME_LIMIT
     assert "planning time was used up after 1 start" in solution.message
-    assert "overlap" in solution.message
+    assert "of clearance at" in solution.message
     assert replayed[0] not in replayed[1:]
 
 

@@ -55,7 +55,7 @@ def joints_of(problem: Problem, smooth_ends: bool) -> list[Joint]:
         problem: The problem.
         smooth_ends: Whether accelerations that may not jump are zero at both ends.
     """
-    tightest, joints = _tightest_limits(problem), []
+    tightest, joints = tightest_limits(problem), []
     names, slides = problem.robot.joint_names, prismatic_joints(problem.robot)
     for i, name in enumerate(names):
         unit = "m" if slides[i] else "rad"
@@ -71,7 +71,7 @@ def joints_of(problem: Problem, smooth_ends: bool) -> list[Joint]:
     return [replace(joints[0], drive=by_torque, limits=limits)]
 
 
-def _tightest_limits(problem: Problem) -> dict[str, Array]:
+def tightest_limits(problem: Problem) -> dict[str, Array]:
     """The tightest limits of all joints by bounded quantity, see :data:`BOUNDED`.
 
     Shape (n,) each; infinite for joints without a limit.

@@ -19,6 +19,7 @@ Motions that use the tolerances of the verification can be correspondingly short
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,11 +27,13 @@ from tominpmp.arrays import Array
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.bounds.energy import energy_bounds
 from tominpmp.bounds.frames import frame_bounds, tool_speed_bounds
-from tominpmp.bounds.joints import joint_bounds, joints_of, reach_of
+from tominpmp.bounds.joints import joint_bounds, joints_of, reach_of, tightest_limits
+from tominpmp.bounds.least_time import OFF, SHARE
 from tominpmp.bounds.result import LowerBound
 from tominpmp.checks import instance, number
 from tominpmp.exceptions import warn_caller
 from tominpmp.goals.base import Goal
+from tominpmp.kinematics import prismatic_joints
 from tominpmp.problem.problem import Problem
 
 
@@ -63,27 +66,101 @@ def lower_bound(
 
 
 def _of_segments(problem: Problem) -> LowerBound:
-    """Sum of the bounds of segments with a known start, and of all dwells.
-
-    Velocities at ends of segments are free unless the goal fixes them.
-    """
-    total = dwells = 0.0
-    start, known = problem.v_start, True
-    for phase, segment in zip(problem.phases, problem.segments, strict=True):
-        dwells += segment.dwell
-        if known:
-            total += _of_goal(phase, phase.goal, start, smooth_ends=False).T
-        known = phase.goal.configuration is not None
-        start = _end_velocity(phase, phase.goal)
+    """The bound of the last arrival and its dwell, or that of the last goal alone."""
+    bound = _arrival_bounds(problem)[-1]
+    total = bound.T + problem.segments[-1].dwell
     same = all(phase.robot is problem.robot for phase in problem.phases) and all(
         segment.motion_limits is None for segment in problem.segments
     )
     if same:
         last = problem.phases[-1].goal
         total = max(total, _of_goal(problem, last, problem.v_start).T)
-    return LowerBound(
-        total + dwells, "the limits of the joints on each segment, and all dwells"
-    )
+    return LowerBound(total, "the limits of the joints on each segment, and all dwells")
+
+
+def _arrival_bounds(problem: Problem) -> list[LowerBound]:
+    """Bounds on the arrival at the goal of each segment, from the start of the motion.
+
+    They are the sums of the bounds of segments with a known start, and of the dwells
+    before. Velocities at ends of segments are free unless the goal fixes them.
+    """
+    bounds, begin = list[LowerBound](), 0.0
+    start, known = problem.v_start, True
+    for phase, segment in zip(problem.phases, problem.segments, strict=True):
+        bound = LowerBound(0.0, "")
+        if known:
+            bound = _of_goal(phase, phase.goal, start, smooth_ends=False)
+        earliest, _ = segment.arrival or (0.0, math.inf)
+        bounds.append(replace(bound, T=max(begin + bound.T, earliest)))
+        begin = bounds[-1].T + segment.dwell
+        known = phase.goal.configuration is not None
+        start = _end_velocity(phase, phase.goal)
+    return bounds
+
+
+def why_impossible(problem: Problem, tolerance: float) -> str:
+    """Proof by the limits of joints and tools that no motion exists, in a sentence.
+
+    Args:
+        problem: The problem.
+        tolerance: Excess over limits that is tolerated, as a share.
+
+    Returns:
+        The sentence; empty without a proof.
+    """
+    why = _without_room(problem) or _late_arrival(problem, tolerance)
+    return why and f"No motion exists: {why}."
+
+
+def _late_arrival(problem: Problem, tolerance: float) -> str:
+    """The first segment whose latest arrival no motion can meet; or empty."""
+    limits = [segment.arrival or (0.0, math.inf) for segment in problem.segments]
+    if all(math.isinf(latest) for _, latest in limits):
+        return ""
+    each = zip(limits, _arrival_bounds(problem), strict=True)
+    for k, ((_, latest), bound) in enumerate(each, 1):
+        if bound.T > (1.0 + 2.0 * tolerance) * latest:
+            why = f": {bound.reason}" if k == 1 else ", by its joint limits and dwells"
+            return (
+                f"the goal of segment {k} is to be reached by {latest:.4g} s, and no "
+                f"motion gets there before {bound.T:.4g} s{why}"
+            )
+    return ""
+
+
+def _without_room(problem: Problem) -> str:
+    """The first joint without room to stop, or for the run-up to a speed; or empty.
+
+    The room ends at a position limit. A joint needs none on a segment that it passes in
+    one direction.
+    """
+    q: Array | None = problem.q_start
+    v, many = problem.v_start, len(problem.phases) > 1
+    for k, phase in enumerate(problem.phases, 1):
+        goal, limits = phase.goal, phase.robot.limits
+        q_end, w = goal.configuration, _end_velocity(phase, goal)
+        if goal.alternatives[1:]:
+            q_end, w = None, np.full(v.size, math.inf)
+        most = tightest_limits(phase)["a"]
+        returns = np.isfinite(v) & np.isfinite(w) & (np.sign(v) * np.sign(w) <= 0.0)
+        ends = (q, v, v, "start", "stop"), (q_end, w, -w, "goal", "reach this speed")
+        for place, speed, way, end, verb in ends:
+            if place is None:
+                continue
+            limit = np.where(way > 0.0, limits.position_upper, limits.position_lower)
+            room = np.abs(limit - place)
+            needed = 0.5 * np.where(returns, speed, 0.0) ** 2 / np.maximum(most, 1e-9)
+            lacking = needed * (1.0 - SHARE) > room + OFF
+            for i in np.flatnonzero(lacking).tolist():
+                unit = "m" if prismatic_joints(phase.robot)[i] else "rad"
+                return (
+                    f"joint {phase.robot.joint_names[i]!r} has {abs(speed[i]):.4g} "
+                    f"{unit}/s at the {end}{f' of segment {k}' * many}, {room[i]:.4g} "
+                    f"{unit} from its position limit of {limit[i]:.4g} {unit}, and "
+                    f"needs {needed[i]:.4g} {unit} to {verb}"
+                )
+        q, v = q_end, w
+    return ""
 
 
 def _of_goal(

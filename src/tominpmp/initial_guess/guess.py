@@ -145,6 +145,8 @@ class GuessRequest:
             fastest straight line.
         deadline: When to stop sampling, as a value of :func:`time.perf_counter` [s].
         beyond: Constraints on positions that hold from the goal on.
+        impasses: Receives clauses on searches for paths that found none; the first is
+            empty once a path was found.
     """
 
     count: int
@@ -152,6 +154,7 @@ class GuessRequest:
     duration: float | None = None
     deadline: float = np.inf
     beyond: Sequence[PathConstraint] = ()
+    impasses: list[str] = field(default_factory=list)
 
 
 def straight_guess(system: ProblemFunctions, q_end: Array) -> Guess:
@@ -398,11 +401,14 @@ def sampled_guesses(
     ``enough`` [s], it is not compared with others.
     """
     rng, deadline = request.rng, request.deadline
-    paths = sample_paths(system, ends, rng, known=known, deadline=deadline)
+    paths = sample_paths(
+        system, ends, rng, known=known, deadline=deadline, impasses=request.impasses
+    )
     guesses: Iterator[Guess] = (path_guess(system, path) for path in paths)
     first = next(guesses, None)
     if first is None:
         return
+    request.impasses[:] = [""]
     if first.timed and first.duration <= enough:
         yield first
     else:

@@ -13,17 +13,21 @@ Distances in the trees approximate times: slow joints have a larger weight.
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
+from itertools import takewhile
 
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
+from tominpmp.kinematics import prismatic_joints
 from tominpmp.transcription.problem_functions import PADDING, ProblemFunctions
 
 # Longest branches of the trees [rad of a joint of median speed].
 REACH = 0.75
-# Number of random configurations towards which a tree grows at once.
+# Number of random configurations towards which a tree grows at once. Of as many, a
+# failed search tells what is in their way.
 BATCH = 16
 # Spacing of collision checks on a branch, and on a shortcut, which cuts corners as far
 # as the checks allow [rad].
@@ -86,6 +90,7 @@ def sample_paths(
     known: Sequence[Array] = (),
     checks: int = CHECKS,
     deadline: float = np.inf,
+    impasses: list[str] | None = None,
 ) -> Iterator[Array]:
     """Distinct paths from the start of a problem to given ends in turn.
 
@@ -99,6 +104,7 @@ def sample_paths(
         known: Known free paths, each of shape (m, n); paths alike to them are left out.
         checks: Most collision checks for each path.
         deadline: When to stop, as a value of :func:`time.perf_counter` [s].
+        impasses: Receives clauses on searches without a path, until one is found.
 
     Yields:
         Corners of a path, shape (m, n). The search is lazy.
@@ -112,7 +118,8 @@ def sample_paths(
         end = ends[number % len(ends)]
         number += 1
         seed = int(rng.integers(1, 2**31))
-        path = sample_path(system, end, seed, checks, deadline)
+        told = None if paths else impasses
+        path = sample_path(system, end, seed, checks, deadline, told)
         failures += FAILED if path is None else 1
         if path is None or any(alike(system, path, other) for other in paths):
             continue
@@ -127,6 +134,7 @@ def sample_path(
     seed: int,
     checks: int = CHECKS,
     deadline: float = np.inf,
+    impasses: list[str] | None = None,
 ) -> Array | None:
     """A collision-free path, shortened.
 
@@ -136,6 +144,7 @@ def sample_path(
         seed: Seed of the random numbers.
         checks: Most collision checks before the path is shortened.
         deadline: When to stop, as a value of :func:`time.perf_counter` [s].
+        impasses: Receives a clause on a search without a path.
 
     Returns:
         Corners, shape (m, n); None if no path was found.
@@ -144,9 +153,14 @@ def sample_path(
     if not (is_free(system, q_start) and is_free(system, q_end)):
         return None
     space = _Space(system, q_end, checks, deadline)
+    trees = [_Tree(end) for end in space.ends]
     try:
-        path = _connected(space, rng)
+        path = _connected(space, trees, rng)
     except _BudgetSpent:
+        # A search that was cut short early says nothing about the obstacles.
+        if impasses is not None and space.budget < checks // 2:
+            grown = [tree.q * space.unit for tree in trees]
+            impasses.append(_impasse(system, grown))
         return None
     corners = _shortened(space, path, rng) * space.unit
     corners[0], corners[-1] = q_start, q_end
@@ -168,6 +182,7 @@ class _Space:
         ends: Both ends, shape (2, n), in these units.
         lower: Lower bounds of a batch of random configurations, shape (BATCH, n).
         upper: Upper bounds of the batch.
+        budget: Collision checks that are left.
     """
 
     def __init__(
@@ -184,7 +199,7 @@ class _Space:
         self.lower = np.maximum(low, self.ends.min(axis=0) - beyond)
         self.upper = np.minimum(high, self.ends.max(axis=0) + beyond)
         self._radian = scale / self.unit
-        self._check, self._budget, self._deadline = _check_of(system), checks, deadline
+        self._check, self.budget, self._deadline = _check_of(system), checks, deadline
 
     def each_free(self, points: Array) -> Iterator[bool]:
         """Yield for each point, shape (m, n), whether it is free.
@@ -195,8 +210,8 @@ class _Space:
         if time.perf_counter() > self._deadline:
             raise _BudgetSpent
         for free in self._check(points * self.unit):
-            self._budget -= 1
-            if self._budget < 0:
+            self.budget -= 1
+            if self.budget < 0:
                 raise _BudgetSpent
             yield free
 
@@ -218,7 +233,7 @@ class _Space:
 
     def allow(self, checks: int) -> None:
         """Allow this many collision checks from now on."""
-        self._budget = checks
+        self.budget = checks
 
 
 @lru_cache(maxsize=1024)
@@ -270,15 +285,61 @@ class _Tree:
         return branch
 
 
-def _connected(space: _Space, rng: np.random.Generator) -> Array:
+def _impasse(system: ProblemFunctions, trees: Sequence[Array]) -> str:
+    """What is known of a search for a path that found none, in a clause.
+
+    It names the joint that made the least headway towards the other end, and what this
+    joint runs into if it alone moves on.
+
+    Args:
+        system: Limits and clearance.
+        trees: Configurations reached from the start and from the goal, which come
+            first, shape (m, n) each [rad or m].
+    """
+    said = "no path around the obstacles was found"
+    robot, clearance = system.problem.robot, system.clearance
+    way = trees[1][0] - trees[0][0]
+    signs = np.sign(way), -np.sign(way)
+    made = [(tree - tree[0]) * sign for tree, sign in zip(trees, signs, strict=True)]
+    most = np.array([rows.max(axis=0) for rows in made])
+    shares = np.divide(most, np.abs(way), np.full_like(most, np.inf), where=way != 0.0)
+    root, j = divmod(int(np.argmin(shares)), way.size)
+    if clearance is None or shares[root, j] >= 1.0:
+        return said
+    checker, pairs = clearance.checker, Counter[str]()
+    ahead = np.zeros((BATCH, way.size))
+    ahead[:, j] = signs[root][j] * RESOLUTION * np.arange(1, BATCH + 1)
+    for q in trees[root][np.argsort(made[root][:, j])[-BATCH:]]:
+        free = list(takewhile(bool, checker.each_free(q + ahead, clearance.margin)))
+        hit = checker.closest(q + ahead[len(free) % BATCH], clearance.margin)
+        if len(free) < BATCH and hit is not None:
+            pairs[hit.pair] += 1
+    here, there = ("start", "goal")[:: 1 - 2 * root]
+    unit = "m" if prismatic_joints(robot)[j] else "rad"
+    bodies = " or ".join(pair for pair, _ in pairs.most_common(2))
+    before = f" before {bodies} collide; room there may open a way" if pairs else ""
+    return (
+        f"{said}: from the {here}, joint {robot.joint_names[j]!r} came no farther than "
+        f"{most[root, j]:.2g} of {abs(way[j]):.3g} {unit} towards the {there}{before}"
+    )
+
+
+def _connected(
+    space: _Space, trees: Sequence[_Tree], rng: np.random.Generator
+) -> Array:
     """A path between both ends, shape (m, n), in units of the space.
+
+    Args:
+        space: The joint space.
+        trees: A tree at each end, which grow.
+        rng: Random numbers.
 
     Raises:
         _BudgetSpent: If the collision checks or the time are used up.
     """
     if space.is_free_along(space.ends):
         return space.ends
-    here, there = (_Tree(end) for end in space.ends)
+    here, there = trees
     while True:
         if len(here) > len(there):
             here, there = there, here

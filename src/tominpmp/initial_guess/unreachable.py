@@ -1,4 +1,4 @@
-"""Errors for goals that no configuration was found to reach: their likely reason."""
+"""Goals that no configuration was found to reach, or to rest in: the likely reason."""
 
 from __future__ import annotations
 
@@ -10,9 +10,17 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError
+from tominpmp.goals.frames import PositionGoal
+from tominpmp.initial_guess.constrained import PLACES, position_constraints
 from tominpmp.initial_guess.guess import KINEMATIC_STARTS
-from tominpmp.initial_guess.inverse_kinematics import Target, find_configurations
+from tominpmp.initial_guess.inverse_kinematics import (
+    REACHED,
+    Target,
+    find_configurations,
+)
 from tominpmp.initial_guess.segments import first_unreached
+from tominpmp.problem.problem import Problem
+from tominpmp.problem.state_checks import unheld
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 
@@ -39,6 +47,69 @@ def unreachable(system: ProblemFunctions, rng: np.random.Generator) -> ProblemEr
         f"one found misses it by {ik.least:.4g} (m, rad)",
         "goal",
     )
+
+
+def hindrance(problem: Problem) -> str:
+    """What may keep an arm from its goal, in a clause; or empty.
+
+    It holds for the configurations that were found to reach the goal and the points of
+    tool paths, which may not be all that there are.
+    """
+    robot, goal, system = problem.robot, problem.goal, ProblemFunctions.of(problem)
+    if problem.segments or goal.alternatives[1:]:
+        return ""
+    if lost := _lost_path(system):
+        return lost
+    if goal.configuration is not None:
+        return ""
+    target = Target(system, goal)
+    ik = find_configurations(target, KINEMATIC_STARTS, np.random.default_rng(0))
+    if not ik.free:
+        return f"goal: {_collision(system, ik.blocked)}" if ik.blocked else ""
+    faults = [unheld(robot, q) for q in ik.free]
+    rests = goal.fixes_velocity and not np.any(goal.final_velocity(robot.n))
+    if not (rests and all(faults)):
+        return ""
+    return (
+        f"goal: the arm cannot rest in any of the {len(faults)} configurations found "
+        f"to reach it: at q = {np.round(ik.free[0], 4).tolist()}, {faults[0]}"
+    )
+
+
+def _lost_path(system: ProblemFunctions) -> str:
+    """How far a frame can follow its path from the start, in a clause.
+
+    Inverse kinematics leads it from point to point. Empty if it reaches the last point,
+    or no frame has to follow a path.
+    """
+    problem, kinematics = system.problem, system.kinematics
+    for item in position_constraints(problem):
+        if item.guide is None:
+            continue
+        (frame, between), q = item.guide, problem.q_start
+        end, last = problem.goal.configuration, problem.goal.nearest_point()
+        if end is not None:
+            last = np.array(kinematics.placement(end, frame).translation)
+        if last is None or frame != (problem.goal.frame_name or frame):
+            continue
+        first = np.array(kinematics.placement(q, frame).translation)
+        points = between(first, last, PLACES + 1)
+        for k, point in enumerate(points[1:]):
+            target = Target(system, PositionGoal(frame, point), keep_clear=True)
+            q_next, missing = target.solve(q)
+            if missing > REACHED:
+                alone, missing = replace(target, keep_clear=False).solve(q)
+                why = "no configuration was found within the position limits"
+                contact = problem.checker.closest(alone, problem.margins)
+                if missing <= REACHED and contact is not None:
+                    why = f"{contact.pair} collide"
+                at = np.round(points[k], 4).tolist()
+                return (
+                    f"frame {frame!r} can be led along its path as far as {at} m, "
+                    f"beyond which {why}; another path or start may help"
+                )
+            q = q_next
+    return ""
 
 
 def _collision(system: ProblemFunctions, blocked: Sequence[Array]) -> str:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from tominpmp.bounds.result import LowerBound
+from tominpmp.initial_guess.unreachable import hindrance
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion.measures import acceleration_remark
 from tominpmp.motion.trajectory import Trajectory
@@ -54,6 +54,10 @@ def conclude(state: PlanState, options: Options, status: Status | None) -> Solut
     best = best_of(candidates)
     if best is None:
         return without_motion(state, options, status or Status.INFEASIBLE)
+    reason = ""
+    if not best.confirmed:
+        history = tuple(state.shown)  # of all that was tried in vain
+        reason = _reason(state)
     ended = best.status
     if status in STOPPED:
         ended = status
@@ -66,8 +70,8 @@ def conclude(state: PlanState, options: Options, status: Status | None) -> Solut
         problem=problem,
         options=options,
         status=ended,
-        message=_message(problem, options, ended, best, candidates, bound)
-        + _advice(problem, options, ended, best),
+        message=_message(state, options, ended, best, bound, reason)
+        + ("" if reason else _advice(problem, options, ended, best)),
         feasible=best.confirmed,
         trajectory=best.trajectory,
         initial=best.initial,
@@ -90,8 +94,9 @@ def without_motion(
         status: How planning ended.
         message: The reason; by default how planning ended.
     """
-    message = message or explain(state.problem, (), status)
-    if status is Status.TIME_LIMIT:
+    reason = "" if message else _reason(state)
+    message = message or _why_not_found(state, status, reason)
+    if status is Status.TIME_LIMIT and not reason:
         message += _time_advice(options)
     return Solution(
         state.problem,
@@ -100,6 +105,7 @@ def without_motion(
         message,
         False,
         None,
+        history=tuple(state.shown),
         planning_time=state.seconds,
     )
 
@@ -246,12 +252,12 @@ def _scope(options: Options, motion: Trajectory) -> str:
 
 
 def _message(
-    problem: Problem,
+    state: PlanState,
     options: Options,
     status: Status,
     best: Candidate,
-    candidates: Sequence[Candidate],
     bound: LowerBound | None,
+    reason: str,
 ) -> str:
     """Message of a solution: its status, and its duration or its violations."""
     if best.confirmed:
@@ -266,15 +272,31 @@ def _message(
         if gap:
             sentence = f"{sentence}, {gap}"
         return f"{sentence}. {best.remark}".rstrip()
-    if best.unconfirmed:
+    if reason or not best.feasible:
+        return _why_not_found(state, status, reason)
+    if best.verification is None:
         return f"{status.value} There was no time to verify the motion that was found."
-    if best.feasible and best.verification is not None:
-        ended = f"{GAVE_UP[status]}:" if status in STOPPED else status.value
-        sentence = f"{ended} {best.verification.message}"
-        if bound is not None and bound.T > LONGEST:
-            sentence += f" No motion takes less than {bound.T:.3g} s: {bound.reason}."
-        return sentence
+    ended = f"{GAVE_UP[status]}:" if status in STOPPED else status.value
+    sentence = f"{ended} {best.verification.message}"
+    if bound is not None and bound.T > LONGEST:
+        sentence += f" No motion takes less than {bound.T:.3g} s: {bound.reason}."
+    return sentence
+
+
+def _reason(state: PlanState) -> str:
+    """What stood in the way of a plan without a motion, in a clause; or empty."""
+    with contextlib.suppress(Stop), state.saving():
+        return "".join(state.impasses[:1]) or hindrance(state.problem)
+    return ""
+
+
+def _why_not_found(state: PlanState, status: Status, reason: str) -> str:
+    """Why a plan has found no motion, in sentences."""
+    coarse = [] if state.fallback is None else [state.fallback.candidate]
+    tried = state.start + 1, len(state.shown)
+    best = best_of([*coarse, *state.candidates])
+    motion = None if best is None else best.trajectory
     try:
-        return explain(problem, candidates, status)
+        return explain(state.problem, motion, status, tried, reason)
     except Stop:
-        return explain(problem, (), status)
+        return explain(state.problem, None, status, tried)

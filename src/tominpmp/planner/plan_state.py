@@ -68,6 +68,9 @@ class PlanState:
             search that follows is open-ended: a time limit then is its regular end.
         callback_error: Error that the callback has raised; None without one.
         failures: Errors of candidates that have led to no motion.
+        shown: Records of all iterations, with the numbers of their candidates.
+        impasses: Clauses on searches for paths that found none; the first is empty once
+            a path was found.
     """
 
     def __init__(
@@ -90,6 +93,8 @@ class PlanState:
         self.complete = False
         self.callback_error: Exception | None = None
         self.failures: list[Exception] = []
+        self.shown: list[IterationRecord] = []
+        self.impasses: list[str] = []
         self._bounds: list[tuple[list[Goal], LowerBound]] = []
         self._begin = time.perf_counter()
         self._limit = self._until = options.time_limit
@@ -280,6 +285,7 @@ class PlanState:
             Stop: If the callback says so, or raises an error.
         """
         record = replace(record, start=self.start, seconds=self.seconds)
+        self.shown.append(record)
         callback = self.options.callback
         try:
             stops = callback is not None and callback(record)

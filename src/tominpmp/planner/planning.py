@@ -34,6 +34,7 @@ from typing import Any
 import numpy as np
 
 from tominpmp.blas_threads import on_one_thread
+from tominpmp.bounds.lower_bound import why_impossible
 from tominpmp.checks import instance
 from tominpmp.exceptions import ProblemError
 from tominpmp.motion.joining import checked_motion
@@ -110,9 +111,11 @@ def plan(
     status, candidate = None, None
     with state.deadline.in_force():
         try:
-            barrier = find_barrier(problem, options.tolerances.contact)
-            if barrier is not None:
-                return without_motion(state, requested, Status.INFEASIBLE, str(barrier))
+            proof = why_impossible(problem, options.limit_tolerance) or find_barrier(
+                problem, options.contact_tolerance
+            )
+            if proof:
+                return without_motion(state, requested, Status.INFEASIBLE, str(proof))
             schedule = full_schedule(state, former)
             while status is None and not state.satisfied:
                 candidate = run(state, schedule.send(candidate))

@@ -141,7 +141,9 @@ def starts(
     if searched and not system.in_free_space:
         most = max(most, usual + MOST_PATHS)
     make = segmented_guesses if system.parts else guesses_of
-    request = GuessRequest(most, rng, options.initial_duration, state.end_time)
+    request = GuessRequest(
+        *(most, rng, options.initial_duration, state.end_time), impasses=state.impasses
+    )
     guesses = make(system, request)
     first = next(guesses, None)
     if first is None:

@@ -1,0 +1,161 @@
+"""Plans without a motion: what is in the way is named, and proofs come at once."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from optimum_cases import ROD
+from sample_arms import DOWNWARD, make_arm
+
+import tominpmp as tm
+from tominpmp.bounds.lower_bound import lower_bound, why_impossible
+from tominpmp.initial_guess.unreachable import hindrance
+from tominpmp.kinematics import RobotKinematics
+from tominpmp.status import Status
+
+TOLERANCE = 5e-3
+
+
+def rushed(*latest: float | None, dwell: float = 0.0) -> tm.Problem:
+    """One joint there and back, with the latest arrivals at both ends."""
+    arm = make_arm(ROD, effort=5.0)
+    segments = [
+        tm.Segment(
+            tm.JointGoal([1.0 - k]),
+            arrival=None if time is None else (0.0, time),
+            stop=True,
+            dwell=dwell * (k == 0),
+        )
+        for k, time in enumerate(latest)
+    ]
+    return tm.Problem(arm, [0.0], segments=segments)
+
+
+def test_an_arrival_that_no_motion_meets_is_told_at_once() -> None:
+    """Nine starts failed first, and a violated acceleration was named."""
+    fastest = lower_bound(rushed(None)).T
+
+    solution = tm.plan(rushed(0.5 * fastest))
+
+    assert solution.status is Status.INFEASIBLE and not solution.history
+    assert solution.message == (
+        "No motion exists: the goal of segment 1 is to be reached by "
+        f"{0.5 * fastest:.4g} s, and no motion gets there before {fastest:.4g} s: "
+        "joint joint1 has 1 rad to go, and no torque moves it there sooner."
+    )
+
+
+def test_arrivals_are_bounded_by_the_segments_and_stays_before() -> None:
+    fastest = lower_bound(rushed(None)).T
+    least = 2.0 * fastest + 0.5
+
+    early, in_time = (
+        why_impossible(rushed(None, share * least, dwell=0.5), TOLERANCE)
+        for share in (0.97, 1.0)
+    )
+
+    assert f"the goal of segment 2 is to be reached by {0.97 * least:.4g} s" in early
+    assert f"no motion gets there before {least:.4g} s, by its joint" in early
+    assert not in_time
+    assert tm.plan(rushed(None, 1.05 * least, dwell=0.5)).success
+
+
+def moving(at: float, v: float, to: float, w: float) -> tm.Problem:
+    """A joint between 0 and 1 rad, with up to 2 rad/s^2."""
+    arm = make_arm(ROD, effort=50.0).with_changes(
+        position_lower=0.0, position_upper=1.0
+    )
+    limits = tm.MotionLimits(acceleration=2.0)
+    return tm.Problem(
+        arm, [at], tm.JointGoal([to], v=[w]), v_start=[v], motion_limits=limits
+    )
+
+
+def test_room_that_is_missing_to_stop_or_for_a_run_up_is_told() -> None:
+    """Other limits were named, after eight starts."""
+    stop = tm.plan(moving(0.9, 1.0, 0.5, 0.0))
+    assert stop.status is Status.INFEASIBLE and not stop.history
+    assert stop.message == (
+        "No motion exists: joint 'joint1' has 1 rad/s at the start, 0.1 rad from its "
+        "position limit of 1 rad, and needs 0.25 rad to stop."
+    )
+    run_up = why_impossible(moving(0.5, 0.0, 0.9, -1.0), TOLERANCE)
+    assert "has 1 rad/s at the goal, 0.1 rad from its position limit of 1" in run_up
+    assert run_up.endswith("and needs 0.25 rad to reach this speed.")
+
+
+@pytest.mark.parametrize(
+    "ends",
+    [
+        (0.7, 1.0, 0.5, 0.0),
+        (0.5, 0.0, 0.7, -1.0),
+        (0.9, 1.0, 0.95, 1.0),
+        (0.1, -0.6, 0.05, -0.4),
+    ],
+)
+def test_enough_room_is_not_disputed(ends: tuple[float, ...]) -> None:
+    problem = moving(*ends)
+    assert why_impossible(problem, TOLERANCE) == ""
+    assert tm.plan(problem).success
+
+
+def test_joint_and_obstacle_without_a_path_are_named() -> None:
+    """Torques of a guess were named that no iteration had improved."""
+    room = {"position_lower": [-3.0, -0.1, -0.1], "position_upper": [3.0, 0.1, 0.1]}
+    arm = tm.load_robot("planar3r", **room)
+    post = tm.Sphere("post", radius=0.3, position=(0.0, 5.0, 0.0))
+    goal = tm.JointGoal([2.5, 0.0, 0.0], wrap=False)
+    problem = tm.Problem(arm, [0.6, 0.0, 0.0], goal, [post])
+
+    solution = tm.plan(problem, intervals=8, starts=1, max_iterations=5)
+
+    assert not solution.success
+    assert ": no path around the obstacles was found: from the " in solution.message
+    assert "joint 'joint1' came no farther than 0.9" in solution.message
+    assert " of 1.9 rad towards the " in solution.message
+    assert "link 'link2' and obstacle 'post'" in solution.message
+    assert "N m" not in solution.message
+
+
+def test_a_load_that_no_configuration_at_the_goal_holds_is_named() -> None:
+    weak = make_arm(ROD, ROD, effort=np.array([15.0, 9.0]), gravity=DOWNWARD)
+    strong = make_arm(ROD, ROD, effort=np.array([50.0, 50.0]), gravity=DOWNWARD)
+    goal = tm.PositionGoal("tip", [1.9, 0.0, 0.0])
+    start = [-1.5, 0.0]
+
+    told = hindrance(tm.Problem(weak, start, goal))
+
+    assert "goal: the arm cannot rest in any of the " in told
+    assert "joint 'joint1' cannot hold the arm against gravity there" in told
+    assert hindrance(tm.Problem(strong, start, goal)) == ""
+    moving = tm.PositionGoal("tip", [1.9, 0.0, 0.0], v=[0.0, 0.1, 0.0])
+    assert hindrance(tm.Problem(weak, start, moving)) == ""
+
+
+def test_what_covers_a_goal_on_a_frame_is_named() -> None:
+    arm = tm.load_robot("planar3r")
+    ball = tm.Sphere("ball", radius=0.2, position=(3.0, 2.0, 0.0))
+    region = tm.RegionGoal("tip", [2.99, 1.99, -0.1], [3.01, 2.01, 0.1])
+    problem = tm.Problem(arm, [2.0, 0.0, 0.0], region, [ball], margin=0.02)
+
+    told = hindrance(problem)
+
+    assert "configurations found to reach it are in collision" in told
+    assert "obstacle 'ball' lack 0." in told
+
+
+def test_how_far_a_tool_can_follow_its_path_is_told() -> None:
+    """The distance from the goal was told, and neither the ball nor the place."""
+    arm, q = tm.load_robot("planar3r"), [0.5, 1.4, -0.8]
+    begin = np.array(RobotKinematics(arm).placement(np.array(q), "tip").translation)
+
+    def told(way: float, *obstacles: tm.Sphere) -> str:
+        line = tm.ToolLine("tip", begin, begin + np.array([way, 0.0, 0.0]), radius=0.01)
+        goal = tm.PositionGoal("tip", line.end)
+        return hindrance(tm.Problem(arm, q, goal, obstacles, constraints=[line]))
+
+    assert told(-4.0) == ""
+    ball = tm.Sphere("ball", radius=0.2, position=begin - np.array([2.0, 0.0, 0.0]))
+    hit = told(-4.0, ball)
+    assert "frame 'tip' can be led along its path as far as [0.7731, 4.222" in hit
+    assert "beyond which link 'link3' and obstacle 'ball' collide" in hit
