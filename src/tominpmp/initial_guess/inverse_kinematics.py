@@ -123,7 +123,7 @@ class Target:
             q: Initial configuration, shape (n,) [rad or m].
 
         Returns:
-            Configuration, shape (n,), and the norm of the remaining residual.
+            Configuration, shape (n,), and the remaining violation [m, rad].
         """
         (q,), _ = _descend(self, q[None])
         return q, self.violation(q)
@@ -144,7 +144,8 @@ class GoalSearch(NamedTuple):
         free: Collision-free configurations, the most promising first, each of shape
             (n,).
         blocked: Configurations in collision.
-        least: Smallest residual if no configuration reaches the goal; otherwise 0.
+        least: Violation of the conditions at the nearest configuration found if no
+            configuration reaches the goal; otherwise 0.
     """
 
     free: list[Array]
@@ -181,7 +182,7 @@ def find_configurations(
     moved out of collision as far as the goal leaves the arm any freedom.
 
     Returns:
-        Configurations free of collisions, and configurations in collision.
+        The configurations, and how far the nearest one is off without them.
     """
     system, problem = target.system, target.system.problem
     limits = problem.robot.limits

@@ -28,7 +28,7 @@ BATCH = 16
 # Spacing of collision checks on a branch, and on a shortcut, which cuts corners as far
 # as the checks allow [rad].
 RESOLUTION, FINE = 0.05, 0.0125
-# Most collision checks for a path, before it is shortened.
+# Most collision checks of the search for a path, and of its shortening.
 CHECKS = 80_000
 # Distances beyond both ends to which joints without narrow limits are sampled, in turn
 # [rad]: most ways out of narrow ends are close to these.
@@ -87,14 +87,15 @@ def sample_paths(
     checks: int = CHECKS,
     deadline: float = np.inf,
 ) -> Iterator[Array]:
-    """Distinct paths from the start of a problem to given ends in turn.
+    """Distinct paths from the start of a problem to given free ends in turn.
 
     Homotopic paths lead to the same motion: on the Panda among shelves and tables their
     optima agreed to 0.1 % in all of 15 cases.
 
     Args:
         system: Start, limits and clearance.
-        ends: Final configurations, each of shape (n,) [rad or m].
+        ends: Final configurations, each of shape (n,) [rad or m]; ends in collision
+            are left out.
         rng: Random numbers; the paths depend only on them unless time runs out.
         known: Known free paths, each of shape (m, n); paths alike to them are left out.
         checks: Most collision checks for each path.
