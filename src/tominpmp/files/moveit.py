@@ -513,8 +513,8 @@ def _outside_group(
         semantics: Content of its SRDF file, if there is one.
 
     Returns:
-        Positions by joint name [rad or m]: from the start state, else from a group
-        state, else zero; empty if the request names no group.
+        Positions by joint name [rad or m]: from the start state, else the rest
+        position; empty if the request names no group.
     """
     name = request.get("group_name")
     if not name.given:
@@ -596,8 +596,8 @@ def load_moveit(
         ScenarioError: If a file is wrong, or the problem in it, for example a start in
             collision; names the file and the key in it.
         RobotLoadError: If the robot cannot be loaded.
-        ProblemError: If the margin, a limit or a constraint is wrong, or joint limits
-            are given for a robot that is loaded already.
+        ProblemError: If the margin, a limit or another argument is wrong, or a robot
+            that is loaded already is not kinematic as asked, or has joint limits given.
     """
     scene_message, request = _read_message(scene_path), _read_message(request_path)
     state, start = request.get("start_state"), _start_values(request, "position")
@@ -626,7 +626,7 @@ def load_moveit(
     except ProblemError as error:
         blamed = (error.field or "").partition(".")[0].partition("[")[0]
         places = {"q_start": "start_state", "v_start": "start_state"}
-        if blamed in ("margin", "motion_limits", "constraints"):
+        if blamed in ("margin", "motion_limits", "constraints", "self_collision"):
             raise
         request.get(places.get(blamed, "goal_constraints")).fail(str(error))
 
