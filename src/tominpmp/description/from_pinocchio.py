@@ -67,7 +67,7 @@ def describe_model(
 
     Raises:
         RobotLoadError: If a joint has several degrees of freedom or both turns and
-            slides, or a shape has an unsupported type.
+            slides, a mass or inertia is not finite, or a shape has an unsupported type.
     """
     path = Path(f"<pinocchio.Model {model.name}>") if path is None else path
     reader = _ModelReader(model, path)

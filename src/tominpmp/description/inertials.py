@@ -33,6 +33,7 @@ COINCIDENT = 1e-2
 MIN_INERTIA = 1e-12
 MIN_SCALED_INERTIA = 1e-10
 
+# Number of random configurations whose mass matrix is checked.
 INERTIA_SAMPLES = 5
 
 
@@ -131,7 +132,7 @@ def check_inertia(
     offset: Array | None,
     description: UrdfDescription,
 ) -> None:
-    """Check that joints move possible inertias, and none without inertia.
+    """Check that each joint moves some inertia, and that it is physically possible.
 
     A joint with rotor inertia may move an impossible body: its torques do not come from
     that body alone.
@@ -198,7 +199,8 @@ def singular_directions(mass: Array) -> NDArray[np.bool_]:
         mass: The matrix, shape (n, n).
 
     Returns:
-        Which joints move there, shape (n,); none for a regular matrix.
+        Whether each joint moves there, shape (n,); False throughout for a regular
+        matrix.
     """
     own = np.diag(mass)
     if (own < MIN_INERTIA).any():

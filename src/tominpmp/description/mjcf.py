@@ -57,7 +57,7 @@ Range = tuple[float, float]
 
 
 def describe_mjcf(
-    root: Element, path: Path, package_dirs: Sequence[Path] = ()
+    root: Element, path: Path, package_dirs: Sequence[Path]
 ) -> tuple[UrdfDescription, SemanticDescription, Mapping[str, Range]]:
     """Describe the robot of an MJCF file, whose joints have no speed limits.
 
@@ -303,7 +303,11 @@ class _MjcfReader:
         return outer
 
     def _is_absent(self, body: Element, geom: Element) -> bool:
-        """Whether a shape is visual only, weightless, and its mesh is missing."""
+        """Whether the mesh of a shape is missing, which only a picture may lack.
+
+        Raises:
+            RobotLoadError: If the missing mesh has weight, or may collide.
+        """
         missing = self.missing.get(geom.get("mesh", ""))
         if missing is None:
             return False

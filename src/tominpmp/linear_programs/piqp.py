@@ -26,7 +26,7 @@ PIQP_ITERATIONS = 60
 # If rounding prevents convergence to the last digits, PIQP stalls at the solution. It
 # is accepted up to these residuals of rows and of multipliers.
 NEARLY_ROWS, NEARLY_DUALS = 1e-6, 1e-3
-# Requested residual of rows and of multipliers, in units of the limits.
+# Requested residual of rows and of multipliers in a second try, in units of the limits.
 RESIDUAL = 1e-7
 # Passes of equilibration by PIQP: equations are scaled here already, and other rows are
 # in units of their limits. Two passes took 4 % more iterations for the same T (128

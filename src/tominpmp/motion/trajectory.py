@@ -67,8 +67,8 @@ class State(NamedTuple):
 class Trajectory(TimedRows):
     """A motion of all joints from time 0 to its duration.
 
-    Two trajectories are equal if their nodes are equal. A motion that takes no time, as
-    it starts at its goal, has a single node.
+    Two trajectories are equal if all attributes but functions are equal. A motion that
+    takes no time, as it starts at its goal, has a single node.
 
     Attributes:
         joint_names: Names of the joints, in column order.
