@@ -249,7 +249,11 @@ def _fits(actual: tuple[int, ...], expected: tuple[Any, ...]) -> bool:
 
 
 def names(value: Any, called: str = "joint_names") -> tuple[str, ...]:
-    """Check joint names, which must not repeat, and return them as a tuple."""
+    """Check joint names, which must not repeat, and return them as a tuple.
+
+    Raises:
+        ProblemError: If they are not names, or a name is repeated.
+    """
     listed = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
     listed = listed and not (isinstance(value, np.ndarray) and value.ndim == 0)
     good = listed and all(isinstance(name, str) and name for name in value)

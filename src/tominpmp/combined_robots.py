@@ -54,8 +54,8 @@ def combine_robots(parts: Sequence[Part], *, gravity: ArrayLike | None = None) -
         The robot; ``robot.stack(left=q1, right=q2)`` concatenates values of its joints.
 
     Raises:
-        ProblemError: If two robots have the same name, their bases overlap, or their
-            gravities differ.
+        ProblemError: If two robots have the same name, their bases overlap, their
+            gravities differ, or only some of them are kinematic.
         OptionsError: If the gravity is not a vector.
     """
     robots, bases = _checked_parts(parts)

@@ -51,7 +51,7 @@ from tominpmp.motion.trajectory import Trajectory
 # :mod:`~tominpmp.files.tables`, the second messages with as many values as YAML may
 # have [bytes].
 MAX_BYTES, MAX_MESSAGE = 2**28, 2**26
-# What is said of other endings.
+# Beginning of the message on other endings.
 NOT_KEPT = "motions are not kept as"
 
 
@@ -178,6 +178,7 @@ def load_motion(
         ProblemError: If the ending or the interpolation is unknown.
         ScenarioError: If the file cannot be read or is wrong: the message names the
             place.
+        MissingDependency: If the package for bags is not installed.
     """
     return read_motion(path, interpolation)[0]
 

@@ -353,7 +353,7 @@ def _check_names(
         table: Table of a scenario or a segment.
         robot: The robot, with the payload of the segment.
         goal: Goal in the table, if there is one.
-        conditions: What :func:`read_conditions` made of the table.
+        conditions: The conditions that :func:`read_conditions` read from the table.
 
     Raises:
         ScenarioError: If the robot lacks a frame or joint.

@@ -134,7 +134,9 @@ def plot_on_axes(
         The figure of the axes.
 
     Raises:
-        ProblemError: If ``ax`` is not one or three axes of matplotlib.
+        ProblemError: If ``ax`` is not one or three axes of matplotlib, the motion is
+            not one of the problem's robot, or the ending of the path is unknown.
+        ScenarioError: If the file cannot be written.
         MissingDependency: If matplotlib is not installed.
     """
     check_motions(problem, [trajectory])

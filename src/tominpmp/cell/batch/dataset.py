@@ -58,7 +58,8 @@ class Outcome(Record):
 
     Attributes:
         index: Number of the problem in the batch, from 0.
-        name: Name of the problem: the stem of its file, or its number.
+        name: Name of the problem: the caller's, the stem of its file, or "problem" with
+            its number.
         seed: The seed of its plan.
         success: Whether there is a motion that keeps all constraints.
         status: Name of the status of the solution; "BROKEN" where the problem could not
@@ -134,7 +135,7 @@ def file_of(folder: Path, name: str, digest: str) -> Path:
 
 
 def write_outcome(
-    path: Path, outcome: Outcome, digest: str, scenario: str, why: str = ""
+    path: Path, outcome: Outcome, digest: str, scenario: str, why: str
 ) -> None:
     """Write a result.
 
@@ -143,7 +144,7 @@ def write_outcome(
         outcome: The result.
         digest: Hash that identifies the problem; empty without a scenario.
         scenario: The problem as the text of a scenario; empty if no file can hold it.
-        why: The reason why no file can hold the problem.
+        why: The reason why no file can hold the problem; empty with a scenario.
 
     Raises:
         ScenarioError: If the file cannot be written.

@@ -47,7 +47,9 @@ SAME = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class JointTimes:
-    """Limits of the joints, shape (n,) each, possibly infinite.
+    """Least times of the joints, each by itself, from limits of its motion.
+
+    The limits have shape (n,) each, and may be infinite.
 
     Attributes:
         velocity: Speed limits [rad/s or m/s].
@@ -210,7 +212,7 @@ class LegTable:
         return self.factor * float(self.times.between(*self.rows(leg), resting))
 
     def calibrate(self) -> None:
-        """Set the factor of the estimates to the median of known over least times."""
+        """Set the factor of estimates to the median of known over least times, or 1."""
         ratios = []
         for leg, seconds in self.known.items():
             guess = float(self.times.between(*self.rows(leg)))

@@ -97,7 +97,7 @@ class TourSearch:
         """Find configurations at all stations.
 
         Args:
-            task: What the tour is asked to do.
+            task: Stations, rules for their order, start, obstacles and limits.
             count: Largest number of configurations kept of a station.
             options: Options of the planner for the legs.
             exact: Whether the estimates of unplanned legs are lower bounds.
@@ -452,7 +452,7 @@ def _checked_task(
     """Check that the goal of each station is valid, and that no two are in one place.
 
     Returns:
-        The stations, with goals in the order of the joints of the robot.
+        The task of the tour, with goals in the order of the joints of the robot.
     """
     robot, checked, places = problem.robot, list[Station](), dict[object, int]()
     known, needed = known_names(robot, problem.scene), rules.all_needs

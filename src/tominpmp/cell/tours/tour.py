@@ -306,7 +306,8 @@ def _place(
 ) -> Sensitivity | None:
     """Sensitivity of the two motions that meet at a station to its place.
 
-    None if the goal is a configuration, or the multipliers are unknown.
+    None if the goal is a configuration, the multipliers are unknown, or both motions
+    joined are too far from an optimum.
     """
     if station.goal.configuration is not None:
         return None
