@@ -1,9 +1,10 @@
 """Checks of callers' arguments, made where the arguments enter the library.
 
 Each check returns the value in the form in which it is stored, or raises an error of
-the library that names the argument, shows its value on one line and says what was
-expected. A check looks at nothing but the argument, and comes before any work is done
-with it: an error that arises later is no fault of the caller, and is raised unchanged.
+the library that names the argument, shows its value on one line and describes the
+expected one. A check looks at nothing but the argument, and comes before any work is
+done with it: an error that arises later is no fault of the caller, and is raised
+unchanged.
 
 Points, rotations, poses and values by joint come as NumPy arrays, SciPy's ``Rotation``
 and ``RigidTransform``, ``pinocchio.SE3`` and its quaternions, matrices, pairs of a
@@ -60,7 +61,7 @@ JOINTS = "numbers, one for each joint"
 def wrong(
     value: object, name: str, expected: str, error: MakeError = ProblemError
 ) -> TominpmpError:
-    """Error that names an argument, shows its value and says what was expected.
+    """Error that names an argument, shows its value and describes the expected one.
 
     Args:
         value: The argument.
@@ -87,7 +88,7 @@ def raised_as(error: MakeError) -> Iterator[None]:
 def instance(
     value: T, kinds: type | tuple[type, ...], name: str, expected: str = ""
 ) -> T:
-    """Check the type of an argument; by default the error says which was expected.
+    """Check the type of an argument; by default the error names the expected type.
 
     Raises:
         ProblemError: If it is of another type.

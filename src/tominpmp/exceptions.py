@@ -91,7 +91,7 @@ class RobotLoadError(TominpmpError):
 
 
 def closest(name: object, known: Sequence[str]) -> str:
-    """Question after the known names closest to a name; empty if none is close."""
+    """Question after the known names closest to a name; empty if no name is close."""
     if not isinstance(name, str) or len(name) > BRIEF:
         return ""
     lower = {item.lower(): item for item in known}
@@ -145,7 +145,7 @@ class JointNotFound(_NotFound):
 class SceneError(TominpmpError):
     """An obstacle of a scene is invalid: a repeated name, a size that is not positive.
 
-    Cure: the message names the obstacle, the value and what was expected.
+    Cure: the message names the obstacle, the value and the expected one.
 
     Attributes:
         obstacle: Name of the obstacle.
@@ -159,8 +159,8 @@ class SceneError(TominpmpError):
 class ProblemError(TominpmpError):
     """A planning problem is invalid: a wrong shape or limit, a start in collision.
 
-    Cure: the message names the argument, joint or pair of links, the value, and what
-        was expected. For links that touch, it names the ways of allowing the contact.
+    Cure: the message names the argument, joint or pair of links, the value, and the
+        expected one. For links that touch, it names the ways of allowing the contact.
 
     Attributes:
         field: The argument in question, for example ``"q_start"``.
@@ -198,7 +198,7 @@ def naming(subject: str, field: str | None = None) -> Iterator[None]:
 class OptionsError(TominpmpError):
     """An option has an invalid value.
 
-    Cure: the message says what was expected; all options are fields of
+    Cure: the message describes valid values; all options are fields of
     :class:`tominpmp.Options`.
 
     Attributes:

@@ -178,7 +178,7 @@ class Options(Record):
             per full range: it makes controls quiet where the minimum time leaves them
             free. None takes 1e-4 T for "inverse" and "collocation" in free space, but
             zero on fine grids, where it costs 0.1 % of T; among obstacles the same
-            weight, on the squares of the jumps if ``lp_solver`` takes curvature; and 0
+            weight, on the squares of the jumps unless ``lp_solver`` is "highs"; and 0
             for "adjoint" and "penalty".
         starts: Number of initial guesses; None lets the planner choose. A larger number
             keeps the attempts of a smaller one and adds others; as long as no attempt

@@ -374,7 +374,7 @@ class Solution:
         Args:
             path: File to write.
             dt: Time between rows [s]; None takes the control period of the plan, or the
-                nodes if it has none.
+                nodes if there is no period.
             with_effort: Whether ROS messages contain the torques.
             message: Type of the ROS message, see :func:`~tominpmp.files.export.export`.
             verify: Whether to verify the file.

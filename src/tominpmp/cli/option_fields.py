@@ -164,7 +164,7 @@ def labelled(metavar: str, text: str) -> str:
 
 
 def metavar_of(text: str) -> str:
-    """The metavariable in a text of :func:`labelled`; empty if there is none."""
+    """The metavariable in a text of :func:`labelled`; empty without one."""
     return text.partition(SEPARATOR)[0] if SEPARATOR in text else ""
 
 

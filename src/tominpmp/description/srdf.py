@@ -138,7 +138,7 @@ class SemanticDescription(Record):
         """The description for a robot that moves these joints.
 
         If states of one name of several groups differ, the state of the smallest group
-        with all these joints goes before the others, and then the last in the file.
+        with all these joints takes precedence, and then the last in the file.
         """
         if not self.states_of_groups:
             return self
@@ -258,7 +258,7 @@ class _SrdfReader:
     def _disabled_pairs(self) -> dict[Pair, str]:
         """Reasons for which link pairs are not checked for collision, by pair.
 
-        The reason is empty if the file has none.
+        The reason is empty if the file states no reason.
         """
         text, links = self.context.text, self.links
         pairs: dict[Pair, str] = {}

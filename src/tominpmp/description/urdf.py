@@ -203,7 +203,7 @@ def read_parsed(
 
 
 class _UrdfReader:
-    """Checks the elements of a file, and converts what yourdfpy reads in a copy of it.
+    """Checks the elements of a file, and converts the robot that yourdfpy makes.
 
     Visual meshes that are missing are dropped: they do not affect motions. Collision
     meshes are required.
@@ -257,10 +257,12 @@ class _UrdfReader:
             package_dirs=context.folders,
         )
 
-    # -- copy of what is read ----------------------------------------------------------
+    # -- copy for yourdfpy -------------------------------------------------------------
 
     def _copy(self) -> Element:
-        """Copy what is read: shapes are named by kinds, and capsules are cylinders.
+        """Copy the elements that are read: shapes have their kinds as names.
+
+        Capsules become cylinders.
 
         Raises:
             RobotLoadError: If it is not a URDF file, an element or attribute is

@@ -22,8 +22,8 @@ import numpy as np
 
 from tominpmp.checks import choice, flag, instance
 from tominpmp.description.fields import Field
-from tominpmp.description.paths import checked_ending, checked_path
-from tominpmp.description.yaml_reader import parse_yaml, read_bytes
+from tominpmp.description.paths import checked_ending, checked_path, read_bytes
+from tominpmp.description.yaml_reader import parse_yaml
 from tominpmp.exceptions import ProblemError, ScenarioError, brief
 from tominpmp.files.ros import (
     MESSAGE,

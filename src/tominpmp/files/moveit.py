@@ -27,14 +27,14 @@ from tominpmp.checks import instance
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.description.fields import Field
 from tominpmp.description.files import missing_resource, resolve_resource
-from tominpmp.description.paths import checked_path
+from tominpmp.description.paths import checked_path, read_bytes
 from tominpmp.description.srdf import (
     SemanticDescription,
     rest_position,
     warn_of_group,
 )
 from tominpmp.description.tree import UrdfDescription
-from tominpmp.description.yaml_reader import MAX_BYTES, parse_yaml, read_bytes
+from tominpmp.description.yaml_reader import MAX_BYTES, parse_yaml
 from tominpmp.exceptions import (
     ProblemError,
     RobotLoadError,
@@ -596,8 +596,9 @@ def load_moveit(
         ScenarioError: If a file is wrong, or the problem in it, for example a start in
             collision; names the file and the key in it.
         RobotLoadError: If the robot cannot be loaded.
-        ProblemError: If the margin, a limit or another argument is wrong, or a robot
-            that is loaded already is not kinematic as asked, or has joint limits given.
+        ProblemError: If the margin, a limit or another argument is wrong, or if a robot
+            that is loaded already comes with joint limits, or with ``kinematic`` and is
+            not kinematic.
     """
     scene_message, request = _read_message(scene_path), _read_message(request_path)
     state, start = request.get("start_state"), _start_values(request, "position")

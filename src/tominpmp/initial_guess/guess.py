@@ -138,7 +138,7 @@ class Guess:
 
 @dataclass(frozen=True, eq=False)
 class GuessRequest:
-    """How many guesses are wanted, and what they are made with.
+    """A request for guesses: their number, and the means to make them.
 
     Attributes:
         count: Largest number of guesses.
@@ -200,11 +200,11 @@ def path_guess(system: ProblemFunctions, corners: Array) -> Guess:
 def _moving_guess(system: ProblemFunctions, q_end: Array) -> Guess | None:
     """Motion with the velocities of both ends, in the least feasible duration found.
 
-    Feasible durations of motions that begin or end moving are separate intervals: such
-    a motion goes on, or it has to overshoot its goal or take a run-up. They are judged
-    by samples. As faster motions exist than those tried, a minimum of the excess below
-    100 % counts as an interval; without one, the duration of least excess is taken.
-    None if both ends rest, or the motion hits an obstacle.
+    Feasible durations of motions that begin or end moving are separate intervals: the
+    motion leads to its goal directly, or it has to overshoot it or take a run-up. They
+    are judged by samples. As faster motions exist than those tried, a minimum of the
+    excess below 100 % counts as an interval; without one, the duration of least excess
+    is taken. None if both ends rest, or the motion hits an obstacle.
     """
     q, v, v_end = system.problem.q_start, system.v_start, end_velocity(system, q_end)
     if not (np.any(v) or np.any(v_end)):
@@ -230,7 +230,7 @@ def _moving_guess(system: ProblemFunctions, q_end: Array) -> Guess | None:
 
 
 def end_velocity(system: ProblemFunctions, q_end: Array) -> Array:
-    """Velocity at the end that the goal asks for, nearest to that at the start, (n,).
+    """Velocity at the end that meets the goal, nearest to that at the start, (n,).
 
     Args:
         system: Functions of the problem.
@@ -313,7 +313,7 @@ def initial_guesses(system: ProblemFunctions, request: GuessRequest) -> Iterator
 
     Args:
         system: Functions of the problem.
-        request: Number of guesses, and what they are made with.
+        request: Number of guesses, random numbers, deadline and further constraints.
 
     Yields:
         At most ``request.count`` guesses; no guess if inverse kinematics did not

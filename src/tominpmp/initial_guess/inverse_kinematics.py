@@ -182,7 +182,7 @@ def find_configurations(
     moved out of collision as far as the goal leaves the arm any freedom.
 
     Returns:
-        The configurations, and how far the nearest one is off without them.
+        The configurations; without any, the violation at the nearest one found.
     """
     system, problem = target.system, target.system.problem
     limits = problem.robot.limits

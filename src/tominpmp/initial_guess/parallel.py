@@ -79,7 +79,7 @@ def run_parallel(
 
     Raises:
         Exception: The first exception that the function raised.
-        Stop: If a stop of this process was requested.
+        Stop: If it is time to stop this process.
     """
     deadline = time.perf_counter() + seconds
     if processes == 1:
@@ -158,7 +158,7 @@ class _WorkerPool:
         """Wait for completed futures; the set is empty at the deadline ``until`` [s].
 
         Raises:
-            Stop: If a stop of this process was requested.
+            Stop: If it is time to stop this process.
         """
         while True:
             done, _ = wait(self.pending, TICK, return_when=FIRST_COMPLETED)

@@ -371,8 +371,8 @@ def alike(system: ProblemFunctions, one: Array, other: Array) -> bool:
         other: Corners, shape (k, n).
 
     Returns:
-        Whether they are. Homotopy is only tested by a straight shift between points at
-        equal shares of the lengths of the paths.
+        Whether they are alike. Homotopy is only tested by a straight shift between
+        points at equal shares of the lengths of the paths.
     """
     one, other = (_resampled(path / system.step_scale) for path in (one, other))
     if np.max(np.abs(one - other)) < NEAR:

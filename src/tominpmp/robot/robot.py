@@ -787,7 +787,7 @@ def load_robot(
             same name next to the file or in the folder ``../srdf``.
         geometry: Geometry of a ``pinocchio.Model``: a ``GeometryModel`` for collisions,
             or two, for collisions and for pictures. Its collision pairs, unless it has
-            none or all, select the link pairs to check; its reference configurations
+            no pair or all, select the link pairs to check; its reference configurations
             become group states.
         limits: ``"datasheet"`` for the limits that the maker publishes (accelerations,
             jerks, torque rates, and speeds and torques in place of the file's); the
@@ -813,7 +813,7 @@ def load_robot(
         position_upper: Upper position limits [rad or m], possibly infinite.
         kinematic: Whether to leave out the dynamics, which the description may then
             lack: motions have no torques and keep limits of accelerations instead,
-            which come from ``MotionLimits`` if the robot has none.
+            which come from ``MotionLimits`` if the robot lacks them.
         xacro_args: Values of the arguments (``<xacro:arg>``) of a xacro file by name;
             the extra ``xacro`` expands the file. ``$(find NAME)`` is resolved as
             ``package://`` is.

@@ -64,7 +64,7 @@ class Outcome(Record):
         success: Whether there is a motion that keeps all constraints.
         status: Name of the status of the solution; "BROKEN" where the problem could not
             be read or sent, "LOST" where the process that planned it was killed.
-        message: How planning ended, or what is wrong with the problem.
+        message: How planning ended, or the fault of the problem.
         T: Duration of the motion [s]; infinite without a motion.
         gap: T over its lower bound, less one; None if no bound is known.
         verified: Whether the independent replay of the motion passed.
