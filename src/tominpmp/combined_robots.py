@@ -180,7 +180,7 @@ def _joined_motion_limits(
 
 
 def _joined_semantics(robots: Mapping[str, Robot], path: Path) -> SemanticDescription:
-    """Link pairs that no robot checks, and the group states that all robots have."""
+    """Link pairs that each robot leaves unchecked, and group states that all have."""
     disabled = {part: _unchecked_pairs(robot) for part, robot in robots.items()}
     apart = {k: r.srdf.never_touch for k, r in robots.items() if r.srdf is not None}
     pairs, never = (

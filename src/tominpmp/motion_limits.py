@@ -341,7 +341,8 @@ class MotionLimits(Record):
 
         Numbers for all joints, and arrays, set the limit of every joint; mappings only
         of the joints in them. An infinite value removes the limit of the other source,
-        and stays: over these others again, the result is the same.
+        and stays: over these others again, the result is the same. Of both shares of
+        the torque limits the smaller counts.
 
         Args:
             others: Limits of lower priority; None to complete nothing.

@@ -571,7 +571,7 @@ def load_moveit(
         robot: The robot, or its name or path. The motion is planned for the group of
             its SRDF file that the request names; all other joints are locked at their
             start, as are joints of the group that a goal of joint positions does not
-            name.
+            name, unless the robot is loaded already: then these end at their start.
         scene_path: YAML file with a ``PlanningScene`` message, or one in MoveIt's text
             format (``.scene``).
         request_path: YAML file with a ``MotionPlanRequest`` message.
