@@ -25,7 +25,7 @@ from tominpmp.collision.query import PairDistances
 from tominpmp.collision.selection import links_of
 from tominpmp.description.joint_table import JointTable, Linkage, check_gravity
 from tominpmp.description.srdf import SemanticDescription
-from tominpmp.description.tree import joined
+from tominpmp.description.tree import joined_descriptions
 from tominpmp.exceptions import ProblemError, SceneError, brief
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.robot.robot import Robot, assembled
@@ -60,7 +60,7 @@ def combine_robots(parts: Sequence[Part], *, gravity: ArrayLike | None = None) -
     """
     robots, bases = _checked_parts(parts)
     world = _common_gravity(robots) if gravity is None else check_gravity(gravity)
-    description = joined(
+    description = joined_descriptions(
         {part: (robot.description, bases[part]) for part, robot in robots.items()},
         {part: list(robot.model.names)[1:] for part, robot in robots.items()},
     )

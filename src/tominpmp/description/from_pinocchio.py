@@ -32,7 +32,7 @@ from tominpmp.description.tree import (
     solid,
     warn_of_empty_shapes,
 )
-from tominpmp.description.xml_reader import MAX_NUMBER, bounded
+from tominpmp.description.xml_reader import MAX_NUMBER, limit_or_infinity
 from tominpmp.exceptions import RobotLoadError, brief
 
 # Tolerance within which two placements are equal [m, rad].
@@ -156,15 +156,15 @@ class _ModelReader:
             return JointDescription(**values, mimic=Mimic(leader, ratio, offset))
         v = joint.idx_v
         if joint.nq == 1:
-            values["lower"] = bounded(model.lowerPositionLimit[joint.idx_q])
-            values["upper"] = bounded(model.upperPositionLimit[joint.idx_q])
+            values["lower"] = limit_or_infinity(model.lowerPositionLimit[joint.idx_q])
+            values["upper"] = limit_or_infinity(model.upperPositionLimit[joint.idx_q])
         else:  # cosine and sine as coordinates: a continuous joint
             values["kind"] = "continuous"
         low, high = float(model.lowerEffortLimit[v]), float(model.upperEffortLimit[v])
         if low != -high and max(-low, high) <= MAX_NUMBER:
             self.uneven_efforts[name] = low, high
-        values["velocity"] = bounded(model.velocityLimit[v])
-        values["effort"] = bounded(min(abs(low), abs(high)))
+        values["velocity"] = limit_or_infinity(model.velocityLimit[v])
+        values["effort"] = limit_or_infinity(min(abs(low), abs(high)))
         values |= {loss: float(getattr(model, loss)[v]) for loss in LOSSES}
         return JointDescription(**values)
 

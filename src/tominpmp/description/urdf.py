@@ -48,7 +48,7 @@ from tominpmp.description.tree import (
 from tominpmp.description.xml_reader import (
     XmlContext,
     add,
-    bounded,
+    limit_or_infinity,
     read_xml,
     to_number,
     xml_text,
@@ -474,7 +474,7 @@ class _UrdfReader:
         for key, value in limits.items():
             if key not in ("lower", "upper") and value < 0.0:
                 context.fail(f"{where}: limit {key}={value:g} is negative")
-        limits = {key: bounded(value) for key, value in limits.items()}
+        limits = {key: limit_or_infinity(value) for key, value in limits.items()}
         lower, upper = limits["lower"], limits["upper"]
         if kind == "continuous":
             lower, upper = -math.inf, math.inf

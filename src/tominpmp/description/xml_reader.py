@@ -197,7 +197,7 @@ def to_number(text: str) -> float:
         return math.nan
 
 
-def bounded(limit: float) -> float:
+def limit_or_infinity(limit: float) -> float:
     """Replace a limit beyond reasonable sizes by infinity."""
     # "No limit" is commonly written as 1e16, or as the largest floating-point number.
     return math.copysign(math.inf, limit) if abs(limit) > MAX_NUMBER else float(limit)

@@ -84,7 +84,7 @@ def factorisation(program: LinearProgram, equations: bool) -> Any:
     return STAGED if staged and _staged_works() else piqp.KKTSolver.sparse_ldlt
 
 
-def in_order(matrix: sp.csc_matrix) -> sp.csc_matrix:
+def with_sorted_columns(matrix: sp.csc_matrix) -> sp.csc_matrix:
     """A matrix with the entries of each column in the order of rows.
 
     Products of sparse matrices have unsorted entries, with which PIQP would write
@@ -170,11 +170,11 @@ class PiqpSolver(LpSolver):
             settings.kkt_solver = factorisation(program, equations is not None)
         settings.eps_duality_gap_abs = program.accuracy
         self._solver.setup(
-            in_order(program.curved),
+            with_sorted_columns(program.curved),
             program.cost,
-            None if equations is None else in_order(equations),
+            None if equations is None else with_sorted_columns(equations),
             None if equations is None else self._scale * program.row_lower[equal],
-            in_order(others),
+            with_sorted_columns(others),
             np.maximum(program.row_lower[~equal], -HUGE),
             np.minimum(program.row_upper[~equal], HUGE),
             np.maximum(program.lower, -HUGE),
