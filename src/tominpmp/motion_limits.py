@@ -157,6 +157,9 @@ class LimitKind:
             value: The caller's value: a number, or for all joints also an array.
             key: The field of motion limits.
             joint: The joint; None for all joints.
+
+        Raises:
+            ProblemError: If a bound is not a positive number.
         """
         bounds = array_or_nan(value)
         few = bounds.ndim <= (joint is None)

@@ -233,7 +233,7 @@ def resolve_resource(
         The file, ``None`` if it does not exist, and the paths tried.
 
     Raises:
-        RobotLoadError: If the reference leaves its package.
+        RobotLoadError: If the reference leaves its package, or leads to a network.
     """
     slashed = filename.replace("\\", "/")
     names = dict.fromkeys((filename, slashed, unquote(slashed)))

@@ -181,7 +181,11 @@ class _ModelReader:
         return fresh_name(own, self._links)
 
     def links(self) -> dict[str, LinkDescription]:
-        """Links by name, without shapes: first those of joints, then of frames."""
+        """Links by name, without shapes: first those of joints, then of frames.
+
+        Raises:
+            RobotLoadError: If a mass, centre of mass or inertia is not finite.
+        """
         links = {self.main[0]: LinkDescription(self.main[0])}
         for name, own in zip(self.main[1:], self.model.inertias[1:], strict=True):
             if not np.isfinite([own.mass, *own.lever, *own.inertia.ravel()]).all():

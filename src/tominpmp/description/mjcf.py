@@ -70,8 +70,9 @@ def describe_mjcf(
         The same as :func:`~tominpmp.description.from_pinocchio.describe_model`.
 
     Raises:
-        RobotLoadError: If Pinocchio cannot read the file, a joint has several degrees
-            of freedom, or a mesh or an included file is missing.
+        RobotLoadError: If Pinocchio cannot read the file, it generates bodies, an
+            attribute is wrong, a joint has several degrees of freedom, or a mesh or an
+            included file is missing.
     """
     reader = _MjcfReader(root, XmlContext(path, tuple(package_dirs)))
     described, semantics, _ = describe_model(*reader.built(), package_dirs, path)

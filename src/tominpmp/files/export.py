@@ -190,6 +190,9 @@ def read_motion(
 
     Returns:
         The samples; and the ROS message as plain values, None for other files.
+
+    Raises:
+        TominpmpError: As raised by :func:`load_motion`.
     """
     read = READERS[checked_ending(path, READERS, NOT_KEPT)]
     if interpolation is not None:

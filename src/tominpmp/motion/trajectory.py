@@ -320,6 +320,9 @@ class Trajectory(TimedRows):
         Args:
             inverse_dynamics: Inverse dynamics, see the attribute.
             segment_dynamics: Inverse dynamics on each segment, see the attribute.
+
+        Raises:
+            ProblemError: If the inverse dynamics are no functions.
         """
         if not callable(inverse_dynamics):
             raise wrong(inverse_dynamics, "inverse_dynamics", DYNAMICS)

@@ -607,6 +607,7 @@ def read_source(
     Raises:
         RobotLoadError: If no robot can be read from the source.
         OptionsError: If the file does not take these xacro arguments.
+        MissingDependency: If it is a xacro file and the extra is not installed.
     """
     if isinstance(source, RobotSource):
         return source

@@ -189,7 +189,11 @@ def _checked_placement(value: Placement, name: str = "start") -> Placement:
 
 
 def finite_numbers(value: Any, name: str) -> Array:
-    """Check a caller's array of finite numbers, of any shape."""
+    """Check a caller's array of finite numbers, of any shape.
+
+    Raises:
+        ProblemError: If it is not made of finite numbers.
+    """
     try:
         numbers = real_array(value)
     except ValueError as error:
@@ -207,6 +211,9 @@ def triple(value: Any, name: str, content: str) -> Array:
         value: The numbers.
         name: Name of the numbers in messages.
         content: Kind of the numbers in messages: "coordinates [m]".
+
+    Raises:
+        ProblemError: If they are not three finite numbers.
     """
     numbers = array_or_nan(plain_vector(value))
     if numbers.shape != (3,) or not np.all(np.isfinite(numbers)):

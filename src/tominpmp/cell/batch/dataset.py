@@ -279,6 +279,9 @@ class Entry(Record):
         Args:
             problem: The problem, for the torques between the nodes; None to read it
                 from the file.
+
+        Raises:
+            ScenarioError: If the problem is to be read, as raised by :meth:`load`.
         """
         if "t" not in self.arrays:
             return None
