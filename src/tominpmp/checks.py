@@ -52,7 +52,7 @@ MakeError = Callable[[str, str | None], TominpmpError]
 # numbers that are neither infinite nor zero.
 HUGE, TINY = 1e150, 1e-150
 # Integers from here on exceed NumPy's 64 bits.
-LARGEST = 2**63
+INT64_END = 2**63
 FLAG = "True or False"
 #: Content of arrays with one number for each joint, in messages.
 JOINTS = "numbers, one for each joint"
@@ -193,7 +193,7 @@ def whole(
     value: object,
     name: str,
     least: int = 0,
-    most: float = LARGEST - 1,
+    most: float = INT64_END - 1,
     expected: str = "",
 ) -> int:
     """Check an integer in a range.
@@ -203,7 +203,7 @@ def whole(
     """
     if not _is_whole(value) or not least <= value <= most:
         beyond = _is_whole(value) and value > most
-        top = f", at most {most}" if beyond or most < LARGEST - 1 else ""
+        top = f", at most {most}" if beyond or most < INT64_END - 1 else ""
         raise wrong(value, name, expected or f"an integer >= {least}{top}")
     return int(value)
 

@@ -48,7 +48,7 @@ NEAR = 0.3
 TRIES, FAILED = 4, 3
 
 #: Yields for configurations, shape (m, n), one after the other whether each is free.
-Check = Callable[[Array], Iterator[bool]]
+FreeCheck = Callable[[Array], Iterator[bool]]
 
 
 class _BudgetSpent(Exception):
@@ -60,7 +60,7 @@ def is_free(system: ProblemFunctions, q: Array) -> bool:
     return next(_check_of(system)(q[None]))
 
 
-def _check_of(system: ProblemFunctions) -> Check:
+def _check_of(system: ProblemFunctions) -> FreeCheck:
     """The collision check of a problem, for configurations of shape (m, n)."""
     checker = system.problem.checker
 

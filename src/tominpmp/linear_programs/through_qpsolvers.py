@@ -9,7 +9,7 @@ import scipy.sparse as sp
 
 from tominpmp.linear_programs.highs import HighsSolver
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
-from tominpmp.linear_programs.solver import HUGE, LpSolver
+from tominpmp.linear_programs.solver import NO_BOUND, LpSolver
 from tominpmp.stopping import check, seconds_left
 
 # Name of the time limit among the settings of these solvers [s].
@@ -40,8 +40,8 @@ class QpsolversSolver(LpSolver):
         row_lower, row_upper = program.row_lower, program.row_upper
         rows, size = program.matrix.tocsr(), program.cost.size
         equal = row_lower == row_upper
-        high = ~equal & (row_upper < HUGE)
-        low = ~equal & (row_lower > -HUGE)
+        high = ~equal & (row_upper < NO_BOUND)
+        low = ~equal & (row_lower > -NO_BOUND)
         problem = qpsolvers.Problem(
             program.curved,
             program.cost,
