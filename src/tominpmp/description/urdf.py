@@ -64,7 +64,7 @@ SOFT_TOLERANCE = 1e-9
 # Most places that a warning names.
 MOST_NAMED = 10
 # Range in which limits of revolute joints look like degrees: five to 115 turns.
-LEAST_IN_DEGREES, MOST_IN_DEGREES = 30.0, 720.0
+MANY_TURNS, MOST_TURNS = 30.0, 720.0
 # Most links; the parsers recurse into the tree, and humanoids have some hundred.
 MAX_LINKS = 2000
 SHAPES = (*SIZES, "mesh")
@@ -512,10 +512,7 @@ class _UrdfReader:
         name, kind = joint.name, joint.type
         least, most = joint.limit.lower, joint.limit.upper
         ends = [abs(x) for x in (least, most) if not math.isnan(x)]
-        if (
-            kind == "revolute"
-            and LEAST_IN_DEGREES <= max(ends, default=0.0) <= MOST_IN_DEGREES
-        ):
+        if kind == "revolute" and MANY_TURNS <= max(ends, default=0.0) <= MOST_TURNS:
             self.in_degrees.append(name)
         # Missing limits are NaN, for which these comparisons are false.
         soft = {} if safety is None else safety.attrib
