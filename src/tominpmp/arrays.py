@@ -204,7 +204,7 @@ def in_brief(value: object) -> str:
 
 
 class Record:
-    """Base of the frozen dataclasses with arrays that :func:`record` makes.
+    """Base of the frozen dataclasses with arrays, such as :func:`record` makes.
 
     Records are equal if they are of one class and all fields are equal, arrays element
     by element; fields declared with ``compare=False`` do not count. Arrays remain

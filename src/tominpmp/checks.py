@@ -1,9 +1,10 @@
 """Checks of callers' arguments, made where the arguments enter the library.
 
 Each check returns the value in the form in which it is stored, or raises an error of
-the library that names the argument, shows its value on one line and says what was
-expected. A check looks at nothing but the argument, and comes before any work is done
-with it: an error that arises later is no fault of the caller, and is raised unchanged.
+the library that names the argument, shows its value on one line and describes the
+expected one. A check looks at nothing but the argument, and comes before any work is
+done with it: an error that arises later is no fault of the caller, and is raised
+unchanged.
 
 Points, rotations, poses and values by joint come as NumPy arrays, SciPy's ``Rotation``
 and ``RigidTransform``, ``pinocchio.SE3`` and its quaternions, matrices, pairs of a
@@ -51,7 +52,7 @@ MakeError = Callable[[str, str | None], TominpmpError]
 # numbers that are neither infinite nor zero.
 HUGE, TINY = 1e150, 1e-150
 # Integers from here on exceed NumPy's 64 bits.
-LARGEST = 2**63
+INT64_END = 2**63
 FLAG = "True or False"
 #: Content of arrays with one number for each joint, in messages.
 JOINTS = "numbers, one for each joint"
@@ -60,7 +61,7 @@ JOINTS = "numbers, one for each joint"
 def wrong(
     value: object, name: str, expected: str, error: MakeError = ProblemError
 ) -> TominpmpError:
-    """Error that names an argument, shows its value and says what was expected.
+    """Error that names an argument, shows its value and describes the expected one.
 
     Args:
         value: The argument.
@@ -87,7 +88,7 @@ def raised_as(error: MakeError) -> Iterator[None]:
 def instance(
     value: T, kinds: type | tuple[type, ...], name: str, expected: str = ""
 ) -> T:
-    """Check the type of an argument; by default the error says which was expected.
+    """Check the type of an argument; by default the error names the expected type.
 
     Raises:
         ProblemError: If it is of another type.
@@ -192,7 +193,7 @@ def whole(
     value: object,
     name: str,
     least: int = 0,
-    most: float = LARGEST - 1,
+    most: float = INT64_END - 1,
     expected: str = "",
 ) -> int:
     """Check an integer in a range.
@@ -202,7 +203,7 @@ def whole(
     """
     if not _is_whole(value) or not least <= value <= most:
         beyond = _is_whole(value) and value > most
-        top = f", at most {most}" if beyond or most < LARGEST - 1 else ""
+        top = f", at most {most}" if beyond or most < INT64_END - 1 else ""
         raise wrong(value, name, expected or f"an integer >= {least}{top}")
     return int(value)
 
@@ -249,7 +250,11 @@ def _fits(actual: tuple[int, ...], expected: tuple[Any, ...]) -> bool:
 
 
 def names(value: Any, called: str = "joint_names") -> tuple[str, ...]:
-    """Check joint names, which must not repeat, and return them as a tuple."""
+    """Check joint names, which must not repeat, and return them as a tuple.
+
+    Raises:
+        ProblemError: If they are not names, or a name is repeated.
+    """
     listed = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
     listed = listed and not (isinstance(value, np.ndarray) and value.ndim == 0)
     good = listed and all(isinstance(name, str) and name for name in value)

@@ -25,7 +25,7 @@ from tominpmp.collision.query import PairDistances
 from tominpmp.collision.selection import links_of
 from tominpmp.description.joint_table import JointTable, Linkage, check_gravity
 from tominpmp.description.srdf import SemanticDescription
-from tominpmp.description.tree import joined
+from tominpmp.description.tree import joined_descriptions
 from tominpmp.exceptions import ProblemError, SceneError, brief
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.robot.robot import Robot, assembled
@@ -54,13 +54,13 @@ def combine_robots(parts: Sequence[Part], *, gravity: ArrayLike | None = None) -
         The robot; ``robot.stack(left=q1, right=q2)`` concatenates values of its joints.
 
     Raises:
-        ProblemError: If two robots have the same name, their bases overlap, or their
-            gravities differ.
+        ProblemError: If two robots have the same name, their bases overlap, their
+            gravities differ, or only some of them are kinematic.
         OptionsError: If the gravity is not a vector.
     """
     robots, bases = _checked_parts(parts)
     world = _common_gravity(robots) if gravity is None else check_gravity(gravity)
-    description = joined(
+    description = joined_descriptions(
         {part: (robot.description, bases[part]) for part, robot in robots.items()},
         {part: list(robot.model.names)[1:] for part, robot in robots.items()},
     )
@@ -180,7 +180,7 @@ def _joined_motion_limits(
 
 
 def _joined_semantics(robots: Mapping[str, Robot], path: Path) -> SemanticDescription:
-    """Link pairs that no robot checks, and the group states that all robots have."""
+    """Link pairs that each robot leaves unchecked, and group states that all have."""
     disabled = {part: _unchecked_pairs(robot) for part, robot in robots.items()}
     apart = {k: r.srdf.never_touch for k, r in robots.items() if r.srdf is not None}
     pairs, never = (

@@ -91,7 +91,7 @@ class RobotLoadError(TominpmpError):
 
 
 def closest(name: object, known: Sequence[str]) -> str:
-    """Question after the known names closest to a name; empty if none is close."""
+    """Question after the known names closest to a name; empty if no name is close."""
     if not isinstance(name, str) or len(name) > BRIEF:
         return ""
     lower = {item.lower(): item for item in known}
@@ -145,7 +145,7 @@ class JointNotFound(_NotFound):
 class SceneError(TominpmpError):
     """An obstacle of a scene is invalid: a repeated name, a size that is not positive.
 
-    Cure: the message names the obstacle, the value and what was expected.
+    Cure: the message names the obstacle, the value and the expected one.
 
     Attributes:
         obstacle: Name of the obstacle.
@@ -159,8 +159,8 @@ class SceneError(TominpmpError):
 class ProblemError(TominpmpError):
     """A planning problem is invalid: a wrong shape or limit, a start in collision.
 
-    Cure: the message names the argument, joint or pair of links, the value, and what
-        was expected. For links that touch, it names the ways of allowing the contact.
+    Cure: the message names the argument, joint or pair of links, the value, and the
+        expected one. For links that touch, it names the ways of allowing the contact.
 
     Attributes:
         field: The argument in question, for example ``"q_start"``.
@@ -198,7 +198,7 @@ def naming(subject: str, field: str | None = None) -> Iterator[None]:
 class OptionsError(TominpmpError):
     """An option has an invalid value.
 
-    Cure: the message says what was expected; all options are fields of
+    Cure: the message describes valid values; all options are fields of
     :class:`tominpmp.Options`.
 
     Attributes:
@@ -224,7 +224,7 @@ class SolverNotFound(_NotFound):
 
 
 class ScenarioError(TominpmpError):
-    """A scenario, scene or trajectory file is invalid.
+    """A file of a scenario, scene, motion or limits is invalid, or cannot be written.
 
     Cure: correct the key that the message names, in the file that it names.
 
@@ -278,14 +278,14 @@ def optional(package: str, extra: str, purpose: str) -> Iterator[None]:
 
 
 class PlanningFailed(TominpmpError):
-    """Raised by :meth:`Solution.raise_if_failed` when no plan was found.
+    """Raised by ``raise_if_failed`` of a solution or a tour when planning failed.
 
     Cure: the message names the constraint that no motion kept, with the violation and
     its time; the page "Why was no motion found?" of the documentation lists remedies.
 
     Attributes:
         solution: The :class:`~tominpmp.solution.Solution`, with its status, message and
-            best motion.
+            best motion, or the :class:`~tominpmp.Tour`.
     """
 
     def __init__(self, solution: Any) -> None:
@@ -294,14 +294,17 @@ class PlanningFailed(TominpmpError):
 
 
 class TominpmpWarning(UserWarning):
-    """Input was corrected on the caller's behalf: a start was clamped, for example."""
+    """Input was corrected, left out or looks like a mistake, or a file does not pass.
+
+    Examples are a start that was clamped, and keys of a file that are not read.
+    """
 
 
 def warn_caller(message: str) -> None:
     """Warn the user's code, with the line on which it calls the library.
 
     Args:
-        message: The correction, in a sentence.
+        message: The correction or the fault, in a sentence.
     """
     level, frame = 2, sys._getframe(1)
     # Code that dataclasses generate has no file; functools calls cached properties.

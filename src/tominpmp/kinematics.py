@@ -82,10 +82,11 @@ class RobotKinematics:
         return max(self.reach(travel=LONGEST_TRAVEL), LEAST_LENGTH)
 
     def reach(self, frame: str | None = None, *, travel: float = np.inf) -> float:
-        """Upper bound on the distance of a frame from the base, over all q [m].
+        """Upper bound on the distance of a frame from the origin of the world [m].
 
-        The sum of the offsets along the chain, plus the travel of prismatic joints;
-        used to scale lengths and to prove that a position is out of reach.
+        It holds for all q: the sum of the offsets along the chain, from that origin on,
+        plus the travel of prismatic joints; used to scale lengths and to prove that a
+        position is out of reach.
 
         Args:
             frame: Name of the frame; None for the frame with the largest reach.

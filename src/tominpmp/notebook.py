@@ -150,7 +150,7 @@ def outcome_card(
         title: Title of the summary.
         message: A sentence or two.
         facts: Rows of the table below the message: names and values.
-        motion: The trajectory; None if there is none.
+        motion: The trajectory; None without a motion.
         limits: ``JointLimits`` of the robot.
     """
     rows: list[tuple[str, object]] = [("", x) for x in textwrap.wrap(message, 60)]

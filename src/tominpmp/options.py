@@ -170,16 +170,18 @@ class Options(Record):
         slack: Share of T to give away for quiet torques: the planned motion is passed
             to :func:`tominpmp.smooth`. None skips that step.
         refine: Stage after the first solve: "auto" (intervals of the best motion are
-            halved where its controls bend, as long as that promises 0.3 % of T; not for
-            "adjoint" and "penalty"); None, for a motion on the grid of the search;
-            "grid" (the same, as long as that promises 0.03 % of T); "switching" (the
-            instants at which torques switch become unknowns, for small arms, and other
-            orders of the switches are tried unless ``starts`` is 1).
+            halved where its controls bend, as long as that promises 0.3 % of T, or
+            0.03 % with effort "thorough"; not for "adjoint" and "penalty"); None, for a
+            motion on the grid of the search; "grid" (the same as "auto", as long as
+            that promises 0.03 % of T); "switching" (the instants at which torques
+            switch become unknowns, for small arms, and other orders of the switches are
+            tried unless ``starts`` is 1).
         smoothing: Weight of the total variation of the controls in the objective, in s
             per full range: it makes controls quiet where the minimum time leaves them
             free. None takes 1e-4 T for "inverse" and "collocation" in free space, but
-            zero on fine grids, where it costs 0.1 % of T; the same weight on the
-            squares of the jumps among obstacles; and 0 for "adjoint".
+            zero on fine grids, where it costs 0.1 % of T; among obstacles the same
+            weight, on the squares of the jumps unless ``lp_solver`` is "highs"; and 0
+            for "adjoint" and "penalty".
         starts: Number of initial guesses; None lets the planner choose. A larger number
             keeps the attempts of a smaller one and adds others; as long as no attempt
             has led to a motion, more are made in any case.

@@ -176,7 +176,7 @@ class Solution:
         """Roughness of the torques; infinite if planning failed, NaN without torques.
 
         The sum over the joints of the squared torque differences between neighbouring
-        instants of 100, in full ranges of the torque.
+        ones of 100 instants, in full ranges of the torque.
         """
         if self.trajectory is None or not self.success:
             return math.inf
@@ -204,7 +204,8 @@ class Solution:
         It is computed at the first access; None if there is no motion.
 
         Raises:
-            ProblemError: If the motion does not belong to the robot of the problem.
+            ProblemError: If the motion does not belong to the robot of the problem, or
+                dwells while obstacles move.
         """
         from tominpmp.certificate.allowances import with_bound
         from tominpmp.certificate.minimum_principle import certify
@@ -234,8 +235,9 @@ class Solution:
         the first access; see ``docs/sensitivities.md``.
 
         Raises:
-            ProblemError: If there is no motion, its segments have times of arrival, or
-                energy has a weight.
+            ProblemError: If there is no motion or no multiplier of it, its segments
+                have times of arrival, or dwells while obstacles move, or energy has a
+                weight.
         """
         from tominpmp.sensitivities.analysis import analyse
 
@@ -312,7 +314,9 @@ class Solution:
             The figure.
 
         Raises:
-            ProblemError: If there is no motion.
+            ProblemError: If there is no motion, the ending is unknown, or the axes are
+                neither one nor three of matplotlib.
+            ScenarioError: If the file cannot be written.
             MissingDependency: If matplotlib is not installed.
         """
         from tominpmp.viz.plots import plot_on_axes, plot_trajectory
@@ -331,7 +335,9 @@ class Solution:
             The figure.
 
         Raises:
-            ProblemError: If there is no motion.
+            ProblemError: If there is no motion or no certificate of it, or the ending
+                is unknown.
+            ScenarioError: If the file cannot be written.
             MissingDependency: If matplotlib is not installed.
         """
         from tominpmp.viz.plots import plot_certificate
@@ -374,7 +380,7 @@ class Solution:
         Args:
             path: File to write.
             dt: Time between rows [s]; None takes the control period of the plan, or the
-                nodes if it has none.
+                nodes if there is no period.
             with_effort: Whether ROS messages contain the torques.
             message: Type of the ROS message, see :func:`~tominpmp.files.export.export`.
             verify: Whether to verify the file.
@@ -386,6 +392,7 @@ class Solution:
             ProblemError: If there is no motion, the ending is unknown or an option is
                 wrong.
             ScenarioError: If the file cannot be written.
+            MissingDependency: If a package for bags is not installed.
         """
         from tominpmp.files.export import export
         from tominpmp.files.export_check import check_export

@@ -186,7 +186,12 @@ def seconds_to_end() -> float:
 
 
 def request() -> bool:
-    """Request a stop of the running computation; False if none accepts the request."""
+    """Request a stop of the running computation.
+
+    Returns:
+        Whether the request is new: False without a deadline in force, or after an
+        earlier request.
+    """
     deadline = _current.get()
     return deadline is not _NEVER and deadline.request_stop()
 

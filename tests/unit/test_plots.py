@@ -44,7 +44,7 @@ from tominpmp.status import IterationRecord
 from tominpmp.viz.figures import color
 from tominpmp.viz.plots import (
     LEAST_VIOLATION,
-    curves,
+    curve_states,
     plot_controls,
     plot_convergence,
     plot_motion,
@@ -95,7 +95,7 @@ def points(line: Line2D) -> np.ndarray:
 
 def test_curve_of_held_torque_is_a_staircase(motions: Motions) -> None:
     held = motions[1]
-    times, state = curves(held)
+    times, state = curve_states(held)
     assert times[0] == 0.0
     assert times[-1] == held.duration
     assert np.all(np.diff(times) >= 0.0)
@@ -107,7 +107,7 @@ def test_curve_of_held_torque_is_a_staircase(motions: Motions) -> None:
 
 def test_curve_has_both_sides_of_a_jump(motions: Motions) -> None:
     braked = motions[2]
-    times, state = curves(braked)
+    times, state = curve_states(braked)
     switch = braked.t[6]
     before, after = np.flatnonzero(np.abs(times - switch) < 1e-9)
     assert after == before + 1
@@ -124,7 +124,7 @@ def test_trajectory_shows_all_quantities(motions: Motions) -> None:
     problem, _, braked = motions
     figure = plot_trajectory(problem, braked)
     panels = np.array(figure.axes).reshape(3, 3)
-    times, state = curves(braked)
+    times, state = curve_states(braked)
     for i in range(3):
         for panel, values in zip(panels[i], (state.q, state.v, state.u), strict=True):
             (curve,) = solid_lines(panel)
@@ -188,8 +188,12 @@ def test_controls_overlay_motions(motions: Motions) -> None:
     assert len(figure.axes) == 3
     for i, panel in enumerate(figure.axes):
         first, second = solid_lines(panel)
-        np.testing.assert_array_equal(points(first)[:, 1], curves(held)[1].u[:, i])
-        np.testing.assert_array_equal(points(second)[:, 1], curves(braked)[1].u[:, i])
+        np.testing.assert_array_equal(
+            points(first)[:, 1], curve_states(held)[1].u[:, i]
+        )
+        np.testing.assert_array_equal(
+            points(second)[:, 1], curve_states(braked)[1].u[:, i]
+        )
         assert first.get_color() != second.get_color()
         effort = problem.robot.limits.effort_upper[i]
         assert limits(panel) == [-effort, effort]

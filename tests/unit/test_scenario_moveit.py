@@ -79,6 +79,16 @@ def test_joint_goal(planar3r: Robot, tmp_path: Path) -> None:
     assert not np.any(problem.v_start)
 
 
+@pytest.mark.parametrize("argument", ["margin", "self_collision", "constraints"])
+def test_a_wrong_argument_is_not_blamed_on_a_file(
+    planar3r: Robot, tmp_path: Path, argument: str
+) -> None:
+    wrong: dict[str, Any] = {argument: "far"}
+    with pytest.raises(ProblemError, match=f"^{argument} is 'far', expected") as error:
+        load_moveit(planar3r, *write(tmp_path), **wrong)
+    assert error.value.field == argument
+
+
 def test_obstacles(planar3r: Robot, tmp_path: Path) -> None:
     scene = load_moveit_scene(write(tmp_path)[0])
     assert scene == load_moveit(planar3r, *write(tmp_path)).scene

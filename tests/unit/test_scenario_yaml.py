@@ -10,7 +10,8 @@ import pytest
 import yaml
 
 from tominpmp.description import yaml_reader
-from tominpmp.description.yaml_reader import parse_yaml, read_bytes, read_yaml
+from tominpmp.description.paths import read_bytes
+from tominpmp.description.yaml_reader import parse_yaml, read_yaml
 from tominpmp.exceptions import ScenarioError
 
 HERE = Path("file.yaml")

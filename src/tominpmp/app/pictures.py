@@ -149,7 +149,7 @@ def active_limits(limits: Sequence[BindingLimit], optimality: str) -> str:
     return _box(*rows)
 
 
-def notice(text: str, *, bad: bool = False) -> str:
+def notice(text: str, *, bad: bool) -> str:
     """HTML of a notice for the user."""
     color = BAD if bad else FAINT
     look = f"font-size:12px;color:{color};border-left:3px solid {color}"

@@ -370,7 +370,7 @@ class _Search:
     trials: list[Trial] = field(default_factory=list)
 
     def run(self, low: Array, high: Array, most_plans: int) -> ImprovedPlacement:
-        """Descend until the predicted reduction or the trust region is negligible."""
+        """Descend until the predicted reduction, the trust region or plans run out."""
         span = high - low
         start = np.zeros(low.size)
         best = self._point(start, self._motions(start, [None] * len(self.tasks)))

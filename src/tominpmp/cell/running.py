@@ -212,7 +212,8 @@ def _write(tour: Tour, args: TourOptions) -> tuple[list[Path], str]:
     """Write the files that the options name.
 
     Returns:
-        Their paths; and why the motion as written does not pass, empty if it does.
+        Their paths; and the reason why the motion as written does not pass, empty if it
+        does.
     """
     fault = ""
     if args.output is not None:

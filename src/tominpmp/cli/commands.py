@@ -108,6 +108,10 @@ def verify(
         0    the motion solves the problem
         1    the motion does not solve the problem
         2    bad input
+        74   the report cannot be written to standard output
+        129  the terminal was closed (SIGHUP)
+        130  interrupted (Ctrl-C)
+        143  terminated (SIGTERM)
     """
     from tominpmp.cli.problem import load_problem
     from tominpmp.cli.report import check_data, check_text, json_text

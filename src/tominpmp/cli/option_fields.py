@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 Completer: TypeAlias = "Callable[[CompletionContext], list[str]]"
 
-# Endings of files that a robot or a problem is read from.
+# Endings of the files that are completed in place of a robot or a problem.
 ENDINGS = (".urdf", ".toml")
 # Kinds of joints that have a position.
 MOVING = ("revolute", "continuous", "prismatic")
@@ -164,7 +164,7 @@ def labelled(metavar: str, text: str) -> str:
 
 
 def metavar_of(text: str) -> str:
-    """The metavariable in a text of :func:`labelled`; empty if there is none."""
+    """The metavariable in a text of :func:`labelled`; empty without one."""
     return text.partition(SEPARATOR)[0] if SEPARATOR in text else ""
 
 
@@ -307,7 +307,7 @@ def _typed(hint: Any) -> tuple[Any, str, tuple[str, ...]]:
     return kind, METAVARS.get(kind, ""), ()
 
 
-def _reader(hint: Any, also_none: bool = False) -> Callable[..., Any] | None:
+def _reader(hint: Any, also_none: bool) -> Callable[..., Any] | None:
     """Converter for whole numbers and values that may be "none"; None for others."""
     kind = next((kind for kind in (int, float, str) if kind in _kinds(hint)), str)
     if not also_none and kind is not int:

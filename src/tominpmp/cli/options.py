@@ -66,7 +66,7 @@ class RobotOptions:
         position_lower (VALUES): Lower position limits (rad or m), in the same form.
         position_upper (VALUES): Upper position limits (rad or m), in the same form.
         damping (VALUES): Viscous friction (N m s/rad or N s/m), in the same form.
-        armature (VALUES): Rotor inertia at the joint (kg m^2), in the same form.
+        armature (VALUES): Rotor inertia at the joint (kg m^2 or kg), in the same form.
         friction (VALUES): Dry friction (N m or N), in the same form.
         joint_limits (FILE): MoveIt's joint_limits.yaml: limits of velocity, effort and
             position instead of the URDF's, and of acceleration and jerk.
@@ -189,7 +189,7 @@ class PlanOptions(ReportOptions):
 
     Attributes:
         start_from (FILE): Warm start: the motion of a former plan for a similar
-            problem: .csv, .npz, .yaml or .json.
+            problem: .csv, .npz, .yaml, .json or .mcap.
         output (FILE): Write the motion there: .csv, .npz, or a ROS 2 message (.yaml,
             .json, or .mcap for a bag); replaced if it exists; or - for standard output.
             Default: motion.csv, or motion-2.csv, ... if that exists.

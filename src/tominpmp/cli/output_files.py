@@ -222,7 +222,7 @@ def check_period(dt: float | None) -> None:
     """Check the period of the rows of a file.
 
     Raises:
-        OptionsError: If the period is no finite time, or less than that of a message.
+        OptionsError: If the period is infinite, or less than the least one of messages.
     """
     least = MIN_STEP / BILLION
     if dt is not None and not least <= dt < float("inf"):

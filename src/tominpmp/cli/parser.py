@@ -27,6 +27,9 @@ def dispatch(words: Sequence[str]) -> int:
 
     Returns:
         The exit code.
+
+    Raises:
+        OptionsError: If the command belongs to an add-on that is not installed.
     """
     app = new_app()
     if words[0] in COMMANDS.keys() - commands().keys():

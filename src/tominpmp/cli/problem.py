@@ -250,8 +250,8 @@ def _typed_record(
     return table
 
 
-# Options that are allowed together with a file that holds the whole problem.
 LIMITS = tuple(item.name for item in fields(MotionLimits))
+# Options that are allowed together with a file that holds the whole problem.
 ALLOWED = ("margin", "self_collision", "motion_limits", "constraint", *LIMITS)
 GOALS = ("goal", "goal_position", "goal_pose")
 
@@ -298,7 +298,7 @@ def load_problem(
 def _changes(
     args: ProblemOptions, robot: Robot, known: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """What options say of a problem, as its arguments, over those of a file."""
+    """Arguments of a problem from the options, which complete those of a file."""
     limits = _limits(args, robot)
     if limits is not None:
         limits = limits.over(known.get("motion_limits"), robot.joint_names)
@@ -470,7 +470,7 @@ def velocities(args: ProblemOptions, name: str, robot: Robot) -> Array | None:
     return scenario.vector(Typed(values, key=_flag(name)), robot)
 
 
-def _refuse(what: str, args: RobotOptions, keep: Collection[str] = ()) -> None:
+def _refuse(what: str, args: RobotOptions, keep: Collection[str]) -> None:
     """Refuse options that repeat or contradict a file."""
     for field in fields(args):
         if field.name not in keep and getattr(args, field.name) != field.default:

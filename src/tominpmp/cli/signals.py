@@ -27,7 +27,8 @@ CLEARED = b"\r\x1b[K\x1b[?25h"
 class Signals:
     """Handler of signals to end, which keeps the signals received.
 
-    The first signal asks planning to stop, or is deferred while results are written.
+    The first signal requests a stop of planning, or is deferred while results are
+    written.
     If there is nothing to save, and from the second signal on, it raises a
     KeyboardInterrupt.
 

@@ -181,7 +181,7 @@ def logged(verbose: bool, console: Console) -> AbstractContextManager[None]:
     return log_shown("tominpmp", show) if verbose else nullcontext()
 
 
-def flush_output(code: int = 0) -> int:
+def flush_output(code: int) -> int:
     """Flush standard output.
 
     Args:

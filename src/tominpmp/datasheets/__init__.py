@@ -25,9 +25,10 @@ except ModuleNotFoundError:  # Python 3.10
     import tomli as tomllib  # type: ignore[no-redef, import-not-found, unused-ignore]
 
 FOLDER = Path(__file__).parent
-# Quantities that are arguments of load_robot, and all quantities with motion limits.
-OVERRIDES = ("position_lower", "position_upper", "velocity", "effort", "armature")
-QUANTITIES = (*OVERRIDES, *kinds_of(MotionLimits, numbers=True))
+# Quantities of sheets that are columns of a robot's joint table and arguments of
+# load_robot, and all quantities of sheets, with motion limits.
+SHEET_COLUMNS = ("position_lower", "position_upper", "velocity", "effort", "armature")
+QUANTITIES = (*SHEET_COLUMNS, *kinds_of(MotionLimits, numbers=True))
 
 
 @dataclass(frozen=True)
@@ -136,9 +137,14 @@ def find_datasheet(
 
 
 def published_values(
-    names: Iterable[str | None], joint_names: Sequence[str], *, needed: bool = True
+    names: Iterable[str | None], joint_names: Sequence[str], *, needed: bool
 ) -> dict[str, dict[str, float]]:
     """Values of the data sheet of a robot by quantity and joint name.
+
+    Args:
+        names: Names of the robot, see :func:`find_datasheet`.
+        joint_names: Names of its joints.
+        needed: Whether a missing sheet is an error; otherwise there are no values.
 
     Raises:
         OptionsError: If a sheet is needed and not found; lists the known sheets.

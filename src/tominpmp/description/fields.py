@@ -74,14 +74,14 @@ class Field:
     def is_filled_in(self) -> bool:
         """Whether the value differs from the defaults of a ROS message."""
 
-        def said(value: Any) -> bool:
+        def filled(value: Any) -> bool:
             if isinstance(value, dict):
-                return any(map(said, value.values()))
+                return any(map(filled, value.values()))
             if isinstance(value, list):
-                return any(map(said, value))
+                return any(map(filled, value))
             return value not in (None, "", 0, False)
 
-        return said(self.value)
+        return filled(self.value)
 
     def get(self, name: str) -> Field:
         """Value of a key of a table; its value is None if the key is missing."""

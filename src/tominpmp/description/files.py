@@ -18,7 +18,7 @@ from tominpmp.exceptions import RobotLoadError, brief, closest, shortened
 _EXAMPLE_SHARE = Path("share", "example-robot-data", "robots")
 
 # Characters of a path in a message, and the most paths in a message.
-LONGEST_PATH, MOST_PLACES = 400, 20
+LONGEST_SHOWN, MOST_PLACES = 400, 20
 # References into a package, and absolute paths that belong to another machine.
 _ELSEWHERE = re.compile(r"(package|model|file):|\$\(find|/|[A-Za-z]:[\\/]")
 # Package name in a manifest.
@@ -180,8 +180,8 @@ def _bundled_folder() -> Path:
 def _example_folder() -> Path | None:
     """Folder of example-robot-data below a prefix; it has no Python module.
 
-    Its wheel installs it next to the packages; conda, robotpkg and ROS have their own
-    prefixes.
+    Its wheel installs it next to the packages, conda into the prefix of Python, and ROS
+    into prefixes of its own.
     """
     roots = [Path(entry) / "cmeel.prefix" for entry in sys.path if entry]
     roots += [Path(sys.prefix), *_environment_folders("AMENT_PREFIX_PATH")]
@@ -233,7 +233,7 @@ def resolve_resource(
         The file, ``None`` if it does not exist, and the paths tried.
 
     Raises:
-        RobotLoadError: If the reference leaves its package.
+        RobotLoadError: If the reference leaves its package, or leads to a network.
     """
     slashed = filename.replace("\\", "/")
     names = dict.fromkeys((filename, slashed, unquote(slashed)))
@@ -262,7 +262,7 @@ def missing_resource(name: str, tried: Sequence[Path]) -> str:
     """Message for a missing file, with the places searched and a remedy."""
     hints = (closest(path.name, _names_in(path.parent)) for path in tried)
     hint = next(filter(None, hints), "")
-    places = [shortened(str(path), LONGEST_PATH) for path in tried[:MOST_PLACES]]
+    places = [shortened(str(path), LONGEST_SHOWN) for path in tried[:MOST_PLACES]]
     remedy = "; give the folder that holds the package in package_dirs"
     message = f"{shortened(repr(name))} is not there{hint}; tried {', '.join(places)}"
     return message + remedy if _ELSEWHERE.match(name) else message

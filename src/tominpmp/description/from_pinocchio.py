@@ -32,7 +32,7 @@ from tominpmp.description.tree import (
     solid,
     warn_of_empty_shapes,
 )
-from tominpmp.description.xml_reader import MAX_NUMBER, bounded
+from tominpmp.description.xml_reader import MAX_NUMBER, limit_or_infinity
 from tominpmp.exceptions import RobotLoadError, brief
 
 # Tolerance within which two placements are equal [m, rad].
@@ -67,7 +67,7 @@ def describe_model(
 
     Raises:
         RobotLoadError: If a joint has several degrees of freedom or both turns and
-            slides, or a shape has an unsupported type.
+            slides, a mass or inertia is not finite, or a shape has an unsupported type.
     """
     path = Path(f"<pinocchio.Model {model.name}>") if path is None else path
     reader = _ModelReader(model, path)
@@ -156,15 +156,15 @@ class _ModelReader:
             return JointDescription(**values, mimic=Mimic(leader, ratio, offset))
         v = joint.idx_v
         if joint.nq == 1:
-            values["lower"] = bounded(model.lowerPositionLimit[joint.idx_q])
-            values["upper"] = bounded(model.upperPositionLimit[joint.idx_q])
+            values["lower"] = limit_or_infinity(model.lowerPositionLimit[joint.idx_q])
+            values["upper"] = limit_or_infinity(model.upperPositionLimit[joint.idx_q])
         else:  # cosine and sine as coordinates: a continuous joint
             values["kind"] = "continuous"
         low, high = float(model.lowerEffortLimit[v]), float(model.upperEffortLimit[v])
         if low != -high and max(-low, high) <= MAX_NUMBER:
             self.uneven_efforts[name] = low, high
-        values["velocity"] = bounded(model.velocityLimit[v])
-        values["effort"] = bounded(min(abs(low), abs(high)))
+        values["velocity"] = limit_or_infinity(model.velocityLimit[v])
+        values["effort"] = limit_or_infinity(min(abs(low), abs(high)))
         values |= {loss: float(getattr(model, loss)[v]) for loss in LOSSES}
         return JointDescription(**values)
 
@@ -181,7 +181,11 @@ class _ModelReader:
         return fresh_name(own, self._links)
 
     def links(self) -> dict[str, LinkDescription]:
-        """Links by name, without shapes: first those of joints, then of frames."""
+        """Links by name, without shapes: first those of joints, then of frames.
+
+        Raises:
+            RobotLoadError: If a mass, centre of mass or inertia is not finite.
+        """
         links = {self.main[0]: LinkDescription(self.main[0])}
         for name, own in zip(self.main[1:], self.model.inertias[1:], strict=True):
             if not np.isfinite([own.mass, *own.lever, *own.inertia.ravel()]).all():

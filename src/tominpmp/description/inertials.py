@@ -33,6 +33,7 @@ COINCIDENT = 1e-2
 MIN_INERTIA = 1e-12
 MIN_SCALED_INERTIA = 1e-10
 
+# Number of random configurations whose mass matrix is checked.
 INERTIA_SAMPLES = 5
 
 
@@ -102,13 +103,13 @@ def _is_point(inertia: pin.Inertia) -> bool:
 def _virtual(model: pin.Model, joint: int, shaped: set[str]) -> bool:
     """Whether links have no shape and only connect coincident joints."""
     carried = [k for k in range(1, model.njoints) if int(model.parents[k]) == joint]
-    if not carried or shaped.intersection(links_of(model, joint)):
+    if not carried or shaped.intersection(link_names(model, joint)):
         return False
     apart = [np.linalg.norm(model.jointPlacements[k].translation) for k in carried]
     return bool(np.max(apart) <= COINCIDENT)
 
 
-def links_of(model: pin.Model, joint: int) -> list[str]:
+def link_names(model: pin.Model, joint: int) -> list[str]:
     """Names of the links of the body behind a joint."""
     return [
         str(frame.name)
@@ -119,7 +120,7 @@ def links_of(model: pin.Model, joint: int) -> list[str]:
 
 def named_body(model: pin.Model, joint: int) -> str:
     """Description of the body behind a joint, with the links fixed to each other."""
-    first, *others = links_of(model, joint) or [""]
+    first, *others = link_names(model, joint) or [""]
     fixed = f" with what is fixed to it ({', '.join(others[:2])})" if others else ""
     return f"link {first}{fixed} behind joint {model.names[joint]}"
 
@@ -131,7 +132,7 @@ def check_inertia(
     offset: Array | None,
     description: UrdfDescription,
 ) -> None:
-    """Check that joints move possible inertias, and none without inertia.
+    """Check that each joint moves some inertia, and that it is physically possible.
 
     A joint with rotor inertia may move an impossible body: its torques do not come from
     that body alone.
@@ -177,7 +178,7 @@ def check_inertia(
             lacking = [
                 f"{named_body(model, k)} has no <inertial>"
                 for k in map(int, map(model.getJointId, joints))
-                if not given.intersection(links_of(model, k))
+                if not given.intersection(link_names(model, k))
             ]
             least = float(np.diag(mass)[singular].min())
             why = f"what the <inertial> elements give is {least:.2g} kg m^2 or kg"
@@ -198,7 +199,8 @@ def singular_directions(mass: Array) -> NDArray[np.bool_]:
         mass: The matrix, shape (n, n).
 
     Returns:
-        Which joints move there, shape (n,); none for a regular matrix.
+        Whether each joint moves there, shape (n,); False throughout for a regular
+        matrix.
     """
     own = np.diag(mass)
     if (own < MIN_INERTIA).any():

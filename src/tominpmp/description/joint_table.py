@@ -164,7 +164,11 @@ def _fault(option: str, row: Mapping[str, Any]) -> str:
 
 
 def check_gravity(gravity: ArrayLike) -> Array:
-    """Check that gravity is a vector of three finite numbers."""
+    """Check that gravity is a vector of three finite numbers.
+
+    Raises:
+        OptionsError: If it is not.
+    """
     vector = array_or_nan(gravity)
     if vector.shape != (3,) or not np.isfinite(vector).all():
         raise OptionsError(
@@ -298,9 +302,9 @@ class JointTable:
         r"""Collect the values of the free joints from a description.
 
         A joint that follows, :math:`q_f = m q + o`, contributes its position and
-        velocity limits and its friction, viscous :math:`m^2 d_f` and dry :math:`|m|
-        f_f`, to the joint that it follows. Its effort limit is ignored: the motor is at
-        the leader.
+        velocity limits, its rotor inertia :math:`m^2 a_f` and its friction, viscous
+        :math:`m^2 d_f` and dry :math:`|m| f_f`, to the joint that it follows. Its
+        effort limit is ignored: the motor is at the leader.
 
         Args:
             joint_names: Free joints, in the order of the model.
@@ -458,7 +462,7 @@ def example_values(joints: Sequence[str]) -> str:
 def _with_follower(
     joint: JointDescription, follower: JointDescription, mimic: Mimic
 ) -> JointDescription:
-    """Include the limits and friction of a follower in those of its leader."""
+    """Include limits, friction and rotor of a follower in those of its leader."""
     m = mimic.multiplier
     joint = replace(
         joint,

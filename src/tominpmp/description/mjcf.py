@@ -57,7 +57,7 @@ Range = tuple[float, float]
 
 
 def describe_mjcf(
-    root: Element, path: Path, package_dirs: Sequence[Path] = ()
+    root: Element, path: Path, package_dirs: Sequence[Path]
 ) -> tuple[UrdfDescription, SemanticDescription, Mapping[str, Range]]:
     """Describe the robot of an MJCF file, whose joints have no speed limits.
 
@@ -70,8 +70,9 @@ def describe_mjcf(
         The same as :func:`~tominpmp.description.from_pinocchio.describe_model`.
 
     Raises:
-        RobotLoadError: If Pinocchio cannot read the file, a joint has several degrees
-            of freedom, or a mesh or an included file is missing.
+        RobotLoadError: If Pinocchio cannot read the file, it generates bodies, an
+            attribute is wrong, a joint has several degrees of freedom, or a mesh or an
+            included file is missing.
     """
     reader = _MjcfReader(root, XmlContext(path, tuple(package_dirs)))
     described, semantics, _ = describe_model(*reader.built(), package_dirs, path)
@@ -303,7 +304,11 @@ class _MjcfReader:
         return outer
 
     def _is_absent(self, body: Element, geom: Element) -> bool:
-        """Whether a shape is visual only, weightless, and its mesh is missing."""
+        """Whether the mesh of a shape is missing, which only a picture may lack.
+
+        Raises:
+            RobotLoadError: If the missing mesh has weight, or may collide.
+        """
         missing = self.missing.get(geom.get("mesh", ""))
         if missing is None:
             return False

@@ -162,7 +162,7 @@ def _read_mesh(file: str, scale: tuple[float, ...]) -> Any:
 
 
 def _warn_of_units(geometry: pin.GeometryModel, path: Path) -> None:
-    """Warn of links so large that their meshes must be in other units."""
+    """Warn of the first link so large that its mesh must be in other units."""
     for item in geometry.geometryObjects:
         if not item.meshPath:
             continue
@@ -205,7 +205,14 @@ def sticks(model: pin.Model, q: Array) -> Array:
 def are_neighbours(
     model: pin.Model, first: int, second: int, carriers: Collection[int]
 ) -> bool:
-    """Whether no joint with shapes, a carrier, lies between two joints."""
+    """Whether one joint carries the other, with no joint with shapes between them.
+
+    Args:
+        model: The model.
+        first: Index of a joint.
+        second: Index of another joint.
+        carriers: Indices of the joints with shapes.
+    """
     for joint, target in ((first, second), (second, first)):
         parent = int(model.parents[joint])
         while parent and parent not in carriers:
@@ -216,7 +223,7 @@ def are_neighbours(
 
 
 def expansion(
-    model: pin.Model, followers: Mapping[str, Mimic], order: Sequence[str] = ()
+    model: pin.Model, followers: Mapping[str, Mimic], order: Sequence[str]
 ) -> tuple[tuple[str, ...], Array | None, Array | None]:
     r"""Express the configuration of a model by its free joints, :math:`S q + c`.
 

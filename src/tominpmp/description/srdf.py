@@ -35,7 +35,7 @@ from tominpmp.exceptions import (
 )
 
 # Usual names of group states with rest positions, in the order of preference.
-RESTING = ("default", "neutral", "home", "half_sitting")
+REST_STATES = ("default", "neutral", "home", "half_sitting")
 # Elements that are read, and those without effect on a motion: hands and tools, spheres
 # for other collision checkers, metrics of samplers, footprints.
 READ = {
@@ -61,7 +61,8 @@ NEVER, WHOLE_LINK = "Never", "disable_default_collisions"
 
 #: Names of two links, in alphabetical order.
 Pair: TypeAlias = "tuple[str, str]"
-#: Name of a group, names of joints, or the first and the last link of a chain.
+#: Name of a group or of the last link of a chain, names of joints, or the first and the
+#: last link of a chain.
 Group: TypeAlias = "str | Sequence[str]"
 
 
@@ -101,7 +102,8 @@ class SemanticDescription(Record):
         groups: Groups of joints that are planned together, by name.
         robot: Name of the robot in the file.
         passive: Joints that the file marks as passive.
-        rotor_inertias: Inertia of the rotor, seen at the joint [kg m^2], by joint name.
+        rotor_inertias: Inertia of the rotor, seen at the joint [kg m^2 or kg], by joint
+            name.
         never_touch: Disabled pairs that are apart at all configurations, by their
             reason "Never", or by assumption if they have no reason and two or more
             joints between the links.
@@ -136,7 +138,7 @@ class SemanticDescription(Record):
         """The description for a robot that moves these joints.
 
         If states of one name of several groups differ, the state of the smallest group
-        with all these joints goes before the others, and then the last in the file.
+        with all these joints takes precedence, and then the last in the file.
         """
         if not self.states_of_groups:
             return self
@@ -181,8 +183,9 @@ def read_srdf(
     often serves several variants of a robot.
 
     Raises:
-        RobotLoadError: If the file is not an SRDF file, the robot has none of the links
-            that it names, or a group lacks its name or contains itself.
+        RobotLoadError: If the file is not an SRDF file, every link pair that it
+            disables has a link that the robot lacks, an attribute is missing or wrong,
+            or a group contains itself.
     """
     text = given_text(source)
     path = Path("<text of an SRDF file>")
@@ -255,7 +258,7 @@ class _SrdfReader:
     def _disabled_pairs(self) -> dict[Pair, str]:
         """Reasons for which link pairs are not checked for collision, by pair.
 
-        The reason is empty if the file has none.
+        The reason is empty if the file states no reason.
         """
         text, links = self.context.text, self.links
         pairs: dict[Pair, str] = {}
@@ -439,8 +442,12 @@ def warn_of_group(name: str, group: JointGroup) -> None:
 def rest_position(
     joint: JointDescription, states: Mapping[str, Mapping[str, float]]
 ) -> float:
-    """Rest position of a joint: from a group state, those with usual names first."""
-    for state in dict.fromkeys((*RESTING, *states)):
+    """Rest position of a joint [rad or m].
+
+    It is taken from a group state, preferably one with a usual name; otherwise it is
+    zero, or the position limit nearest to zero.
+    """
+    for state in dict.fromkeys((*REST_STATES, *states)):
         if joint.name in states.get(state, {}):
             return states[state][joint.name]
     if not joint.lower < joint.upper:

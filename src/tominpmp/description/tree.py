@@ -263,19 +263,19 @@ def solid(kind: str, sizes: Iterable[float], placement: Array) -> Shape | None:
 def warn_of_empty_shapes(places: Sequence[str], path: Path) -> None:
     """Warn of shapes that were left out because all their sizes are zero."""
     if places:
-        warn_caller(f"{path}: shapes of no size are left out: {first_of(places)}")
+        warn_caller(f"{path}: shapes of no size are left out: {_in_short(places)}")
 
 
 def warn_of_missing_visuals(places: Sequence[str], path: Path) -> None:
     """Warn of visual shapes that were left out because their meshes are missing."""
     if places:
         warn_caller(
-            f"{path}: not shown, as their meshes are not there: {first_of(places)}; "
+            f"{path}: not shown, as their meshes are not there: {_in_short(places)}; "
             "folders that hold packages are given in package_dirs"
         )
 
 
-def first_of(places: Sequence[str]) -> str:
+def _in_short(places: Sequence[str]) -> str:
     """First of some places, with the number of further ones."""
     others = len(places) - 1
     return f"{places[0]} and {others} more" if others else places[0]
@@ -298,7 +298,7 @@ def fresh_name(name: str, taken: set[str]) -> str:
     return free
 
 
-def joined(
+def joined_descriptions(
     parts: Mapping[str, tuple[UrdfDescription, pin.SE3]],
     orders: Mapping[str, Sequence[str]],
 ) -> UrdfDescription:

@@ -48,7 +48,7 @@ from tominpmp.description.tree import (
 from tominpmp.description.xml_reader import (
     XmlContext,
     add,
-    bounded,
+    limit_or_infinity,
     read_xml,
     to_number,
     xml_text,
@@ -64,7 +64,7 @@ SOFT_TOLERANCE = 1e-9
 # Most places that a warning names.
 MOST_NAMED = 10
 # Range in which limits of revolute joints look like degrees: five to 115 turns.
-MANY_TURNS, DEGREES = 30.0, 720.0
+MANY_TURNS, MOST_TURNS = 30.0, 720.0
 # Most links; the parsers recurse into the tree, and humanoids have some hundred.
 MAX_LINKS = 2000
 SHAPES = (*SIZES, "mesh")
@@ -203,7 +203,7 @@ def read_parsed(
 
 
 class _UrdfReader:
-    """Checks the elements of a file, and converts what yourdfpy reads in a copy of it.
+    """Checks the elements of a file, and converts the robot that yourdfpy makes.
 
     Visual meshes that are missing are dropped: they do not affect motions. Collision
     meshes are required.
@@ -257,10 +257,12 @@ class _UrdfReader:
             package_dirs=context.folders,
         )
 
-    # -- copy of what is read ----------------------------------------------------------
+    # -- copy for yourdfpy -------------------------------------------------------------
 
     def _copy(self) -> Element:
-        """Copy what is read: shapes are named by kinds, and capsules are cylinders.
+        """Copy the elements that are read: shapes have their kinds as names.
+
+        Capsules become cylinders.
 
         Raises:
             RobotLoadError: If it is not a URDF file, an element or attribute is
@@ -472,7 +474,7 @@ class _UrdfReader:
         for key, value in limits.items():
             if key not in ("lower", "upper") and value < 0.0:
                 context.fail(f"{where}: limit {key}={value:g} is negative")
-        limits = {key: bounded(value) for key, value in limits.items()}
+        limits = {key: limit_or_infinity(value) for key, value in limits.items()}
         lower, upper = limits["lower"], limits["upper"]
         if kind == "continuous":
             lower, upper = -math.inf, math.inf
@@ -510,7 +512,7 @@ class _UrdfReader:
         name, kind = joint.name, joint.type
         least, most = joint.limit.lower, joint.limit.upper
         ends = [abs(x) for x in (least, most) if not math.isnan(x)]
-        if kind == "revolute" and MANY_TURNS <= max(ends, default=0.0) <= DEGREES:
+        if kind == "revolute" and MANY_TURNS <= max(ends, default=0.0) <= MOST_TURNS:
             self.in_degrees.append(name)
         # Missing limits are NaN, for which these comparisons are false.
         soft = {} if safety is None else safety.attrib

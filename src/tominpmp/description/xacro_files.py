@@ -146,7 +146,7 @@ def _unwrapped_error(error: Any, path: Path) -> RobotLoadError:
 
 @contextmanager
 def _guarded(path: Path, package_dirs: Sequence[Path]) -> Iterator[None]:
-    """Patch xacro to find packages here, and to evaluate and read only what is safe."""
+    """Patch xacro to find packages here, and to refuse unsafe expressions and files."""
     import xacro
     import yaml
     from xacro import substitution_args

@@ -32,7 +32,8 @@ MAX_TEXT = 100_000
 # Endings of files that are more likely meant as scenarios than as robots.
 OTHER_ENDINGS = (".yaml", ".yml", ".json", ".toml")
 
-# Largest length, mass or inertia; beyond it squares overflow, and it is a mistake.
+# Largest length, mass or inertia, beyond which numbers are mistakes, and largest limit,
+# beyond which limits are infinite.
 MAX_NUMBER = 1e9
 
 
@@ -145,7 +146,10 @@ class XmlContext:
         default: tuple[float, ...],
         low: float | None = None,
     ) -> tuple[float, ...]:
-        """Read an attribute with as many numbers as its default, at least ``low``."""
+        """Read an attribute with as many numbers as its default, at least ``low``.
+
+        A missing attribute has its default.
+        """
         if attribute not in element.attrib:
             return default
         text = element.attrib[attribute]
@@ -193,7 +197,7 @@ def to_number(text: str) -> float:
         return math.nan
 
 
-def bounded(limit: float) -> float:
+def limit_or_infinity(limit: float) -> float:
     """Replace a limit beyond reasonable sizes by infinity."""
     # "No limit" is commonly written as 1e16, or as the largest floating-point number.
     return math.copysign(math.inf, limit) if abs(limit) > MAX_NUMBER else float(limit)

@@ -22,7 +22,7 @@ from typing import Any, NoReturn
 
 import yaml
 
-from tominpmp.description.paths import read_bytes as read_bytes
+from tominpmp.description.paths import read_bytes
 from tominpmp.exceptions import ScenarioError, brief
 
 MAX_BYTES = 64 * 2**20

@@ -22,8 +22,8 @@ import numpy as np
 
 from tominpmp.checks import choice, flag, instance
 from tominpmp.description.fields import Field
-from tominpmp.description.paths import checked_ending, checked_path
-from tominpmp.description.yaml_reader import parse_yaml, read_bytes
+from tominpmp.description.paths import checked_ending, checked_path, read_bytes
+from tominpmp.description.yaml_reader import parse_yaml
 from tominpmp.exceptions import ProblemError, ScenarioError, brief
 from tominpmp.files.ros import (
     MESSAGE,
@@ -51,7 +51,7 @@ from tominpmp.motion.trajectory import Trajectory
 # :mod:`~tominpmp.files.tables`, the second messages with as many values as YAML may
 # have [bytes].
 MAX_BYTES, MAX_MESSAGE = 2**28, 2**26
-# What is said of other endings.
+# Beginning of the message on other endings.
 NOT_KEPT = "motions are not kept as"
 
 
@@ -178,6 +178,7 @@ def load_motion(
         ProblemError: If the ending or the interpolation is unknown.
         ScenarioError: If the file cannot be read or is wrong: the message names the
             place.
+        MissingDependency: If the package for bags is not installed.
     """
     return read_motion(path, interpolation)[0]
 
@@ -189,6 +190,9 @@ def read_motion(
 
     Returns:
         The samples; and the ROS message as plain values, None for other files.
+
+    Raises:
+        TominpmpError: As raised by :func:`load_motion`.
     """
     read = READERS[checked_ending(path, READERS, NOT_KEPT)]
     if interpolation is not None:

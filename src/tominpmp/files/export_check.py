@@ -37,7 +37,7 @@ from tominpmp.verification.verification import Verification, verify
 
 # Usual periods of controllers [s], the longest first.
 PERIODS = (0.01, 0.008, 0.004, 0.002, 0.001)
-# Controller period to recommend where none is known [s].
+# Controller period to recommend where no period is known [s].
 DEFAULT_PERIOD = 0.004
 # Instants at which each interval is examined, as shares of it: also near the ends,
 # where overshooting polynomials are fastest.

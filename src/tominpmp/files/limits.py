@@ -6,7 +6,7 @@ limits of motors and controllers are set joint by joint:
 ::
 
     effort_scale: 0.95          # share of the torque limits that motions may use
-    effort_rate: 1000           # every joint that has none of its own [N m/s]
+    effort_rate: 1000           # joints without a value of their own [N m/s]
     joints:
       panda_joint1:
         acceleration: 15        # [rad/s^2]
@@ -95,8 +95,8 @@ class MoveItLimits(Record):
         effort: Largest torques [N m or N].
         position_lower: Lower position limits [rad or m].
         position_upper: Upper position limits [rad or m].
-        velocity_scaling: Factor by which MoveIt scales speeds if a request sets none;
-            0.1 in many files.
+        velocity_scaling: Factor by which MoveIt scales speeds if a request sets no
+            factor; 0.1 in many files.
         acceleration_scaling: The same for accelerations.
     """
 
@@ -130,7 +130,7 @@ class MoveItLimits(Record):
     def motion_limits(
         self, joint_names: Sequence[str], *, scaled: bool = False
     ) -> MotionLimits | None:
-        """Limits of accelerations and jerks; None if the file has none.
+        """Limits of accelerations and jerks; None if the file has neither.
 
         Args:
             joint_names: Joints that move; limits of other joints are dropped.
@@ -291,7 +291,7 @@ def load_motion_limits(path: str | Path, robot: Robot) -> MotionLimits:
 
     Raises:
         ScenarioError: If the file cannot be read or is wrong: the message names the
-            key, the value and what was expected.
+            key, the value and the expected one.
     """
     path = checked_path(path, "path", ScenarioError)
     instance(robot, Robot, "robot")

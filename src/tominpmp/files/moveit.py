@@ -27,14 +27,14 @@ from tominpmp.checks import instance
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.description.fields import Field
 from tominpmp.description.files import missing_resource, resolve_resource
-from tominpmp.description.paths import checked_path
+from tominpmp.description.paths import checked_path, read_bytes
 from tominpmp.description.srdf import (
     SemanticDescription,
     rest_position,
     warn_of_group,
 )
 from tominpmp.description.tree import UrdfDescription
-from tominpmp.description.yaml_reader import MAX_BYTES, parse_yaml, read_bytes
+from tominpmp.description.yaml_reader import MAX_BYTES, parse_yaml
 from tominpmp.exceptions import (
     ProblemError,
     RobotLoadError,
@@ -513,8 +513,8 @@ def _outside_group(
         semantics: Content of its SRDF file, if there is one.
 
     Returns:
-        Positions by joint name [rad or m]: from the start state, else from a group
-        state, else zero; empty if the request names no group.
+        Positions by joint name [rad or m]: from the start state, else the rest
+        position; empty if the request names no group.
     """
     name = request.get("group_name")
     if not name.given:
@@ -571,7 +571,7 @@ def load_moveit(
         robot: The robot, or its name or path. The motion is planned for the group of
             its SRDF file that the request names; all other joints are locked at their
             start, as are joints of the group that a goal of joint positions does not
-            name.
+            name, unless the robot is loaded already: then these end at their start.
         scene_path: YAML file with a ``PlanningScene`` message, or one in MoveIt's text
             format (``.scene``).
         request_path: YAML file with a ``MotionPlanRequest`` message.
@@ -596,8 +596,9 @@ def load_moveit(
         ScenarioError: If a file is wrong, or the problem in it, for example a start in
             collision; names the file and the key in it.
         RobotLoadError: If the robot cannot be loaded.
-        ProblemError: If the margin, a limit or a constraint is wrong, or joint limits
-            are given for a robot that is loaded already.
+        ProblemError: If the margin, a limit or another argument is wrong, or if a robot
+            that is loaded already comes with joint limits, or with ``kinematic`` and is
+            not kinematic.
     """
     scene_message, request = _read_message(scene_path), _read_message(request_path)
     state, start = request.get("start_state"), _start_values(request, "position")
@@ -626,7 +627,7 @@ def load_moveit(
     except ProblemError as error:
         blamed = (error.field or "").partition(".")[0].partition("[")[0]
         places = {"q_start": "start_state", "v_start": "start_state"}
-        if blamed in ("margin", "motion_limits", "constraints"):
+        if blamed in ("margin", "motion_limits", "constraints", "self_collision"):
             raise
         request.get(places.get(blamed, "goal_constraints")).fail(str(error))
 

@@ -3,7 +3,7 @@
 A table names the class by its key ``type`` and has a key for every field; fields with
 their default value are omitted. New shapes, goals and limits, including a caller's own,
 need no change here as long as their fields are numbers, texts, arrays, placements,
-paths, or such records again.
+paths, or records of these classes.
 """
 
 from __future__ import annotations

@@ -126,7 +126,7 @@ def message_samples(
 
 
 def _spread(ticks: IntArray, duration: float) -> IntArray:
-    """Ticks [ns] with the least spacing; the last one is not before the end."""
+    """Ticks [ns] spaced by MIN_STEP at least; the last one is not before the end."""
     if ticks.size == 1:
         return ticks
     last = max(int(np.ceil(duration * BILLION - 1e-3)), MIN_STEP)
@@ -519,8 +519,8 @@ def controller_refusals(
         partial: Whether its ``allow_partial_joints_goal`` is set.
 
     Returns:
-        The violated rules, one entry per field and point; empty for a message that the
-        controller accepts and follows.
+        The violated rules, with the field, point and joint at fault; empty for a
+        message that the controller accepts and follows.
 
     Raises:
         ProblemError: If the message is not a table of fields, or a name is not a text.

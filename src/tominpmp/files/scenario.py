@@ -94,10 +94,9 @@ from tominpmp.datasheets import find_datasheet
 from tominpmp.description.fields import Field
 from tominpmp.description.files import find_robot, find_srdf
 from tominpmp.description.joint_table import OVERRIDES, JointTable, Linkage
-from tominpmp.description.paths import checked_path
+from tominpmp.description.paths import checked_path, read_bytes
 from tominpmp.description.srdf import srdf_file
 from tominpmp.description.urdf import urdf_file
-from tominpmp.description.yaml_reader import read_bytes
 from tominpmp.exceptions import (
     JointNotFound,
     ProblemError,
@@ -353,7 +352,7 @@ def _check_names(
         table: Table of a scenario or a segment.
         robot: The robot, with the payload of the segment.
         goal: Goal in the table, if there is one.
-        conditions: What :func:`read_conditions` made of the table.
+        conditions: The conditions that :func:`read_conditions` read from the table.
 
     Raises:
         ScenarioError: If the robot lacks a frame or joint.
@@ -407,8 +406,8 @@ def key_of(
         keys: Keys of the table.
 
     Returns:
-        The innermost value on the path that the file has; the table if it has none of
-        it.
+        The innermost value on the path that the file has; the table if it has no value
+        on the path.
     """
     item = table
     for step in re.findall(r"\w+", field or ""):
@@ -455,7 +454,7 @@ ROUNDING = 1e-9
 
 
 def difference_of(robot: Robot, other: Robot) -> str:
-    """First field in which two robots differ by more than rounding; empty if none."""
+    """First field in which two robots differ beyond rounding; empty if they agree."""
     values, others = _compared_values(robot), _compared_values(other)
     return next((name for name in values if not _agree(values[name], others[name])), "")
 
@@ -492,15 +491,8 @@ def _compared_values(robot: Robot) -> Mapping[str, object]:
 
 ROBOT_KEYS = (
     *("name", "path", "srdf", "package_dirs", "group", "limits", "joint_limits"),
-    *(
-        "motion_limits",
-        "gravity",
-        "locked_joints",
-        "kinematic",
-        "xacro_args",
-        "payloads",
-        *OVERRIDES,
-    ),
+    *("motion_limits", "gravity", "locked_joints", "kinematic", "xacro_args"),
+    *("payloads", *OVERRIDES),
 )
 
 
@@ -754,12 +746,12 @@ def read_scenario(
 
     Args:
         document: The whole file.
-        changes: Finds the arguments of the problem that go before those of the file,
-            from the robot and from these.
+        changes: Makes arguments of the problem that take precedence over those of the
+            file, from the robot and from these.
 
     Raises:
         ScenarioError: As :func:`load_scenario`.
-        TominpmpError: If an argument that goes before those of the file is wrong.
+        TominpmpError: If an argument that takes precedence is wrong.
     """
     document.only(*SECTIONS)
     robot = read_robot(document.need("robot"))

@@ -34,6 +34,7 @@ MAX_NUMBERS = 2**24
 MAX_MEMBERS, MAX_NAMES = 100, 2**20
 # Longest line of a motion file [characters].
 LONGEST_LINE = 2**20
+# Column with the number of the segment.
 SEGMENT = "segment"
 # Most consecutive segments without a row of their own; more are taken for a mistake.
 MOST_SEGMENTS = 100
@@ -120,7 +121,7 @@ def filled_samples(
 
 
 def _segment_ends(table: Array, path: Path) -> Array:
-    """Times of the first row of each segment, and of the last row."""
+    """Times of the first row of each segment but the first, and of the last row."""
     # A segment that takes no time has no row of its own.
     step = np.diff(table[:, -1], prepend=1.0)
     wrong = np.flatnonzero(~((step >= 0.0) & (step < MOST_SEGMENTS) & (step % 1 == 0)))

@@ -1,1 +1,1 @@
-"""Initial guesses: paths, their timing, inverse kinematics, and warm starts."""
+"""Initial guesses: paths, timing, inverse kinematics, warm starts, and processes."""

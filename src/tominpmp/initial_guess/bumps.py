@@ -67,7 +67,7 @@ def bumped(system: ProblemFunctions, guess: Guess, heights: Array) -> Guess:
         heights: Heights by number of arcs and joint, shape (k, n), in rad, or in shares
             of the reach for prismatic joints.
     """
-    tau = (guess.t - guess.t[0]) / (guess.t[-1] - guess.t[0])
+    tau = guess.t / guess.duration
     arc = 16.0 * tau**2 * (1.0 - tau) ** 2
     waves = np.cos(np.pi * np.arange(len(heights)) * tau[:, None])
     limits = system.problem.robot.limits

@@ -22,7 +22,8 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 if TYPE_CHECKING:
     from tominpmp.problem.problem import Problem
 
-# Number of configurations of a path that are shifted, and of least-squares steps.
+# Number of intervals of a path whose inner configurations are shifted, and of
+# least-squares steps.
 PLACES, STEPS = 24, 12
 # Tolerance of a shifted configuration: violations as shares of their scale, distances
 # of frames as shares of the reach.
@@ -71,7 +72,7 @@ def speed_used(problem: Problem, q: Array, v: Array) -> Array:
 
 
 def largest_excess(system: ProblemFunctions, T: float, at: States) -> float:
-    """Largest excess of a motion over its limits and constraints, but clearances.
+    """Largest excess of a motion over its limits and constraints, except clearances.
 
     It is judged by samples, as a share of a limit, and zero within all limits. Where
     jerks or torque rates are limited, the motion is taken for one from rest to rest
@@ -99,7 +100,13 @@ def largest_excess(system: ProblemFunctions, T: float, at: States) -> float:
 
 
 def _speeds(constraint: PathConstraint, q: Array, first: Array) -> Array:
-    """Speeds along a path at which a constraint becomes active, shape (m,)."""
+    """Speeds along a path at which a constraint becomes active, infinite elsewhere.
+
+    Args:
+        constraint: The constraint on velocities.
+        q: Configurations, shape (m, n).
+        first: Derivatives of the configurations by the path parameter, shape (m, n).
+    """
     most, empty = constraint.largest, np.zeros((len(q), 0))
     unit = constraint.measure_rows(q, first, empty)
     moving = unit > 0.0

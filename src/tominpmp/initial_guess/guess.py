@@ -26,10 +26,11 @@ from tominpmp.initial_guess.timing import between_velocities, time_path
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Number of random starts of inverse kinematics for a goal on a frame.
+# Random starts of inverse kinematics for a goal that leaves the configuration open, and
+# as many nearer to the start of the motion.
 KINEMATIC_STARTS = 20
-# Number of random starts in a second attempt, before a goal is refused: it may only be
-# hard to reach, for example a pose within a narrow cone.
+# The same in a second attempt, before a goal is refused: it may only be hard to reach,
+# for example a pose within a narrow cone.
 MORE_STARTS = 100
 # Most inverse kinematics solutions that are approached on a timed straight line.
 STRAIGHT_LINES = 10
@@ -42,7 +43,7 @@ DURATION_FACTOR = 2.0
 # mean speed up to the next sample.
 RESTS = 0.5
 # Name of the guess that stays at the start.
-RESTING = "at rest"
+REST_GUESS = "at rest"
 # Name of guesses with the velocities of moving ends.
 MOVING = "moving"
 # Name of guesses along paths around obstacles.
@@ -70,7 +71,8 @@ class Guess:
         name: Name of the kind of guess, for reports.
         t: Times [s], increasing from 0, shape (m,).
         q: Configurations, shape (m, n) [rad or m].
-        timed: Whether the duration is minimal for this path.
+        timed: Whether the duration follows from the limits along the path; otherwise
+            from an estimate.
         delay: Time that the arm waits at the start [s], within the duration.
         keeps: Whether the guess satisfies the constraints on positions, as far as they
             were checked.
@@ -92,9 +94,9 @@ class Guess:
     solved: bool = False
 
     @classmethod
-    def of_motion(cls, name: str, motion: Trajectory, count: int = SAMPLES) -> Guess:
-        """The path of a motion, sampled at a number of instants."""
-        t = np.linspace(0.0, motion.duration, count)
+    def of_motion(cls, name: str, motion: Trajectory) -> Guess:
+        """The path of a motion, sampled at instants spaced evenly in time."""
+        t = np.linspace(0.0, motion.duration, SAMPLES)
         return cls(name, t, motion(t).q, False)
 
     @property
@@ -136,13 +138,13 @@ class Guess:
 
 @dataclass(frozen=True, eq=False)
 class GuessRequest:
-    """How many guesses are wanted, and what they are made with.
+    """A request for guesses: their number, and the means to make them.
 
     Attributes:
         count: Largest number of guesses.
         rng: Random numbers.
         duration: Duration of the guess at rest [s]; None for the duration of the
-            fastest straight line.
+            fastest line, of those that satisfy the constraints if there are any.
         deadline: When to stop sampling, as a value of :func:`time.perf_counter` [s].
         beyond: Constraints on positions that hold from the goal on.
         impasses: Receives clauses on searches for paths that found none; the first is
@@ -199,12 +201,13 @@ def path_guess(system: ProblemFunctions, corners: Array) -> Guess:
 
 
 def _moving_guess(system: ProblemFunctions, q_end: Array) -> Guess | None:
-    """Motion with the velocities of both ends, in the least feasible duration.
+    """Motion with the velocities of both ends, in the least feasible duration found.
 
-    Feasible durations of motions that begin or end moving are separate intervals: such
-    a motion goes on, or it has to overshoot its goal or take a run-up. They are judged
-    by samples. As faster motions exist than those tried, a minimum of the excess below
-    100 % counts as an interval. None if both ends rest, or the motion hits an obstacle.
+    Feasible durations of motions that begin or end moving are separate intervals: the
+    motion leads to its goal directly, or it has to overshoot it or take a run-up. They
+    are judged by samples. As faster motions exist than those tried, a minimum of the
+    excess below 100 % counts as an interval; without one, the duration of least excess
+    is taken. None if both ends rest, or the motion hits an obstacle.
     """
     q, v, v_end = system.problem.q_start, system.v_start, end_velocity(system, q_end)
     if not (np.any(v) or np.any(v_end)):
@@ -230,7 +233,7 @@ def _moving_guess(system: ProblemFunctions, q_end: Array) -> Guess | None:
 
 
 def end_velocity(system: ProblemFunctions, q_end: Array) -> Array:
-    """Velocity at the end that the goal asks for, nearest to that at the start, (n,).
+    """Velocity at the end that meets the goal, nearest to that at the start, (n,).
 
     Args:
         system: Functions of the problem.
@@ -307,16 +310,20 @@ def initial_guesses(system: ProblemFunctions, request: GuessRequest) -> Iterator
     """Initial guesses for a problem, the most promising first.
 
     The generator is lazy. The first guesses may collide: in most cases the optimiser
-    moves them out of the obstacles faster than a path around these is found. If there
-    are obstacles, sampled paths follow, then paths through random via points.
+    moves them out of the obstacles faster than a path around these is found. Sampled
+    paths follow if there are obstacles, or if the arm collides with itself on the
+    fastest line; then paths through random via points.
 
     Args:
         system: Functions of the problem.
-        request: Number of guesses, and what they are made with.
+        request: Number of guesses, random numbers, deadline and further constraints.
 
     Yields:
-        At most ``request.count`` guesses. There are none if inverse kinematics did not
+        At most ``request.count`` guesses; no guess if inverse kinematics did not
         reach the goal, or reached it only in collisions that cannot be resolved.
+
+    Raises:
+        ProblemError: If no limit keeps a joint from moving arbitrarily fast.
     """
     final = system.problem.goal.configuration
     ends, blocked = _ends(system, request) if final is None else ([final], False)
@@ -356,7 +363,7 @@ def _guesses(
     direct = (*sorted(moving, key=_pace), *straight)
     # A guess at rest at the start, with the given duration or that of the fastest line.
     times = np.array([0.0, request.duration or straight[0].duration])
-    rest = Guess(RESTING, times, np.tile(problem.q_start, (2, 1)), False)
+    rest = Guess(REST_GUESS, times, np.tile(problem.q_start, (2, 1)), False)
     if system.in_free_space:
         yield from direct[:FEW_LINES]
         # The initial guess of the paper, which does not even reach the goal: the linear

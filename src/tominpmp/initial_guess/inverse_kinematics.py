@@ -130,7 +130,7 @@ class Target:
             q: Initial configuration, shape (n,) [rad or m].
 
         Returns:
-            Configuration, shape (n,), and the norm of the remaining residual.
+            Configuration, shape (n,), and the remaining violation [m, rad].
         """
         (q,), _ = _descend(self, q[None])
         return q, self.violation(q)
@@ -152,7 +152,8 @@ class GoalSearch(NamedTuple):
         free: Collision-free configurations, the most promising first, each of shape
             (n,).
         blocked: Configurations in collision.
-        least: Smallest residual if no configuration reaches the goal; otherwise 0.
+        least: Violation of the conditions at the nearest configuration found if no
+            configuration reaches the goal; otherwise 0.
     """
 
     free: list[Array]
@@ -189,7 +190,7 @@ def find_configurations(
     moved out of collision as far as the goal leaves the arm any freedom.
 
     Returns:
-        Configurations free of collisions, and configurations in collision.
+        The configurations; without any, the violation at the nearest one found.
     """
     system, problem = target.system, target.system.problem
     limits = problem.robot.limits

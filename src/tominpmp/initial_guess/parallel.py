@@ -55,8 +55,8 @@ def run_parallel(
 ) -> Iterator[tuple[int, Result]]:
     """Apply a function to items in several processes.
 
-    Items are taken from the iterable only when a process is free or will be next. It
-    may therefore be a generator that computes them, which runs in this process. The
+    Items are taken from the iterable only when a process is free, and one in advance.
+    It may therefore be a generator that computes them, which runs in this process. The
     caller keeps the results that were yielded before an interruption (Ctrl-C), an
     exception or the time limit. Busy processes are then requested to stop, as they are
     when the caller stops iterating, and killed if they do not. The result of a function
@@ -79,7 +79,7 @@ def run_parallel(
 
     Raises:
         Exception: The first exception that the function raised.
-        Stop: If a stop of this process was requested.
+        Stop: If it is time to stop this process.
     """
     deadline = time.perf_counter() + seconds
     if processes == 1:
@@ -158,7 +158,7 @@ class _WorkerPool:
         """Wait for completed futures; the set is empty at the deadline ``until`` [s].
 
         Raises:
-            Stop: If a stop of this process was requested.
+            Stop: If it is time to stop this process.
         """
         while True:
             done, _ = wait(self.pending, TICK, return_when=FIRST_COMPLETED)

@@ -24,7 +24,7 @@ from tominpmp.arrays import Array
 CHECK_STEP = 0.05
 # Most halvings of a rounding that collides.
 HALVINGS = 5
-# Corners closer than this, as a share of the path, are merged.
+# Corners, and grid points, closer than this, as a share of the path, are merged.
 SHORTEST = 1e-6
 
 

@@ -50,7 +50,7 @@ MOMENTS = (0.5, 0.25, 0.75, 1.0)
 
 
 def guesses_of(system: ProblemFunctions, request: GuessRequest) -> Iterator[Guess]:
-    """Initial guesses for a problem, which may wait for moving obstacles."""
+    """Initial guesses for a problem, which may wait for obstacles and constraints."""
     passes = system.problem.scene.moving or _windowed_constraints(system)
     make = waiting_guesses if passes else initial_guesses
     yield from itertools.islice(make(system, request), request.count)
@@ -63,12 +63,12 @@ def _windowed_constraints(system: ProblemFunctions) -> list[PathConstraint]:
 
 
 def waiting_guesses(system: ProblemFunctions, request: GuessRequest) -> Iterator[Guess]:
-    """Initial guesses among moving obstacles, the most promising first, without end.
+    """Initial guesses among moving obstacles and time windows, the best first.
 
     Guesses for the scene without its moving obstacles come first, each together with
-    the same path timed so that it waits for the obstacles. Paths follow that are free
-    if the obstacles are frozen at an instant. ``request.count`` limits each of the two
-    kinds.
+    the same path timed so that it waits for obstacles and constraints. Paths follow
+    that are free if the obstacles are frozen at an instant, then further guesses
+    without moving obstacles. ``request.count`` limits the paths for each scene.
     """
     static = initial_guesses(system.resting(), request)
     first: Guess | None = None

@@ -32,7 +32,7 @@ BATCH = 16
 # Spacing of collision checks on a branch, and on a shortcut, which cuts corners as far
 # as the checks allow [rad].
 RESOLUTION, FINE = 0.05, 0.0125
-# Most collision checks for a path, before it is shortened.
+# Most collision checks of the search for a path, and of its shortening.
 CHECKS = 80_000
 # Distances beyond both ends to which joints without narrow limits are sampled, in turn
 # [rad]: most ways out of narrow ends are close to these.
@@ -52,7 +52,7 @@ NEAR = 0.3
 TRIES, FAILED = 4, 3
 
 #: Yields for configurations, shape (m, n), one after the other whether each is free.
-Check = Callable[[Array], Iterator[bool]]
+FreeCheck = Callable[[Array], Iterator[bool]]
 
 
 class _BudgetSpent(Exception):
@@ -64,7 +64,7 @@ def is_free(system: ProblemFunctions, q: Array) -> bool:
     return next(_check_of(system)(q[None]))
 
 
-def _check_of(system: ProblemFunctions) -> Check:
+def _check_of(system: ProblemFunctions) -> FreeCheck:
     """The collision check of a problem, for configurations of shape (m, n)."""
     checker = system.problem.checker
 
@@ -92,14 +92,15 @@ def sample_paths(
     deadline: float = np.inf,
     impasses: list[str] | None = None,
 ) -> Iterator[Array]:
-    """Distinct paths from the start of a problem to given ends in turn.
+    """Distinct paths from the start of a problem to given free ends in turn.
 
     Homotopic paths lead to the same motion: on the Panda among shelves and tables their
     optima agreed to 0.1 % in all of 15 cases.
 
     Args:
         system: Start, limits and clearance.
-        ends: Final configurations, each of shape (n,) [rad or m].
+        ends: Final configurations, each of shape (n,) [rad or m]; ends in collision
+            are left out.
         rng: Random numbers; the paths depend only on them unless time runs out.
         known: Known free paths, each of shape (m, n); paths alike to them are left out.
         checks: Most collision checks for each path.
@@ -431,8 +432,8 @@ def alike(system: ProblemFunctions, one: Array, other: Array) -> bool:
         other: Corners, shape (k, n).
 
     Returns:
-        Whether they are. Homotopy is only tested by a straight shift between points at
-        equal shares of the lengths of the paths.
+        Whether they are alike. Homotopy is only tested by a straight shift between
+        points at equal shares of the lengths of the paths.
     """
     one, other = (_resampled(path / system.step_scale) for path in (one, other))
     if np.max(np.abs(one - other)) < NEAR:

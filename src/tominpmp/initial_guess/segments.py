@@ -18,7 +18,7 @@ from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.constrained import position_constraints
 from tominpmp.initial_guess.guess import (
-    RESTING,
+    REST_GUESS,
     Guess,
     GuessRequest,
     end_velocity,
@@ -35,7 +35,7 @@ def segmented_guesses(
     """Guesses through the goals of all segments; see :func:`initial_guesses`.
 
     The first guess joins the first guesses of all segments, the second guess their
-    second guesses, as long as every segment has one.
+    second guesses, and so on; there is no guess if a goal cannot be reached.
     """
     share = request.duration and request.duration / len(system.parts)
     for number in range(request.count):
@@ -46,7 +46,7 @@ def segmented_guesses(
 
 
 def _guess(system: ProblemFunctions, request: GuessRequest) -> Guess | None:
-    """The last guess of a number of guesses; None if a goal cannot be reached."""
+    """The guess of number ``request.count``; None if a goal cannot be reached."""
     pieces: list[Guess] = []
     request.impasses.clear()
     q, v = system.problem.q_start, system.v_start
@@ -60,7 +60,7 @@ def _guess(system: ProblemFunctions, request: GuessRequest) -> Guess | None:
             request, count=request.count + 1, beyond=ahead, impasses=alone
         )
         guesses = make(single, one_more)
-        moving = (g for g in guesses if g.name != RESTING or len(system.parts) == 1)
+        moving = (g for g in guesses if g.name != REST_GUESS or len(system.parts) == 1)
         first = [*itertools.islice(moving, request.count)]
         if any(alone[:1]):
             request.impasses.append(f"on segment {place + 1}, {alone[0]}")

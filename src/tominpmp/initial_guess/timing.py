@@ -75,7 +75,7 @@ def time_path(system: ProblemFunctions, path: RoundedPath) -> PathTiming | None:
 
     Returns:
         The timing; None if torque limits do not allow the arm to rest at some point of
-        the path.
+        the path, or nothing limits the speed at some point.
     """
     limits = system.problem.robot.limits
     bounds = control_bounds(system.problem.robot, system.problem.motion_limits)
@@ -96,7 +96,8 @@ def time_path(system: ProblemFunctions, path: RoundedPath) -> PathTiming | None:
     with np.errstate(divide="ignore"):
         top = np.min(limits.velocity / np.abs(first), axis=1)
     top = np.minimum(top, path_speeds(system, q, first))
-    # From rest on a path of length 1, x is at most twice the largest s''.
+    # From rest on a path of length 1, x is at most twice the largest s'', which is
+    # taken at rest.
     _, push = _acceleration_range(m, b, d, g, np.zeros((s.size, 1)), bounds)
     top = np.minimum(top, 2.0 * np.sqrt(max(float(push.max()), 0.0)))
     if not (np.all(top > 0.0) and np.all(np.isfinite(top))):

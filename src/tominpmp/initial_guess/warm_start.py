@@ -2,7 +2,7 @@
 
 The guess begins where the former motion passes closest to the new start. Each segment
 is bent to its new ends by a cubic polynomial that takes up the differences in position
-and velocity, so that its torques change as little as possible. A motion of one segment
+and velocity, so that its torques change little. A motion of one segment
 that fits the transcription is adopted exactly, interval by interval.
 """
 
@@ -98,14 +98,15 @@ class WarmStart(Guess):
 
     @property
     def continuous(self) -> bool:
-        """Whether its accelerations are continuous."""
+        """Whether its accelerations count as continuous: those of degrees 3 and 5."""
         return not self.torques_held and self.trajectory.degree > 2
 
     def remainder(self, system: ProblemFunctions) -> Trajectory | None:
         """The former motion after its entry; None if the guess was bent.
 
-        Torques follow from the inverse dynamics of the new problem, unless the motion
-        is defined by its torques.
+        None also for a later entry into a motion whose accelerations are not given by
+        interval. Torques follow from the inverse dynamics of the new problem, unless
+        the motion is defined by its torques.
         """
         motion = self.trajectory
         if not self.unchanged or (self.torques_held and self.entry > 0.0):
@@ -210,7 +211,7 @@ class WarmStart(Guess):
         v = self.trajectory(self.entry + times).v
         return net_torque(system, self.torque(times), v)
 
-    def torque_program(self, system: ProblemFunctions, shares: Array) -> Array:
+    def torque_iterate(self, system: ProblemFunctions, shares: Array) -> Array:
         """Initial iterate of the shooting methods: torques and duration."""
         ends = self.duration * nodes_of(shares[:, 0])
         u = self._net_torque(system, 0.5 * (ends[1:] + ends[:-1]))
@@ -287,7 +288,8 @@ def former_motion(problem: Problem, motion: Trajectory | Samples) -> Trajectory:
     problem, or is nearest to them.
 
     Raises:
-        ProblemError: If the motion has other joints, or the argument is no motion.
+        ProblemError: If the motion has other joints or values that are not finite, or
+            the argument is no motion.
     """
     if not isinstance(motion, Trajectory | Samples):
         raise ProblemError(

@@ -15,7 +15,7 @@ from tominpmp.arrays import Array, BoolArray
 from tominpmp.linear_programs.compressed import Compressed
 from tominpmp.linear_programs.highs import HighsSolver
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
-from tominpmp.linear_programs.solver import HUGE, MANY_COLUMNS, LpSolver
+from tominpmp.linear_programs.solver import MANY_COLUMNS, NO_BOUND, LpSolver
 from tominpmp.stopping import check, seconds_left
 
 # Most iterations of PIQP, which usually needs 18 to 30. If it has not converged within
@@ -85,7 +85,7 @@ def factorisation(program: LinearProgram, equations: bool) -> Any:
     return STAGED if staged and _staged_works() else piqp.KKTSolver.sparse_ldlt
 
 
-def in_order(matrix: sp.csc_matrix) -> sp.csc_matrix:
+def with_sorted_columns(matrix: sp.csc_matrix) -> sp.csc_matrix:
     """A matrix with the entries of each column in the order of rows.
 
     Products of sparse matrices have unsorted entries, with which PIQP would write
@@ -171,15 +171,15 @@ class PiqpSolver(LpSolver):
             settings.kkt_solver = factorisation(program, equations is not None)
         settings.eps_duality_gap_abs = program.accuracy
         self._solver.setup(
-            in_order(program.curved),
+            with_sorted_columns(program.curved),
             program.cost,
-            None if equations is None else in_order(equations),
+            None if equations is None else with_sorted_columns(equations),
             None if equations is None else self._scale * program.row_lower[equal],
-            in_order(others),
-            np.maximum(program.row_lower[~equal], -HUGE),
-            np.minimum(program.row_upper[~equal], HUGE),
-            np.maximum(program.lower, -HUGE),
-            np.minimum(program.upper, HUGE),
+            with_sorted_columns(others),
+            np.maximum(program.row_lower[~equal], -NO_BOUND),
+            np.minimum(program.row_upper[~equal], NO_BOUND),
+            np.maximum(program.lower, -NO_BOUND),
+            np.minimum(program.upper, NO_BOUND),
         )
 
     def resolve(self, program: LinearProgram) -> LpSolution:
@@ -190,8 +190,8 @@ class PiqpSolver(LpSolver):
         equal, lower, upper = self._equal, program.row_lower, program.row_upper
         self._solver.update(
             b=self._scale * lower[equal] if equal.any() else None,
-            h_l=np.maximum(lower[~equal], -HUGE),
-            h_u=np.minimum(upper[~equal], HUGE),
+            h_l=np.maximum(lower[~equal], -NO_BOUND),
+            h_u=np.minimum(upper[~equal], NO_BOUND),
         )
         return self._run(program, begin)
 

@@ -41,7 +41,7 @@ class LinearProgram:
 
     @property
     def curved(self) -> sp.csc_matrix:
-        """The curvature, which is zero if the program has none."""
+        """The curvature, a zero matrix for a program without curvature."""
         size = self.cost.size
         return sp.csc_matrix((size, size)) if self.curvature is None else self.curvature
 
@@ -55,7 +55,7 @@ class LpSolution:
         x: Solution, shape (n,); meaningless unless optimal.
         row_duals: Multipliers of the rows, shape (m,): sensitivity of the optimum to
             the active bound, positive at an upper bound, negative at a lower one.
-        iterations: Simplex pivots or interior-point iterations.
+        iterations: Simplex pivots or interior-point iterations; 0 if not known.
         curved: Whether the solver took the curvature, if there is any, into account.
     """
 

@@ -9,12 +9,11 @@ import scipy.sparse as sp
 
 from tominpmp.linear_programs.highs import HighsSolver
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
-from tominpmp.linear_programs.solver import HUGE, LpSolver
+from tominpmp.linear_programs.solver import NO_BOUND, LpSolver
 from tominpmp.stopping import check, seconds_left
 
 # Name of the time limit among the settings of these solvers [s].
-TIME_LIMITS = dict.fromkeys(("clarabel", "highs", "osqp"), "time_limit")
-TIME_LIMITS["scs"] = "time_limit_secs"
+TIME_SETTINGS = dict(clarabel="time_limit", osqp="time_limit", scs="time_limit_secs")
 
 
 class QpsolversSolver(LpSolver):
@@ -41,8 +40,8 @@ class QpsolversSolver(LpSolver):
         row_lower, row_upper = program.row_lower, program.row_upper
         rows, size = program.matrix.tocsr(), program.cost.size
         equal = row_lower == row_upper
-        high = ~equal & (row_upper < HUGE)
-        low = ~equal & (row_lower > -HUGE)
+        high = ~equal & (row_upper < NO_BOUND)
+        low = ~equal & (row_lower > -NO_BOUND)
         problem = qpsolvers.Problem(
             program.curved,
             program.cost,
@@ -55,8 +54,8 @@ class QpsolversSolver(LpSolver):
         )
         left = seconds_left()
         settings: dict[str, Any] = {}
-        if self.name in TIME_LIMITS and np.isfinite(left):
-            settings[TIME_LIMITS[self.name]] = left
+        if self.name in TIME_SETTINGS and np.isfinite(left):
+            settings[TIME_SETTINGS[self.name]] = left
         solution = qpsolvers.solve_problem(problem, solver=self.name, **settings)
         check()
         duals = np.zeros(row_lower.size)

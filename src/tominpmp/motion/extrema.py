@@ -21,7 +21,10 @@ PLACES, ROUNDS = 9, 4
 def least_between(
     function: Callable[[Array], Array], low: float, high: float
 ) -> tuple[float, float]:
-    """Instant between two times at which a function is least, and its minimum.
+    """Instant between two times at which a function is least, and its value there.
+
+    The instant is found by sampling around the least sample again and again: of several
+    local minima it may miss the least.
 
     Args:
         function: Function from times [s] to values, both of shape (m,).

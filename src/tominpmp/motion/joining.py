@@ -261,8 +261,8 @@ def checked_motion(
 
     Raises:
         ProblemError: If the motion has other joints than the robot, or values that are
-            not finite.
-        ScenarioError: If the samples have other joints than the robot.
+            not finite, or is neither a trajectory nor samples.
+        ScenarioError: As raised by :func:`join`.
     """
     if isinstance(motion, Samples):
         joined = join(motion, robot, start=start, start_velocity=start_velocity)

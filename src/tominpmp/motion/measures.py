@@ -35,7 +35,7 @@ def roughness(trajectory: Trajectory, limits: JointLimits) -> float:
 
 
 def travel(trajectory: Trajectory, limits: JointLimits) -> float:
-    """Total travel of the joints, as the time at their speed limits [s].
+    """Total travel of the joints from node to node, in time at speed limits [s].
 
     Joints without a speed limit count with 1 rad/s or m/s.
     """

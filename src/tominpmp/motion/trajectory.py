@@ -67,8 +67,8 @@ class State(NamedTuple):
 class Trajectory(TimedRows):
     """A motion of all joints from time 0 to its duration.
 
-    Two trajectories are equal if their nodes are equal. A motion that takes no time, as
-    it starts at its goal, has a single node.
+    Two trajectories are equal if all attributes but functions are equal. A motion that
+    takes no time, as it starts at its goal, has a single node.
 
     Attributes:
         joint_names: Names of the joints, in column order.
@@ -320,6 +320,9 @@ class Trajectory(TimedRows):
         Args:
             inverse_dynamics: Inverse dynamics, see the attribute.
             segment_dynamics: Inverse dynamics on each segment, see the attribute.
+
+        Raises:
+            ProblemError: If the inverse dynamics are no functions.
         """
         if not callable(inverse_dynamics):
             raise wrong(inverse_dynamics, "inverse_dynamics", DYNAMICS)

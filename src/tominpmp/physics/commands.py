@@ -37,6 +37,10 @@ def replay(
         0    the motion with feedback ends at its goal, or a reserve suffices
         1    it does not, or no reserve suffices
         2    bad input
+        74   the report cannot be written to standard output
+        129  the terminal was closed (SIGHUP)
+        130  interrupted (Ctrl-C)
+        143  terminated (SIGTERM)
     """
     from tominpmp.physics.replay_command import run_replay
 

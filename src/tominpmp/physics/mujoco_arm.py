@@ -71,11 +71,8 @@ class MujocoArm:
 
     def _bodies(self) -> Any:
         """MuJoCo's model of the joints, with placeholders of inertias."""
-        model, kinds, spec = (
-            self.robot.model,
-            self.mujoco.mjtJoint,
-            self.mujoco.MjSpec(),
-        )
+        model, kinds = self.robot.model, self.mujoco.mjtJoint
+        spec = self.mujoco.MjSpec()
         placements, bodies = Placements(model), [spec.worldbody]
         for joint in range(1, model.njoints):
             place, above = model.jointPlacements[joint], bodies[model.parents[joint]]

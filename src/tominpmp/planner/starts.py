@@ -353,7 +353,7 @@ def _warm_start_work(
     warm = replace(state.options, trust_region=WARM_RADIUS * state.options.trust_region)
     if warm.method in SHOOTING:
         shares = interval_shares(warm.grid, warm.intervals)
-        return shooting_work(system, warm, state, former.torque_program(system, shares))
+        return shooting_work(system, warm, state, former.torque_iterate(system, shares))
     if warm.smoothing is None:
         # Near an optimum squared jumps would take four times as many programs.
         warm = replace(warm, smoothing=JUMPS_SHARE * former.duration)

@@ -138,8 +138,8 @@ def attach(
         geometry: Its collision geometry.
 
     Raises:
-        ProblemError: If its name is the name of another link.
-        FrameNotFound: If the robot has no frame of this name.
+        ProblemError: If its name is the name of a frame of the robot.
+        FrameNotFound: If the robot lacks the frame that carries it.
     """
     instance(payload, Payload, "payload")
     names = [frame.name for frame in model.frames[1:]]

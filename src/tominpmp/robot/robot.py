@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record, comparable, frozen_array
 from tominpmp.checks import JOINTS, array, choice, instance, names, raised_as
-from tominpmp.datasheets import OVERRIDES, published_values
+from tominpmp.datasheets import SHEET_COLUMNS, published_values
 from tominpmp.description.files import (
     RobotFiles,
     check_folders,
@@ -381,7 +381,7 @@ class Robot(Record):
 
         Raises:
             ProblemError: If another frame has its name.
-            FrameNotFound: If the robot has no frame to carry it.
+            FrameNotFound: If the robot lacks the frame that carries it.
         """
         description, srdf = attach(
             payload, self.description, self.srdf, self.model, self.collision_model
@@ -514,7 +514,8 @@ class RobotSource:
         semantics: Content of the SRDF file, if there is one.
         values: Values that neither file contains, by argument of ``load_robot`` and
             joint name.
-        stated: Limits of the highest priority, by quantity and joint name.
+        stated: Limits that take precedence over those of the data sheet, by quantity
+            and joint name.
     """
 
     name: str | None
@@ -531,8 +532,9 @@ class RobotSource:
     def known_values(self, limits: str | None) -> dict[str, dict[str, Any]]:
         """Limits and rotor inertias by quantity and joint name, to override the file's.
 
-        In falling priority: stated limits, the maker's data sheet, values that no URDF
-        file contains, and values that only motion limits have: accelerations and jerks.
+        In falling priority: stated limits, the maker's data sheet, values that neither
+        file contains, rotor inertias of the SRDF file, and the accelerations and jerks
+        of the description.
 
         Args:
             limits: "datasheet" to include the data sheet; "urdf" to leave it out; None
@@ -605,6 +607,7 @@ def read_source(
     Raises:
         RobotLoadError: If no robot can be read from the source.
         OptionsError: If the file does not take these xacro arguments.
+        MissingDependency: If it is a xacro file and the extra is not installed.
     """
     if isinstance(source, RobotSource):
         return source
@@ -785,7 +788,7 @@ def load_robot(
             same name next to the file or in the folder ``../srdf``.
         geometry: Geometry of a ``pinocchio.Model``: a ``GeometryModel`` for collisions,
             or two, for collisions and for pictures. Its collision pairs, unless it has
-            none or all, select the link pairs to check; its reference configurations
+            no pair or all, select the link pairs to check; its reference configurations
             become group states.
         limits: ``"datasheet"`` for the limits that the maker publishes (accelerations,
             jerks, torque rates, and speeds and torques in place of the file's); the
@@ -811,7 +814,7 @@ def load_robot(
         position_upper: Upper position limits [rad or m], possibly infinite.
         kinematic: Whether to leave out the dynamics, which the description may then
             lack: motions have no torques and keep limits of accelerations instead,
-            which come from ``MotionLimits`` if the robot has none.
+            which come from ``MotionLimits`` if the robot lacks them.
         xacro_args: Values of the arguments (``<xacro:arg>``) of a xacro file by name;
             the extra ``xacro`` expands the file. ``$(find NAME)`` is resolved as
             ``package://`` is.
@@ -847,7 +850,7 @@ def load_robot(
         )
         overrides = {
             key: {k: v for k, v in known[key].items() if k in joint_names}
-            for key in OVERRIDES
+            for key in SHEET_COLUMNS
             if key in known
         }
         table = table.overridden(reasons, overrides).overridden(reasons, values)

@@ -45,8 +45,8 @@ class HeightField(Obstacle):
         heights: Heights of the grid points above the position [m], shape (ny, nx), rows
             along y and columns along x, both ascending.
         size: Extent along x and y [m], shape (2,).
-        base: Height of the base [m]; None for a base below the lowest point, by a
-            hundredth of the larger extent.
+        base: Height of the base above the position [m]; None for a base below the
+            lowest point, by a hundredth of the larger extent.
     """
 
     heights: Numbers

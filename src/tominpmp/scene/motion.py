@@ -54,7 +54,7 @@ MOST_KINKS = 40
 STEP = 1e-4
 # Number of samples in a time interval that estimate the speed of a function without
 # bounds, and the safety factor on the sampled speed.
-LOOKS = 5
+SPEED_SAMPLES = 5
 SAFETY = 1.5
 # Tolerance of finite differences that are compared with a bound on the speed.
 FASTER = 1e-5
@@ -189,7 +189,11 @@ def _checked_placement(value: Placement, name: str = "start") -> Placement:
 
 
 def finite_numbers(value: Any, name: str) -> Array:
-    """Check a caller's array of finite numbers, of any shape."""
+    """Check a caller's array of finite numbers, of any shape.
+
+    Raises:
+        ProblemError: If it is not made of finite numbers.
+    """
     try:
         numbers = real_array(value)
     except ValueError as error:
@@ -207,6 +211,9 @@ def triple(value: Any, name: str, content: str) -> Array:
         value: The numbers.
         name: Name of the numbers in messages.
         content: Kind of the numbers in messages: "coordinates [m]".
+
+    Raises:
+        ProblemError: If they are not three finite numbers.
     """
     numbers = array_or_nan(plain_vector(value))
     if numbers.shape != (3,) or not np.all(np.isfinite(numbers)):
@@ -602,11 +609,11 @@ class PoseFunction(Motion):
         stated = self.speed, self.angular_speed
         bounds = [np.full(begin.shape, np.nan if x is None else x) for x in stated]
         if None in stated:
-            shares = np.linspace(0.0, 1.0, LOOKS)
+            shares = np.linspace(0.0, 1.0, SPEED_SAMPLES)
             times = begin[:, None] + (end - begin)[:, None] * shares
             rates = self.twists(times.ravel(), start)
-            looks = [np.linalg.norm(x, axis=1).reshape(times.shape) for x in rates]
-            for bound, speeds in zip(bounds, looks, strict=True):
+            sampled = [np.linalg.norm(x, axis=1).reshape(times.shape) for x in rates]
+            for bound, speeds in zip(bounds, sampled, strict=True):
                 estimate = SAFETY * speeds.max(axis=1)
                 bound[:] = np.where(np.isnan(bound), estimate, bound)
         return SpeedBounds(*bounds)

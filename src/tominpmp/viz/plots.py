@@ -85,7 +85,7 @@ def plot_trajectory(
     """
     check_motions(problem, [trajectory])
     robot = problem.robot
-    times, state = curves(trajectory)
+    times, state = curve_states(trajectory)
     slides = prismatic_joints(robot).tolist()
     mixed = any(slides) and not all(slides)
     with figures.styled():
@@ -134,7 +134,9 @@ def plot_on_axes(
         The figure of the axes.
 
     Raises:
-        ProblemError: If ``ax`` is not one or three axes of matplotlib.
+        ProblemError: If ``ax`` is not one or three axes of matplotlib, the motion is
+            not one of the problem's robot, or the ending of the path is unknown.
+        ScenarioError: If the file cannot be written.
         MissingDependency: If matplotlib is not installed.
     """
     check_motions(problem, [trajectory])
@@ -144,7 +146,7 @@ def plot_on_axes(
         panels: list[Any] = list(np.ravel(np.asarray(ax, object)))
         if len(panels) not in (1, 3) or not all(isinstance(a, Axes) for a in panels):
             raise wrong(ax, "ax", "one or three axes of matplotlib")
-    times, state = curves(trajectory)
+    times, state = curve_states(trajectory)
     robot = problem.robot
     quantities = _quantities(problem, state)
     titled = [(f"{name} [{item.kind.unit}]", rows) for name, item, rows in quantities]
@@ -192,7 +194,7 @@ def plot_controls(
         panels = axes.reshape(-1)
         handles, drawn = [], []
         for k, (label, trajectory) in enumerate(trajectories.items()):
-            times, state = curves(trajectory)
+            times, state = curve_states(trajectory)
             *_, (_, limits, controls) = _quantities(problem, state)
             drawn.append(controls)
             # Later curves are thinner, so that earlier ones on a limit stay visible.
@@ -297,7 +299,7 @@ def plot_certificate(
     """
     check_motions(problem, [trajectory])
     instance(certificate, Certificate, "certificate")
-    n, times = problem.robot.n, curves(trajectory)[0]
+    n, times = problem.robot.n, curve_states(trajectory)[0]
     shares = shares_of_limits(problem, trajectory, times)
     limits = _limits_shown(certificate.active, shares.joint_names)
     # Heights of the panels [in]: one for each joint, the bars, the Hamiltonian.
@@ -370,7 +372,7 @@ def plot_sensitivities(
         return figures.finish(figure, path)
 
 
-def curves(trajectory: Trajectory) -> tuple[Array, State]:
+def curve_states(trajectory: Trajectory) -> tuple[Array, State]:
     """Sample a motion for drawing, with both sides of every jump at a node.
 
     The last time of an interval is the largest number below the node, so that its

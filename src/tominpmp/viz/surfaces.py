@@ -285,7 +285,10 @@ SOLIDS: dict[str, Callable[[Any], Trimesh]] = {
 
 
 def native_surface(geometry: Any) -> Trimesh | None:
-    """Surface of a geometry of Coal in its axes; None for an unbounded geometry."""
+    """Surface of a geometry of Coal in its axes; None for one of another kind.
+
+    Half-spaces and planes, which are unbounded, have no surface here.
+    """
     kind = type(geometry).__name__
     if kind in SOLIDS:
         return SOLIDS[kind](geometry)

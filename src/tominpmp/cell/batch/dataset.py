@@ -58,12 +58,13 @@ class Outcome(Record):
 
     Attributes:
         index: Number of the problem in the batch, from 0.
-        name: Name of the problem: the stem of its file, or its number.
+        name: Name of the problem: the caller's, the stem of its file, or "problem" with
+            its number.
         seed: The seed of its plan.
         success: Whether there is a motion that keeps all constraints.
         status: Name of the status of the solution; "BROKEN" where the problem could not
             be read or sent, "LOST" where the process that planned it was killed.
-        message: How planning ended, or what is wrong with the problem.
+        message: How planning ended, or the fault of the problem.
         T: Duration of the motion [s]; infinite without a motion.
         gap: T over its lower bound, less one; None if no bound is known.
         verified: Whether the independent replay of the motion passed.
@@ -134,7 +135,7 @@ def file_of(folder: Path, name: str, digest: str) -> Path:
 
 
 def write_outcome(
-    path: Path, outcome: Outcome, digest: str, scenario: str, why: str = ""
+    path: Path, outcome: Outcome, digest: str, scenario: str, why: str
 ) -> None:
     """Write a result.
 
@@ -143,7 +144,7 @@ def write_outcome(
         outcome: The result.
         digest: Hash that identifies the problem; empty without a scenario.
         scenario: The problem as the text of a scenario; empty if no file can hold it.
-        why: The reason why no file can hold the problem.
+        why: The reason why no file can hold the problem; empty with a scenario.
 
     Raises:
         ScenarioError: If the file cannot be written.
@@ -278,6 +279,9 @@ class Entry(Record):
         Args:
             problem: The problem, for the torques between the nodes; None to read it
                 from the file.
+
+        Raises:
+            ScenarioError: If the problem is to be read, as raised by :meth:`load`.
         """
         if "t" not in self.arrays:
             return None

@@ -21,7 +21,7 @@ from tominpmp.arrays import Array, IntArray
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
 
-# Share of the problems with a cold start.
+# Share of comparable problems in the first round, with a cold start.
 COLD_SHARE = 0.125
 # Problems farther than this from all before them [rad or m] have a cold start: a motion
 # of a distant problem does not help.

@@ -396,10 +396,7 @@ def _planned(task: BatchTask) -> Outcome:
         if folder is not None:
             text, reason = _written(problem, options, folder)
             if text:
-                nodes = (
-                    () if motion is None else (motion.t, motion.q, motion.v, motion.u)
-                )
-                begun = [rows.tobytes() for rows in nodes]
+                begun = [getattr(motion, k).tobytes() for k in "tqvu" if motion]
                 digest = _digest(task.name, text, begun, *_contents(problem))
                 # A broken or missing file is written anew.
                 with suppress(ScenarioError):

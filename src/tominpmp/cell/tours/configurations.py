@@ -217,10 +217,8 @@ class Configurations:
         if np.all(counts == 1):
             return self._first[which]
         # The alternatives of all starts, one start after the other.
-        row, begin = (
-            np.repeat(np.arange(len(which)), counts),
-            np.cumsum(counts) - counts,
-        )
+        row = np.repeat(np.arange(len(which)), counts)
+        begin = np.cumsum(counts) - counts
         aim = np.arange(len(row)) + np.repeat(self._first[which] - begin, counts)
         missed = np.max(np.abs(self._rows(q[row], aim)[0]), axis=1)
         nearest: IntArray = aim[np.lexsort((missed, row))[begin]]
@@ -247,7 +245,8 @@ class Configurations:
             count: Largest number of configurations kept of a station.
 
         Returns:
-            Configurations by station, shape (k, n) each; k is zero if none was found.
+            Configurations by station, shape (k, n) each; k is zero if no
+            configuration was found.
         """
         pools: list[Array] = [np.zeros((0, self.problem.robot.n)) for _ in self.goals]
         searched = []

@@ -47,7 +47,9 @@ SAME = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class JointTimes:
-    """Limits of the joints, shape (n,) each, possibly infinite.
+    """Least times of the joints, each by itself, from limits of its motion.
+
+    The limits have shape (n,) each, and may be infinite.
 
     Attributes:
         velocity: Speed limits [rad/s or m/s].
@@ -120,10 +122,9 @@ class JointTimes:
             cruise = distance / v
             if resting == 0:
                 return np.asarray(cruise)
-            resting_ends = float(resting)
-            short = distance * a < 0.5 * resting_ends * v * v
-            peak = np.sqrt(2.0 * resting_ends * distance / a)
-            speeding = np.where(np.isfinite(a), 0.5 * resting_ends * v / a, 0.0)
+            short = distance * a < 0.5 * resting * v * v
+            peak = np.sqrt(2.0 * resting * distance / a)
+            speeding = np.where(np.isfinite(a), 0.5 * resting * v / a, 0.0)
             times = np.where(short, peak, cruise + speeding)
             if resting == 2 and np.any(jerky):
                 limits = (limit[jerky] for limit in (v, a, self.jerk))
@@ -210,7 +211,7 @@ class LegTable:
         return self.factor * float(self.times.between(*self.rows(leg), resting))
 
     def calibrate(self) -> None:
-        """Set the factor of the estimates to the median of known over least times."""
+        """Set the factor of estimates to the median of known over least times, or 1."""
         ratios = []
         for leg, seconds in self.known.items():
             guess = float(self.times.between(*self.rows(leg)))
@@ -437,7 +438,7 @@ class Legs:
         return solution
 
     def _direct(self, problem: Problem) -> Solution | None:
-        """The direct motion; None if there is none, or if its replay fails."""
+        """The direct motion; None if no motion is direct, or if its replay fails."""
         started = time.perf_counter()
         # The knots of a direct motion are not multiples of a control period.
         clocked = self.options.control_period is not None

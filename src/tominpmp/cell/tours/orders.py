@@ -24,7 +24,7 @@ from tominpmp.stopping import check
 
 # Limits of the exact search: comparisons, which are 2^n times the square of the number
 # of configurations, and stations.
-MOST_WORK, MOST_STATIONS = 4e8, 14
+EXACT_WORK, EXACT_STATIONS = 4e8, 14
 # Cost of a forbidden leg [s]; finite, so that differences of costs are numbers.
 FORBIDDEN = 1e7
 # Gain below which an order does not count as shorter [s].
@@ -47,12 +47,12 @@ Order = tuple[float, tuple[int, ...], tuple[int, ...]]
 
 
 def best_order(
-    table: LegTable, rng: np.random.Generator, begin: Sequence[int] = ()
+    table: LegTable, rng: np.random.Generator, begin: Sequence[int]
 ) -> Order:
     """The best order of few stations, a good one of many; see :func:`search_order`."""
     n = table.rules.count
     sizes = [len(rows) for rows in table.nodes[1 : n + 1]]
-    if n <= MOST_STATIONS and 2.0**n * sum(sizes) ** 2 <= MOST_WORK:
+    if n <= EXACT_STATIONS and 2.0**n * sum(sizes) ** 2 <= EXACT_WORK:
         return exact_order(sizes, table.block, table.rules)
     return search_order(table, rng, begin)
 
@@ -144,7 +144,7 @@ def search_order(
 
 
 def _least_times(table: LegTable) -> Array:
-    """Least times between nodes, over the first configurations of each."""
+    """Least times from rest to rest between nodes, over some configurations of each."""
     n = len(table.nodes)
     least = np.zeros((n, n))
     few = [rows[:8] for rows in table.nodes]

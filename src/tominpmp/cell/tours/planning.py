@@ -97,7 +97,7 @@ class TourSearch:
         """Find configurations at all stations.
 
         Args:
-            task: What the tour is asked to do.
+            task: Stations, rules for their order, start, obstacles and limits.
             count: Largest number of configurations kept of a station.
             options: Options of the planner for the legs.
             exact: Whether the estimates of unplanned legs are lower bounds.
@@ -156,7 +156,7 @@ class TourSearch:
     # -- order and configurations ------------------------------------------------------
 
     def _order(self, before: Route | None = None) -> Route | None:
-        """Best order found with known and estimated times; None if none is allowed."""
+        """Best order by known and estimated times; None if no order is allowed."""
         table = self.table
         begin = [node - 1 for node, _ in (before or [])[1 : table.rules.count + 1]]
         length, order, chosen = best_order(table, self.rng, begin)
@@ -345,8 +345,8 @@ def plan_tour(
         q_start: Start configuration, at rest, shape (n,) or by joint name [rad or m].
         stations: The stations to visit, in any order that their rules allow: stations,
             or goals (called "station 1", ...), or either by name.
-        q_end: End configuration, at rest, shape (n,) [rad or m]: "start" for the start
-            configuration, None for the last station.
+        q_end: End configuration, at rest, shape (n,) or by joint name [rad or m];
+            "start" for the start configuration, None for the last station.
         scene: The obstacles, all at rest.
         margin: Distance that the links keep from them [m].
         motion_limits: Limits in addition to the limits of the robot's description.
@@ -452,7 +452,7 @@ def _checked_task(
     """Check that the goal of each station is valid, and that no two are in one place.
 
     Returns:
-        The stations, with goals in the order of the joints of the robot.
+        The task of the tour, with goals in the order of the joints of the robot.
     """
     robot, checked, places = problem.robot, list[Station](), dict[object, int]()
     known, needed = known_names(robot, problem.scene), rules.all_needs

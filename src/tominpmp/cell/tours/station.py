@@ -105,7 +105,7 @@ def checked_stations(stations: object) -> tuple[Station, ...]:
     """Check a caller's stations.
 
     Args:
-        stations: Stations, or goals (called "station 1", ...), or goals by name.
+        stations: Stations, or goals (called "station 1", ...), or either by name.
 
     Raises:
         ProblemError: If an item is no station, two stations have the same name, or a
@@ -264,7 +264,7 @@ class Rules:
         return tuple(closure[k] for k in range(self.count))
 
     def along(self, start: T, stations: Iterable[T], end: T) -> list[T]:
-        """What belongs to start, stations and end; the end is left out without one."""
+        """Items of start, stations and end; that of the end is left out without one."""
         return [start, *stations, *([end] if self.ends else [])]
 
     def follows(self, last: int, station: int) -> bool:
@@ -287,7 +287,7 @@ class Rules:
 
 @dataclass(frozen=True, eq=False)
 class TourTask:
-    """What a tour is asked to do.
+    """The task of a tour.
 
     Attributes:
         problem: Robot, start, obstacles and limits.

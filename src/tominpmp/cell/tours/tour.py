@@ -65,7 +65,7 @@ class Tour:
         visits: The stays at the stations, in that order.
         motions: The motions: one for each leg, or one for several legs without a stop
             between them.
-        lower_bound: Lower bound of the cycle time over all orders [s]; 0 if none is
+        lower_bound: Lower bound of the cycle time over all orders [s]; 0 if no bound is
             known.
         bound_reason: Derivation of the lower bound, in a clause.
         planning_time: Time taken [s].
@@ -258,7 +258,7 @@ class Tour:
         Args:
             path: File to write.
             dt: Time between rows [s]; None takes the control period of the plan, or the
-                nodes if it has none.
+                nodes if there is no period.
             with_effort: Whether ROS messages have the torques.
             message: Which ROS message, see :func:`~tominpmp.files.export.export`.
 
@@ -306,7 +306,8 @@ def _place(
 ) -> Sensitivity | None:
     """Sensitivity of the two motions that meet at a station to its place.
 
-    None if the goal is a configuration, or the multipliers are unknown.
+    None if the goal is a configuration, the multipliers are unknown, or both motions
+    joined are too far from an optimum.
     """
     if station.goal.configuration is not None:
         return None
