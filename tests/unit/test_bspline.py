@@ -214,6 +214,14 @@ def test_curves_are_checked():
     np.testing.assert_allclose(curve(speed)[0], limit, rtol=5e-3)
 
 
+def test_a_curve_of_power_stays_within_the_power():
+    """Up to nine times the speed at which the power limit begins, 2 rad/s."""
+    speed = np.linspace(0.0, 18.0, 2001)
+    share = EffortCurve.power(10.0, 20.0, 18.0)(speed)[0] * speed / 20.0
+    assert np.max(share) <= 1.0 + 1e-12
+    assert np.min(share[speed > 2.0]) > 0.99
+
+
 def test_methods_that_cannot_keep_the_limits_say_so():
     problem = planar(motion_limits=MotionLimits(jerk=100.0))
     with pytest.raises(OptionsError, match="inverse"):
