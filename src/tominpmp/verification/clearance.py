@@ -156,7 +156,7 @@ class ClearanceProof:
         return f"{', '.join(clauses)} at all times"
 
 
-# The proof for a robot without collision pairs.
+# The proof for a problem without collision pairs.
 WITHOUT_PAIRS = ClearanceProof(True, (), None, 0.0, False, 0)
 
 
@@ -233,7 +233,7 @@ def clearance_of(
     motion, drift = _rows(trajectory, deviation)
     for stage in stages_of(problem, trajectory):
         checker = stage.problem.checker
-        if checker.pairs and stage.end > stage.begin:
+        if checker.pairs:
             section = motion.between(stage.begin, stage.end)
             proofs.append(_proof(checker, section, stage.problem.margins, drift))
     if not proofs:

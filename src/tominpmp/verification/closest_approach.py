@@ -112,7 +112,7 @@ class ClosestApproach:
         most: int = MOST,
     ) -> None:
         if replay.t.size == 1:
-            moment, q = np.array([0.0, INSTANT]), np.vstack([replay.q, replay.q])
+            moment, q = replay.t + [0.0, INSTANT], np.vstack([replay.q, replay.q])
             replay = replace(replay, t=moment, q=q, v=np.zeros_like(q))
         self._checker, self._margins = checker, margins
         self._motion, self._drift = replay, drift
