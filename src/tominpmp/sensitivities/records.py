@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tominpmp.arrays import Array, FrozenArray, Record, frozen_array
-from tominpmp.checks import instance, whole
+from tominpmp.arrays import Array, FrozenArray, Record, frozen_array, number_or_nan
+from tominpmp.checks import instance, whole, wrong
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.motion_limits import joint_kinds
 
@@ -190,29 +190,35 @@ class Sensitivities(Record):
             names: Names of the goals, one for each motion; None numbers the goals.
 
         Raises:
-            ProblemError: If ``parts`` is empty, or the duration of the cycle is less
-                than the sum of the durations.
+            ProblemError: If ``parts`` is empty or holds other objects, the duration of
+                the cycle is less than the sum of the durations, or names are too few or
+                too many.
         """
         items = list(parts)
         goals = [f"goal {k + 1}" for k in range(len(items))] if names is None else names
         for item in items:
             instance(item, Sensitivities, "parts", "Sensitivities of motions")
         total = math.fsum(item.T for item in items)
-        whole = total if T is None else T
+        whole = total if T is None else number_or_nan(T)
         if not items or not whole >= total * (1.0 - 1e-9):
             raise ProblemError(
                 f"T is {brief(T)} for {len(items)} motions that take {total:.4g} s, "
                 "expected at least their duration, and at least one motion",
                 "T",
             )
-        scaled = []
+        if len(goals) != len(items):
+            raise wrong(names, "names", "a name for each motion")
+        scaled, longest = (
+            [],
+            whole or 1.0,
+        )  # all values of motions without duration are 0
         for part, goal in zip(items, goals, strict=True):
             for record in part:
                 on_goal = record.kind == "goal" and record.joint is None
                 named = replace(record, subject=goal) if on_goal else record
-                scaled.append(named.scaled(part.T / whole))
-        base = sum(item.base * (item.T / whole) for item in items)
-        promise = math.fsum(item.promise * item.T for item in items) / whole
+                scaled.append(named.scaled(part.T / longest))
+        base = sum(item.base * (item.T / longest) for item in items)
+        promise = math.fsum(item.promise * item.T for item in items) / longest
         return cls(whole, summed(scaled), promise, np.asarray(base))
 
     def table(self, most: int | None = None) -> str:
