@@ -153,7 +153,7 @@ def _least(
 
 
 def reach_of(joints: Sequence[Joint], ends: Array) -> Callable[[float], Array]:
-    """Largest displacement of each joint in a time, shape (n,).
+    """Function from a time to the largest displacement of each joint, shape (n,).
 
     Args:
         joints: The joints.
@@ -201,7 +201,10 @@ def _torque_drive(
         return total
 
     def smooth(item: SpeedLaw) -> Change:
-        """Changes of speed that also obey the limits of jerk and torque rate."""
+        """Changes of speed that also obey the limits of jerk and torque rate.
+
+        These limits count from zero acceleration, at smooth ends only.
+        """
         most = item.highest(top)
         # The torque of friction and gravity changes in addition to the motor torque.
         changes = ((float(robot.damping[0]), most), (wave, top))

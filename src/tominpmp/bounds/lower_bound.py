@@ -43,7 +43,7 @@ def lower_bound(
     Args:
         problem: The problem.
         known: Duration of a motion that solves the problem [s], as an upper end of the
-            searches; infinite if no motion is known.
+            searches, not used for segments; infinite if no motion is known.
         quick: Without effect, as the bounds of arms with two joints were removed: it
             causes a warning until the next release.
 
@@ -51,7 +51,8 @@ def lower_bound(
         The largest bound.
 
     Raises:
-        ProblemError: If the known duration is not positive.
+        ProblemError: If the problem is not a problem, or the known duration is not
+            positive.
     """
     instance(problem, Problem, "problem")
     if quick is not None:
@@ -65,7 +66,9 @@ def lower_bound(
 def _of_segments(problem: Problem) -> LowerBound:
     """Sum of the bounds of segments with a known start, and of all dwells.
 
-    Velocities at ends of segments are free unless the goal fixes them.
+    Velocities at ends of segments are free unless the goal fixes them. If the robot and
+    its limits are the same on all segments, the bound of the whole motion to the last
+    goal takes the place of a smaller sum.
     """
     total = dwells = 0.0
     start, known = problem.v_start, True

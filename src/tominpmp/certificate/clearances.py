@@ -22,9 +22,9 @@ from tominpmp.constraints.clearance import ClearanceConstraint
 from tominpmp.motion.extrema import local_maxima, rising_then_falling
 
 # Shares of intervals at which pairs that stay near have rows in addition, and at which
-# constraints always have rows: middles and ends.
+# constraints have rows wherever they are near their bounds: middles and ends.
 REGULAR = (0.5, 1.0)
-# Clearance beyond which a pair has no row, as a share of the reach.
+# Clearance beyond the margin from which a pair has no row, as a share of the reach.
 ATTENTION = 0.03
 # Number of samples of an interval, between which the nearest instants of pairs and
 # constraints are located.

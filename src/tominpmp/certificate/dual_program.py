@@ -24,7 +24,8 @@ from tominpmp.problem.controls import control_kind
 from tominpmp.transcription.instants import Instants
 
 # Radii of the trust region: of positions in rad or shares of the reach, of velocities
-# in these units over the duration, and of the duration as a share of itself.
+# in these units over the duration, and of the duration of each segment as a share of
+# itself.
 RADIUS, SPEED_RADIUS, LENGTH_RADIUS = 1.0, 10.0, 0.5
 # Radius of the trust region of a small motion, in units of its displacement: the same
 # motion on another scale has the same predicted gain.
@@ -51,10 +52,11 @@ class DualSolution:
         jumps: Decreases of the costates within the intervals, at the positions k /
             PLACES nearest to an active state limit; the last position holds the
             decrease at the node after the interval, shape (N, PLACES + 1, 2 n).
-        switching: Derivatives of the Hamiltonian with respect to the torques, mean over
-            each interval, in shares of the torque limits, shape (N, n).
+        switching: Derivatives of the Hamiltonian with respect to the torques, each in
+            units of half its range, mean over the intervals, shape (N, n).
         hamiltonian: Mean of the Hamiltonian over each interval, shape (N,).
-        multipliers: All limits with their multipliers, the trust region included.
+        multipliers: All limits with their multipliers, goals and the trust region
+            included.
         predicted_gain: Predicted reduction of the duration, to first order, as a share
             of the duration.
         state_scale: Changes of the state that the trust region allows, shape (2 n,).
@@ -114,7 +116,8 @@ class _Program:
 
         The unknowns are the states at all nodes except the first; the accelerations of
         intervals or at nodes, which are unbounded except for zero accelerations at ends
-        and dwells; and the lengths of intervals and segments in shares of the duration.
+        and dwells; the lengths of intervals in shares of the duration; and the lengths
+        of segments in shares of themselves.
         """
         N, n, motion, changes = self.N, self.n, self.motion, self.motion.changes
         free = np.full((changes.controls, n), np.inf)

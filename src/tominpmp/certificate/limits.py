@@ -1,9 +1,9 @@
 """Limits of a motion as linear rows on its small changes, with their multipliers.
 
 The rows linearise the same constraints as the programs that plan motions, at instants
-of the certificate: joint limits at the nodes and at maxima between the nodes. Other
-constraints of a problem are sampled finely in time, and have rows where they are
-nearest to their bounds.
+of the certificate: joint limits at the nodes and at maxima between the nodes, torques
+that are constant on intervals in the middles. Other constraints of a problem are
+sampled finely in time, and have rows where they are nearest to their bounds.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ GOAL = "goal"
 SEGMENT = 1 << 20
 # Kinds of rows of arrival times, and of the torques of joints without a motor.
 ARRIVAL, PASSIVE = "arrival", "passive"
-# Shares of the intervals at which torques, speeds and positions are inspected.
+# Shares of the intervals at which limits of joints and motors are inspected.
 SHARES = tuple((np.arange(11) / 10).tolist())
 MIDDLE = len(SHARES) // 2
 # A value has a row inside an interval if it exceeds the values at both ends of the
@@ -63,7 +63,9 @@ class LimitRows:
     Attributes:
         kind: "effort", "velocity", "clearance", ..., shape (m,).
         at: Instants of the rows.
-        subject: Joint of each row, or collision pair, shape (m,).
+        subject: Number of the joint of each row, or of the collision pair, constraint,
+            component of the goal or segment; -1 for lengths, shape (m,). Pairs,
+            constraints and components are numbered from SEGMENT times their segment.
         below: Lower limit minus value: negative for slack, minus infinity without a
             lower limit, positive where the motion violates the limit, shape (m,).
         above: Upper limit minus value: positive for slack, infinity without an upper
@@ -73,8 +75,8 @@ class LimitRows:
         change: Derivatives of the limited quantities with respect to the unknowns,
             shape (m, size); zero for the unknowns themselves, which are columns of the
             program.
-        unit: Unit of each row in units of its limit: the reach for clearances [m],
-            shape (m,).
+        unit: Unit of each row in units of :attr:`slack`, for example the reach for
+            clearances [m], shape (m,).
         of_state: Whether each row limits the state, so that the costate jumps at its
             instant; torques limit the control, shape (m,).
         component: Index of the value within its constraint, shape (m,).
@@ -130,7 +132,8 @@ class LimitRows:
         """Slack to the active limit, >= 0, shape (m,).
 
         Its unit is a share of the limit for torques, velocities, accelerations and
-        rates, rad or m for positions, and m for clearances.
+        rates, rad or m for positions, m for clearances, s for arrivals, and the unit of
+        the quantity for constraints.
         """
         return np.where(self.upper_active, self.upper, -self.lower) * self.unit
 
@@ -183,7 +186,7 @@ def limits_of(motion: Motion, near: bool = True) -> LimitRows:
 
     Args:
         motion: The motion.
-        near: Whether distances have rows, for which all meshes have to be decomposed
+        near: Whether distances have rows, for which meshes may have to be decomposed
             into convex pieces.
     """
     every = [*_arrivals(motion)]
@@ -333,7 +336,7 @@ def _rows_of(
 
 
 def _of_joints(part: Motion, item: JointLimit | MotorLimit) -> Iterator[LimitRows]:
-    """Rows of positions, speeds and torques at nodes, and at maxima between them."""
+    """Rows of joint or motor limits at nodes, and at maxima between them."""
     sampled = SampledConstraint.of(part, item, part.instants(*SHARES))
     shape = sampled.values.shape
     chosen = _chosen(part, item, sampled.excess.reshape(-1, len(SHARES), item.count))

@@ -67,7 +67,8 @@ from tominpmp.verification.verification import Verification, verify
 
 # Largest predicted gain of a certified motion, as a share of the duration.
 TOLERANCE = 0.01
-# Share of the tolerance up to which the predicted gain need not be exact.
+# Share of the tolerance up to which a predicted gain without rows of distances is not
+# computed again with these rows, which can only lower it.
 ENOUGH = 0.3
 # Slack, as a share of half the torque range, up to which a torque is at its limit;
 # switching function below which any torque obeys; and slack up to which a limit is
@@ -99,14 +100,17 @@ def certify(
             certified.
         tolerance: Largest predicted gain of small changes, as a share of the duration.
         control_period: Period of the controller clock of the motion [s], on which no
-            motion is faster by less than a period; None without a clock.
+            motion is faster by less than a period: the share of the duration that
+            rounding to it may have cost is added to the tolerance. None without a
+            clock.
 
     Returns:
         The certificate.
 
     Raises:
         ProblemError: If the motion has other joints than the robot, values that are not
-            finite, or a dwell while obstacles move.
+            finite, or a dwell while obstacles move; or another argument is invalid.
+        ScenarioError: If the samples have other joints than the robot.
     """
     begin = time.perf_counter()
     instance(problem, Problem, "problem")
@@ -156,8 +160,8 @@ def examine(
         trajectory: The motion, whose dwells are left out.
         verification: Verification of the motion, if there is one.
         tolerance: Largest predicted gain of small changes, as a share of the duration.
-        near: Whether obstacles are near; otherwise distances have rows only if the
-            predicted gain without them is too large.
+        near: Whether distances have rows at once; otherwise only if the predicted gain
+            without them is too large.
         period: Period of the controller clock of the motion [s]: the share of the
             duration that rounding to it may have cost is added to the tolerance. None
             without a clock.

@@ -41,7 +41,8 @@ LONGEST = 0.05
 # are merged, as a share of the motion.
 MOST = 300
 SHORTEST = 0.0125
-# Change of a torque at a node from which it counts as a jump, as a share of its range.
+# Change of a torque at a node from which it counts as a jump, as a share of the range
+# of this torque in the motion.
 JUMP = 0.2
 # Distance from a node at which torques just after and before a jump are evaluated, as a
 # share of the interval.
@@ -340,8 +341,8 @@ def certificate_grid(trajectory: Trajectory) -> tuple[Array, bool]:
 
     Returns:
         Times of the nodes [s], and whether intervals of the motion were merged. Without
-        merging, all nodes of the motion are kept; with merging, nodes at which the
-        torque jumps are kept, unless there are too many.
+        merging, all nodes of the motion are kept; with merging, the ends of segments
+        are kept, and nodes at which the torque jumps, unless there are too many.
     """
     t, T = trajectory.t, trajectory.duration
     merged = t.size - 1 > MOST

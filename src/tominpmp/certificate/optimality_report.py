@@ -22,7 +22,7 @@ HAMILTONIAN = 0.2
 SIGN_SHARE = 0.95
 # Additional gain of a finer grid, as a share of T, from which the report mentions it.
 FINER_GAIN = 0.005
-# Share below which a report gives only an upper bound.
+# Share below which a report says "less than 0.001 %".
 LEAST_SHARE = 1e-5
 
 
@@ -60,13 +60,14 @@ def _time_dependence(motion: Motion) -> str:
     return ""
 
 
-def conditions_kept(motion: Motion, out: Certificate, rounding: float = 0.0) -> str:
+def conditions_kept(motion: Motion, out: Certificate, rounding: float) -> str:
     """Sentences on a motion that satisfies all first-order conditions.
 
     Args:
         motion: The motion.
         out: The certificate of the motion.
-        rounding: Share of T that rounding to the clock may have cost.
+        rounding: Share of T that rounding to a clock may have cost; zero without a
+            clock.
     """
     T, reason = float(out.t[-1]), _time_dependence(motion)
     constancy = (
@@ -101,7 +102,7 @@ def failed_conditions(
     out: Certificate,
     verification: Verification | None,
     *,
-    fastest: bool = True,
+    fastest: bool,
 ) -> Iterator[str]:
     """A sentence for each condition that fails, with its joint or limit and time.
 

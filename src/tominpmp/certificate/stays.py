@@ -53,7 +53,8 @@ def without_dwells(problem: Problem, motion: Trajectory) -> tuple[Problem, Traje
         The problem with the dwells of the motion, and the motion without dwells.
 
     Raises:
-        ProblemError: If the motion has a dwell, and obstacles move.
+        ProblemError: If the motion has a dwell and moves before or after it, and
+            obstacles move.
     """
     _, arrivals, ends = np.array(spans_of(motion, problem.segments)).T
     dwells = ends - arrivals

@@ -23,7 +23,7 @@ from tominpmp.scene.scene import Scene
 
 
 class Contact(NamedTuple):
-    """The collision pair that is closest at a configuration.
+    """A collision pair and its distance, for example the closest pair.
 
     Attributes:
         link: Name of the link.
@@ -56,8 +56,8 @@ class Contact(NamedTuple):
 class CollisionChecker(PairDistances):
     """Distances of the links of a robot to the obstacles of a scene and to each other.
 
-    The collision pairs are set up when they are first used, as the decomposition of
-    meshes may take long.
+    Without obstacles the collision pairs are set up when they are first used, as the
+    decomposition of meshes may take long.
 
     Attributes:
         robot: The robot.
@@ -85,7 +85,7 @@ class CollisionChecker(PairDistances):
     may_touch: frozenset[frozenset[str]] = frozenset()
 
     def __post_init__(self) -> None:
-        """Check that moving links have geometry, and prepare the pairs."""
+        """Check that moving links have geometry; with obstacles, set up the pairs."""
         robot, scene = self.robot, self.scene
         shapes = robot.collision_model.geometryObjects
         if len(scene) and not any(item.parentJoint for item in shapes):

@@ -25,13 +25,13 @@ from tominpmp.stopping import check
 # A mesh is cut until its pieces protrude from it by no more than this [m].
 CLOSE_PIECES = 5e-3
 # Largest number of pieces. The fewest pieces are chosen whose largest protrusion is
-# within the factor NEARLY of the smallest one.
+# within CLOSE_PIECES, or within the factor NEARLY of the smallest one.
 MOST_PIECES = 8
 NEARLY = 1.2
 # Positions of the cuts that are tried across up to six axes, in shares of the extent.
 CUTS = (0.12, 0.25, 0.38, 0.5, 0.62, 0.75, 0.88)
 # Cutting stops if PATIENCE further cuts do not reduce the protrusion to the share
-# PROGRESS of the previous one.
+# PROGRESS of the smallest one before them.
 PATIENCE = 3
 PROGRESS = 0.9
 # Axes of inertia whose cosine with an axis of the mesh is larger are not tried.

@@ -20,7 +20,7 @@ TOUCHING = 1e-5
 
 
 def enclosure(
-    robot: Robot, scene: Scene, frame: str, point: Array, tolerance: float = 0.0
+    robot: Robot, scene: Scene, frame: str, point: Array, tolerance: float
 ) -> Contact | None:
     """Obstacle that a link certainly overlaps when a frame is at a point.
 
@@ -36,7 +36,8 @@ def enclosure(
         tolerance: Largest distance of the frame from the point [m].
 
     Returns:
-        Link and obstacle, with the depth of the point; None if no overlap is certain.
+        Link and obstacle, with the depth of the point in the obstacle as a negative
+        distance; None if no overlap is certain.
     """
     item = robot.model.frames[robot.frame_id(frame)]
     carried = [

@@ -158,9 +158,9 @@ class PairDistances:
         lower[instant, pair] = np.where(near, found, np.maximum(found, bound))
         return lower
 
-    def lower_bounds(self, q: Array, times: Array | None = None) -> Array:
+    def lower_bounds(self, q: Array, times: Array) -> Array:
         """Lower bounds of all distances, from the broad phase; see ``distances``."""
-        placed = self._place(self.robot.expand(q), _or_start(times, q))
+        placed = self._place(self.robot.expand(q), times)
         return self.broad.by_balls(placed)
 
     def measured(

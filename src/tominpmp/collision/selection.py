@@ -35,7 +35,7 @@ FLUSH = 1e-5
 # Approximate number of configurations at which the meshes of two links with overlapping
 # hulls are checked.
 TRIES = 50
-# Range in which a joint without limits is sampled [rad or m].
+# Largest position at which a joint is sampled, in either direction [rad or m].
 UNLIMITED = np.pi
 
 
@@ -69,11 +69,11 @@ def own_pairs(
 ) -> Pairs:
     """Pairs of the links of a robot, including bodies that are fixed to its base.
 
-    Three kinds of pairs are left out: pairs that the semantic description disables or,
-    if it disables no pair, neighbours; links that overlap at almost all configurations;
-    and links whose convex pieces overlap at most configurations although their meshes
-    never do. The selection does not depend on ``cut``, see :func:`links_of`. The first
-    body of each pair moves.
+    Of the links that move relative to each other, three kinds of pairs are left out:
+    pairs that the semantic description disables or, if it disables no pair, neighbours;
+    links that overlap at almost all configurations; and links whose convex pieces
+    overlap at most configurations although their meshes never do. The selection does
+    not depend on ``cut``, see :func:`links_of`. The first body of each pair moves.
     """
     return _cached(robot, _own_pairs, geometry, cut)
 

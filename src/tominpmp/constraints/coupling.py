@@ -37,8 +37,8 @@ class JointCoupling(PathConstraint):
         lower: Lower bound [rad or m]; minus infinity for no bound.
 
     Raises:
-        ProblemError: If the numbers of weights and joints differ, or the bounds are in
-            the wrong order or both infinite.
+        ProblemError: If the numbers of weights and joints differ, a joint is named
+            twice, or the bounds are in the wrong order or both infinite.
     """
 
     joints: tuple[str, ...]

@@ -107,7 +107,7 @@ class KeepOrientation(FrameAngle):
     Attributes:
         frame: Name of the frame.
         rotation: Orientation frame_to_world, a matrix, shape (3, 3), or a quaternion
-            xyzw, shape (4,).
+            xyzw, shape (4,); None for the axes of the world.
         tolerance: Largest angle of the rotation between the two orientations [rad].
 
     Raises:

@@ -199,7 +199,7 @@ class PathConstraint(Record, Constraint):
 
     @property
     def _is_length(self) -> bool:
-        """Whether the quantity is the length of a vector."""
+        """Whether rows are lengths of vectors unless a subclass defines them."""
         return type(self).terms is PathConstraint.terms
 
     @property
@@ -300,7 +300,7 @@ class PathConstraint(Record, Constraint):
 
     @property
     def kinks(self) -> Array:
-        """Times of the rows, if the constraint holds during a part of the motion."""
+        """Times of the rows of the time window, if the constraint has one [s]."""
         return NO_TIMES if self.window is None else self.window.times
 
     @property
@@ -477,6 +477,7 @@ def checked(given: object, robot: Robot, several: bool) -> tuple[PathConstraint,
         ProblemError: If an item is not a constraint, or has a time window although the
             motion has segments.
         FrameNotFound: If the robot does not have a frame of a constraint.
+        JointNotFound: If the robot does not have a joint of a constraint.
     """
     items: Any = (given,) if isinstance(given, PathConstraint) else given
     expected = "a tuple of constraints such as KeepUpright and ToolSpeed"

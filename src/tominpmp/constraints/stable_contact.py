@@ -63,15 +63,15 @@ class StableContact(HeldLoad):
         support: Corners of the support polygon in x and y of the frame, convex, shape
             (k, 2) [m]; or the radius of a round support; None for a load that never
             tips.
-        mass: Mass of the load [kg]; matters only with adhesion.
+        mass: Mass of the load [kg]; matters only with adhesion or an inertia tensor.
         inertia: Inertia tensor about the centre of mass, in the axes of the frame,
             shape (3, 3) [kg m^2]; None for a point mass.
         adhesion: Largest pull of a suction cup or magnet [N], at the middle of the
             support.
 
     Raises:
-        ProblemError: If a value is not a number, or the support is not a convex
-            polygon.
+        ProblemError: If a value is not a number in its range, or the support is not a
+            convex polygon.
     """
 
     center: Point

@@ -19,8 +19,8 @@ import numpy as np
 from tominpmp.arrays import Array, IntArray
 from tominpmp.dynamics import Dynamics
 
-# Modes of a joint: its velocity is held constant (HOLDS), its torque follows from such
-# a condition (FOLLOWS), or both (their sum).
+# Modes of a joint: its velocity is held constant (HOLDS), its torque follows from the
+# constant velocity of some joint (FOLLOWS), or both (their sum).
 HOLDS, FOLLOWS = 1, 2
 
 

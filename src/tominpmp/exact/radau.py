@@ -34,6 +34,7 @@ WEIGHTS = np.array(
     ]
 )
 STAGES = 3
+# Largest number of iterations of Newton's method.
 NEWTON_STEPS = 12
 
 

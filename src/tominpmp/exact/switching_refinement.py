@@ -55,8 +55,9 @@ GRID_ITERATIONS = 30
 # over that of a plan that its replay does not confirm.
 LONGER = 1e-6
 UNCONFIRMED = 0.02
-# Number of perturbed paths that are tried, evaluations of the dynamics for each path,
-# and largest number of motors for which perturbed paths are tried.
+# Least number of perturbed paths that are tried, largest number of evaluations of the
+# dynamics for each of these and for the first look at the plan, and largest number of
+# motors for which perturbed paths are tried.
 TRIES = 12
 TRY_EVALUATIONS = 40_000
 EXPLORED_MOTORS = 3

@@ -67,8 +67,8 @@ STILL = 1e-10
 # Stop rules: number of steps, and the relative progress in these steps below which the
 # iteration stops. The second rule holds while arcs are searched for.
 STOPS = ((2, STILL), (5, 1e-6))
-# The iteration also stops if the violation has not fallen to the share FALL in as many
-# iterations as SLOW: arcs of zero length can make it this slow, and are dropped next.
+# The iteration also stops if the violation has not fallen to the share FALL in SLOW
+# iterations: arcs of zero length can make it this slow, and are dropped next.
 SLOW, FALL = 25, 0.1
 
 

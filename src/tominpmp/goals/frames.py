@@ -54,7 +54,7 @@ VelocityOrNone: TypeAlias = Annotated[
 ]
 
 ANGLES = "an angle >= 0 or three angles [rad]"
-# Difference below which two goals count as equal [rad or m].
+# Step to which the numbers of goals are rounded when goals are compared [rad or m].
 SAME_PLACE = 1e-6
 
 

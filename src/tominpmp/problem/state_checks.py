@@ -57,8 +57,9 @@ class StateChecks:
     def margins(self) -> Array:
         """Margin of each collision pair of the checker [m].
 
-        The checker decomposes meshes into convex pieces for the margins: starts and
-        goals whose convex hulls are clear are accepted before.
+        The checker decomposes meshes into convex pieces for the margins. A start or
+        goal at which the convex hulls of an arm without obstacles are clear is accepted
+        before.
         """
         return self.checker.margins(self.margin)
 
@@ -286,7 +287,7 @@ def holding(robot: Robot, q: Array) -> tuple[Array, BoolArray]:
 
 
 def unheld(robot: Robot, q: Array) -> str:
-    """The first motor that cannot hold the arm at rest at q, in a clause; or empty."""
+    """Clause on the first motor that cannot hold the arm at rest at q; may be empty."""
     tau, held = holding(robot, q[None])
     for i in np.flatnonzero(~held[0]).tolist():
         low, high = robot.limits.effort_lower[i], robot.limits.effort_upper[i]

@@ -9,9 +9,10 @@ at the optimum, with the motion z fixed: no motion is planned again. The multipl
 :math:`\lambda_i` are the multipliers of the certificate.
 
 A displacement of the goal is equivalent to the opposite displacement of the robot.
-Therefore the sensitivities to both, and the effects of the base on gravity and
-constraints, follow from the values for a robot with a slightly displaced base and
-unchanged joint motion; contacts contribute by their normals.
+Therefore the sensitivities to both, and the effect of the base on constraints, follow
+from the values for a robot with a slightly displaced base and unchanged joint motion;
+contacts contribute by their normals, and gravity by its rotation in the axes of the
+base.
 """
 
 from __future__ import annotations
@@ -52,7 +53,8 @@ from tominpmp.verification.stages import with_segments
 
 # Steps of finite differences: of displacements [m, rad], and of gravity [m/s^2].
 STEP, GRAVITY_STEP = 1e-6, 1e-3
-# Multiplier up to which a limit is neglected [1/m].
+# Multiplier up to which a limit is neglected: of clearances [1/m], and of constraints
+# in units of their scale.
 NOTHING = 1e-9
 
 
@@ -149,7 +151,7 @@ class SegmentRows:
     rows: LimitRows
 
     def records(self) -> Iterator[Sensitivity]:
-        """Records of all limits of the motion."""
+        """Records of all limits and parameters of the segment."""
         yield from self._limits()
         yield from self._clearances()
         yield from self._constraints()
@@ -174,7 +176,10 @@ class SegmentRows:
         return [kind.units[int(slides)] for slides in prismatic_joints(self._robot)]
 
     def _sums(self, kind: str, values: Array, count: int) -> Array:
-        """Sums of values over the rows of a kind, by subject, shape (count,)."""
+        """Sums of values over the rows of a kind, by subject.
+
+        Shape (count,), or longer up to the last subject that has a row.
+        """
         mask = self.rows.of(kind)
         sums = np.bincount(self.rows.subject[mask], values[mask], minlength=count)
         return np.asarray(sums, dtype=float)

@@ -36,15 +36,17 @@ class Sensitivity(Record):
 
     Attributes:
         kind: "velocity", "effort", "acceleration", "jerk", "effort rate", "effort over
-            speed", "position", "clearance", "margin", "gravity", "payload", "damping",
-            "friction", "goal", "obstacle", or the name of a constraint.
+            speed", "speed of effort curve", "upper position", "lower position",
+            "clearance", "margin", "gravity", "payload", "damping", "friction", "goal",
+            "obstacle", or the name of a constraint.
         joint: Name of the joint; None for parameters of other subjects.
-        subject: Name of the subject: joint, obstacle, pair of links, payload or frame.
+        subject: Name of the subject: joint, obstacle, pair of links, payload, frame,
+            or "goal" for a goal without a frame; empty for gravity and the margin.
         value: d ln T / d ln limit: change of T in per cent if the limit grows by 1 %;
             negative if a larger limit makes the motion faster. If the logarithm of the
             limit is not defined, d ln T / d limit.
-        unit: Unit of the value: empty for d ln T / d ln limit, otherwise "1/m", "1/rad"
-            or "1/kg".
+        unit: Unit of the value: empty for d ln T / d ln limit, otherwise one over the
+            unit of the limit or of the position: "1/m", "1/rad", "1/kg", ...
         limit: Value of the limit [SI]; None if it is not a number.
         limit_unit: Unit of the limit.
         vector: Derivatives of ln T with respect to the coordinates of a position in the
@@ -162,7 +164,8 @@ class Sensitivities(Record):
         """Residual of the time scaling identity, zero for a motion from rest to rest.
 
         S_velocity + 2 S_effort + 2 S_acceleration + 3 S_jerk + 3 S_effort-rate + 2
-        S_gravity + S_damping + 2 S_friction = -1 if no other parameter depends on time:
+        S_gravity + S_damping + 2 S_friction = -1 (torque-speed curves add 2 S for their
+        torque axis and S for their speed axis) if no other parameter depends on time:
         with speed limits twice as large, and torque limits and gravity four times as
         large, the same path takes half the time. Moving obstacles, velocities at the
         ends and constraints of other kinds add to the residual.
@@ -228,7 +231,7 @@ class Sensitivities(Record):
             most: Largest number of lines; None for all records with an effect.
 
         Raises:
-            ProblemError: If ``most`` is not a whole number.
+            ProblemError: If ``most`` is not a whole number, or negative.
         """
         if most is not None:
             most = whole(most, "most", expected="a number of lines or None")
@@ -259,7 +262,8 @@ class Sensitivities(Record):
             The figure.
 
         Raises:
-            ProblemError: If the ending of the path is unknown.
+            ProblemError: If the ending of the path is unknown, or ``most`` is not a
+                positive whole number.
             MissingDependency: If matplotlib is not installed.
         """
         from tominpmp.viz.plots import plot_sensitivities

@@ -3,8 +3,8 @@
 The multipliers of torque limits, of torque-rate limits and of torque-speed curves give
 the share of the duration by which an additional torque at an instant delays the motion.
 Gravity, payloads and friction change the torques that the same motion requires: the
-inverse dynamics is linear in each of these parameters, so that their derivatives need
-no finite differences.
+inverse dynamics is linear in each of these parameters, so that differences of torques
+give their derivatives without a truncation error.
 """
 
 from __future__ import annotations

@@ -39,7 +39,8 @@ GAVE_UP = {
 MOST = 3
 # Tolerances beyond which a deviation of an infeasible motion is a violation.
 STRICT = Tolerances(goal=1e-4, speed=1e-3, limits=1e-3, contact=1e-5)
-# Violation of a margin above which a pair counts as too close from a start [m].
+# Violation of a margin above which a pair counts as too close in the motion from an
+# initial guess [m].
 RESIDUE = 1e-5
 # Largest number of instants at which an infeasible motion is examined.
 MOST_INSTANTS = 1000
@@ -74,7 +75,7 @@ def explain(
         status: Status at the end of planning.
 
     Returns:
-        One to three sentences: how the search ended, the violated constraints, and the
+        One or two sentences: how the search ended, the violated constraints, and the
         relaxation that the best motion needs.
     """
     if not outcomes:
@@ -123,7 +124,10 @@ def _everywhere(
     outcomes: Sequence[Outcome],
     violations: Sequence[LimitViolation],
 ) -> set[str]:
-    """Names of the pairs that are too close in the motions from all starts."""
+    """Names of the pairs that are too close in the motions from all initial guesses.
+
+    Empty for a single guess, and for several segments, whose pairs may differ.
+    """
     names = {item.name for item in violations if item.kind == "clearance"}
     if not names or len(outcomes) < 2 or problem.segments:
         return set()

@@ -69,7 +69,7 @@ def closest(
     coarse = checker.with_cut(frozenset()) if checker.single_arm else checker
     if not coarse.pairs:
         return None
-    # A goal on a frame is where the motion ends.
+    # For a goal that is not a configuration, this is the final one of the motion.
     goal = problem.goal.configuration
     ends = np.array([problem.q_start, replay.q[-1] if goal is None else goal])
     bound = None

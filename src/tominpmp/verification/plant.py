@@ -35,10 +35,14 @@ LOOKS = 30
 
 
 class Plant:
-    """State derivative of a robot under a polynomial of torque, one row at a time.
+    """State derivative of a robot under a polynomial of torque, one state at a time.
 
     Attributes:
         robot: The robot.
+        begin: Beginning of the current piece of torque [s].
+        rate: Derivative of the variable s of its polynomial, in [-1, 1], by time [1/s].
+        coefficients: Coefficients of its polynomial in s, less the dry friction of
+            sliding joints, shape (n, K).
         dynamics: Dynamics of the robot without dry friction.
         dry: Whether each joint has dry friction, shape (n,).
         way: Sliding direction of each joint with dry friction, 1 or -1; 0 for joints
@@ -65,7 +69,8 @@ class Plant:
         Args:
             begin: Begin of the piece [s].
             end: End of the piece [s].
-            coefficients: Coefficients of the polynomial, shape (n, K).
+            coefficients: Coefficients of the polynomial, shape (n, K); more rows for
+                :class:`~.feedback.TrackingPlant`.
         """
         self._given = self.coefficients = coefficients
         self.begin, self.rate = begin, 2.0 / (end - begin)

@@ -72,12 +72,14 @@ class Verification:
             also if it is within the tolerance.
         violations: Violations beyond the tolerances, violations of the goal included.
         min_clearance: Smallest measured distance to obstacles and between links during
-            the motion [m]; infinite without pairs.
+            the motion [m]; infinite without pairs, minus infinity for a motion that is
+            too long to be replayed.
         deviation: Largest distance of each joint from the plan, shape (n,) [rad or m].
         defect: Largest distance in position by which the integration of an interval
             from its first node misses its last node [rad or m]; None for a motion
-            without violations. If the defect is small and the goal is missed, the
-            motion is unstable, or errors add up.
+            without violations, and for a motion that is too long to be replayed. If the
+            defect is small and the goal is missed, the motion is unstable, or errors
+            add up.
         integrator: Name of the integrator.
         complete: Whether the replay reached the end of the motion.
         tolerances: The tolerances.
@@ -108,7 +110,7 @@ class Verification:
     feedback: Array | None = None
 
     def __bool__(self) -> bool:
-        """Whether the motion has no violation beyond the tolerances."""
+        """Whether the replay reaches the goal and keeps all limits."""
         return self.ok
 
     def __repr__(self) -> str:
@@ -160,14 +162,16 @@ def verify(
         tolerances: The tolerances; None for the defaults.
         geometry: "convex" represents links by the convex pieces with which motions are
             planned; "mesh" by their triangles, which is slow.
-        checker: Collision checker that replaces the checker of the geometry.
+        checker: Collision checker that replaces the checker of the geometry, for a
+            motion of one segment: segments of several have their own checkers.
         integrator: See :class:`~tominpmp.verification.replay.Integration`.
 
     Returns:
         The result of the replay.
 
     Raises:
-        ProblemError: If the motion has other joints than the robot.
+        ProblemError: If the motion has other joints than the robot or values that are
+            not finite, or another argument is invalid.
         ScenarioError: If the samples have other joints than the robot.
     """
     begin = time.perf_counter()
