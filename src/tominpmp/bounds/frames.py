@@ -10,7 +10,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.bounds.least_time import last_bracket
 from tominpmp.bounds.result import LowerBound
-from tominpmp.collision.placements import Placements
+from tominpmp.collision.placements import JointPlacements
 from tominpmp.goals.base import Goal
 from tominpmp.kinematics import FrameMotions, RobotKinematics, prismatic_joints
 from tominpmp.problem.problem import Problem
@@ -29,11 +29,11 @@ ACCEPTED = 1e-3
 SHORTEST, LONGEST = 1e-2, 100.0
 
 # Function from a time to the largest displacement of each joint in it, shape (n,).
-Reach = Callable[[float], Array]
+ReachInTime = Callable[[float], Array]
 
 
 def frame_bounds(
-    problem: Problem, goal: Goal, frame: str, reach: Reach, longest: float
+    problem: Problem, goal: Goal, frame: str, reach: ReachInTime, longest: float
 ) -> list[LowerBound]:
     """Bounds for a goal on a frame, from its rotation and from its translation.
 
@@ -82,7 +82,7 @@ def tool_speed_bounds(problem: Problem, goal: Goal) -> list[LowerBound]:
 
 
 def _turning_time(
-    problem: Problem, frame: str, angle: float, reach: Reach, longest: float
+    problem: Problem, frame: str, angle: float, reach: ReachInTime, longest: float
 ) -> float:
     """Largest time in which the joints cannot turn a frame by an angle [s]."""
     robot, model = problem.robot, problem.robot.model
@@ -103,7 +103,7 @@ def _turning_time(
 
 
 def _carrying_time(
-    problem: Problem, goal: Goal, frame: str, farthest: Reach, longest: float
+    problem: Problem, goal: Goal, frame: str, farthest: ReachInTime, longest: float
 ) -> float:
     """Largest time for which a proof shows that no motion brings a frame to its goal.
 
@@ -117,7 +117,7 @@ def _carrying_time(
     robot, q, limits = problem.robot, problem.q_start, problem.robot.limits
     item = robot.model.frames[robot.frame_id(frame)]
     place = np.array([item.parentJoint]), np.array([item.placement.translation])
-    placements, frames = Placements(robot.model), FrameMotions(robot, frame)
+    placements, frames = JointPlacements(robot.model), FrameMotions(robot, frame)
     spread = np.abs(robot.expand_tangent(np.eye(robot.n)))
     slides = prismatic_joints(robot)
     if not np.any(np.isfinite(farthest(1.0))):

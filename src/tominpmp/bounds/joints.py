@@ -17,7 +17,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, BoolArray
 from tominpmp.bounds.energy import effort_bounds, effort_curves
-from tominpmp.bounds.least_time import Both, Change, Drive, Ramp, SpeedLaw
+from tominpmp.bounds.least_time import Both, Drive, Ramp, SpeedChange, SpeedLaw
 from tominpmp.bounds.result import LowerBound
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.goals.turns import TURN
@@ -200,7 +200,7 @@ def _torque_drive(
             total = total.lower_of(SpeedLaw.line(acceleration))
         return total
 
-    def smooth(item: SpeedLaw) -> Change:
+    def smooth(item: SpeedLaw) -> SpeedChange:
         """Changes of speed that also obey the limits of jerk and torque rate.
 
         These limits count from zero acceleration, at smooth ends only.

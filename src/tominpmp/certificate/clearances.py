@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.certificate.motion import Motion
+from tominpmp.certificate.motion import GridMotion
 from tominpmp.constraints.clearance import ClearanceConstraint
 from tominpmp.motion.extrema import local_maxima, rising_then_falling
 
@@ -59,7 +59,7 @@ class NearestInstants(NamedTuple):
     rates: Array
 
 
-def nearest_instants(motion: Motion, item: ClearanceConstraint) -> NearestInstants:
+def nearest_instants(motion: GridMotion, item: ClearanceConstraint) -> NearestInstants:
     """Nearest instants of all pairs, and instants at which pairs stay near.
 
     Args:
@@ -103,7 +103,7 @@ class _Slopes(NamedTuple):
 class _Clearances:
     """Missing clearances of collision pairs along a motion."""
 
-    motion: Motion
+    motion: GridMotion
     item: ClearanceConstraint
 
     def missing(self, times: Array) -> Array:

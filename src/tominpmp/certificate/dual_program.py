@@ -15,9 +15,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array
+from tominpmp.certificate.dwells import rest_nodes
 from tominpmp.certificate.limits import PASSIVE, TRUST, LimitRows, limits_of
-from tominpmp.certificate.motion import Motion
-from tominpmp.certificate.stays import rest_nodes
+from tominpmp.certificate.motion import GridMotion
 from tominpmp.linear_programs.piqp import PiqpSolver, Termination
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.problem.controls import control_kind
@@ -72,7 +72,7 @@ class DualSolution:
 
 
 def solve_dual_program(
-    motion: Motion, enough: float = 0.0, *, near: bool = True
+    motion: GridMotion, enough: float = 0.0, *, near: bool = True
 ) -> DualSolution | None:
     """Costates and multipliers of a motion; None if the program cannot be solved.
 
@@ -97,7 +97,7 @@ class _Program:
     each segment; rows are the equations of motion, the limits, and the goals.
     """
 
-    def __init__(self, motion: Motion, near: bool = True) -> None:
+    def __init__(self, motion: GridMotion, near: bool = True) -> None:
         self.motion = motion
         changes, system = motion.changes, motion.system
         self.n, self.N = changes.n, changes.N

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.certificate.clearances import REGULAR, SAMPLES, nearest_instants
-from tominpmp.certificate.motion import Motion
+from tominpmp.certificate.motion import GridMotion
 from tominpmp.constraints.base import Constraint, Partials, States
 from tominpmp.constraints.final import Arrival, GoalReached
 from tominpmp.constraints.joint_limits import JointLimit
@@ -181,7 +181,7 @@ class LimitRows:
 # -- from the constraints of a problem -------------------------------------------------
 
 
-def limits_of(motion: Motion, near: bool = True) -> LimitRows:
+def limits_of(motion: GridMotion, near: bool = True) -> LimitRows:
     """Rows of all limits and goals, segment by segment.
 
     Args:
@@ -205,7 +205,7 @@ def limits_of(motion: Motion, near: bool = True) -> LimitRows:
     return LimitRows.joined(every)
 
 
-def limits_of_joints(part: Motion) -> list[JointLimit | MotorLimit]:
+def limits_of_joints(part: GridMotion) -> list[JointLimit | MotorLimit]:
     """Joint and motor limits on a segment of a motion."""
     system = replace(part.system, clearance_rows=None)  # distances take time
     every = system.constraints
@@ -227,7 +227,7 @@ class SampledConstraint:
         upper: Upper bounds of the values, same shape.
     """
 
-    part: Motion
+    part: GridMotion
     item: Constraint
     at: Instants
     states: States
@@ -236,7 +236,7 @@ class SampledConstraint:
     upper: Array
 
     @classmethod
-    def of(cls, part: Motion, item: Constraint, at: Instants) -> SampledConstraint:
+    def of(cls, part: GridMotion, item: Constraint, at: Instants) -> SampledConstraint:
         """Evaluate a constraint at instants of a motion."""
         if isinstance(item, MotorLimit):
             item = item.along(part.ways(at))
@@ -304,7 +304,7 @@ class SampledConstraint:
 
 
 def _rows_of(
-    part: Motion,
+    part: GridMotion,
     kind: str,
     at: Instants,
     states: States,
@@ -335,11 +335,11 @@ def _rows_of(
 # -- limits of joints ------------------------------------------------------------------
 
 
-def _of_joints(part: Motion, item: JointLimit | MotorLimit) -> Iterator[LimitRows]:
+def _of_joints(part: GridMotion, item: JointLimit | MotorLimit) -> Iterator[LimitRows]:
     """Rows of joint or motor limits at nodes, and at maxima between them."""
     sampled = SampledConstraint.of(part, item, part.instants(*SHARES))
     shape = sampled.values.shape
-    chosen = _chosen(part, item, sampled.excess.reshape(-1, len(SHARES), item.count))
+    chosen = _kept(part, item, sampled.excess.reshape(-1, len(SHARES), item.count))
     unit = item.scale if isinstance(item, JointLimit) and item.order == 0 else 1.0
     if isinstance(item, TorqueLimit):
         if part.changes.shape == "torques":
@@ -354,7 +354,7 @@ def _of_joints(part: Motion, item: JointLimit | MotorLimit) -> Iterator[LimitRow
     yield sampled.rows(item.kind.name, item.of_joints, chosen.reshape(shape), unit)
 
 
-def _chosen(part: Motion, item: JointLimit | MotorLimit, excess: Array) -> BoolArray:
+def _kept(part: GridMotion, item: JointLimit | MotorLimit, excess: Array) -> BoolArray:
     """Which values have rows, at the inspected instants of each interval.
 
     Args:
@@ -392,7 +392,7 @@ def _chosen(part: Motion, item: JointLimit | MotorLimit, excess: Array) -> BoolA
     return chosen
 
 
-def _may_peak(part: Motion, item: JointLimit, excess: Array) -> BoolArray:
+def _may_peak(part: GridMotion, item: JointLimit, excess: Array) -> BoolArray:
     """Whether a changed speed may have its maximum inside an interval, shape (N, p).
 
     An acceleration that is raised at the beginning of an interval and lowered at its
@@ -404,7 +404,7 @@ def _may_peak(part: Motion, item: JointLimit, excess: Array) -> BoolArray:
     return np.asarray(h * strongest / 8.0 > -excess[:, MIDDLE] * item.scale)
 
 
-def _slopes(part: Motion, item: JointLimit | MotorLimit) -> LimitRows:
+def _slopes(part: GridMotion, item: JointLimit | MotorLimit) -> LimitRows:
     """Rows of rates of torques and of accelerations (jerks)."""
     first, end = part.span
     interval = np.arange(first, end - (part.changes.shape != "ramps"))
@@ -415,7 +415,7 @@ def _slopes(part: Motion, item: JointLimit | MotorLimit) -> LimitRows:
 # -- clearances and constraints of the problem -----------------------------------------
 
 
-def _clearances(part: Motion) -> Iterator[LimitRows]:
+def _clearances(part: GridMotion) -> Iterator[LimitRows]:
     """Rows of clearances near zero, as shares of the reach."""
     item = part.system.clearance
     if item is not None:
@@ -435,7 +435,7 @@ def _clearances(part: Motion) -> Iterator[LimitRows]:
         )
 
 
-def _of_constraint(part: Motion, item: PathConstraint, index: int) -> LimitRows:
+def _of_constraint(part: GridMotion, item: PathConstraint, index: int) -> LimitRows:
     """Rows of a constraint of the problem where it is near its bounds.
 
     Args:
@@ -464,7 +464,7 @@ def _of_constraint(part: Motion, item: PathConstraint, index: int) -> LimitRows:
 # -- goals, and arrival times ----------------------------------------------------------
 
 
-def _arrivals(motion: Motion) -> Iterator[LimitRows]:
+def _arrivals(motion: GridMotion) -> Iterator[LimitRows]:
     """Rows of the arrival times, for segments with limits on them."""
     dwells, segments = 0.0, motion.system.problem.segments
     for part, segment in zip(motion.segments, segments, strict=False):
@@ -476,7 +476,7 @@ def _arrivals(motion: Motion) -> Iterator[LimitRows]:
         dwells += segment.dwell
 
 
-def _goal(part: Motion) -> LimitRows:
+def _goal(part: GridMotion) -> LimitRows:
     """Rows of the goal at the end of a segment."""
     at, kinematics = Instants.end(part.span[1]), part.system.kinematics
     _, q, v, *_ = part.states(at)

@@ -44,14 +44,14 @@ from tominpmp.certificate.dual_program import (
     DualSolution,
     solve_dual_program,
 )
+from tominpmp.certificate.dwells import without_dwells
 from tominpmp.certificate.limits import PASSIVE
-from tominpmp.certificate.motion import Motion
+from tominpmp.certificate.motion import GridMotion
 from tominpmp.certificate.optimality_report import (
     conditions_kept,
     failed_conditions,
     subject_name,
 )
-from tominpmp.certificate.stays import without_dwells
 from tominpmp.checks import instance, number
 from tominpmp.motion.joining import checked_motion
 from tominpmp.motion.samples import Samples
@@ -132,7 +132,7 @@ def certify(
     return replace(findings.certificate, seconds=time.perf_counter() - begin)
 
 
-class Findings(NamedTuple):
+class Examination(NamedTuple):
     """A certificate, and the multipliers from which it is derived.
 
     Attributes:
@@ -152,7 +152,7 @@ def examine(
     *,
     near: bool = True,
     period: float | None = None,
-) -> Findings:
+) -> Examination:
     """Check the first-order conditions of a motion whose joints were checked before.
 
     Args:
@@ -175,12 +175,12 @@ def examine(
     # A segment of zero duration has no interval.
     if all(span.begin < span.end for span in spans_of(trajectory, ())):
         with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
-            motion = Motion.of(ProblemFunctions.of(problem), trajectory)
+            motion = GridMotion.of(ProblemFunctions.of(problem), trajectory)
             dual = solve_dual_program(motion, ENOUGH * tolerance, near=near)
             if dual is not None:
                 out = _certificate(motion, dual, verification, tolerance, rounding)
-                return Findings(out, dual)
-    return Findings(_unevaluated(trajectory, verification, tolerance), None)
+                return Examination(out, dual)
+    return Examination(_unevaluated(trajectory, verification, tolerance), None)
 
 
 def _unevaluated(
@@ -218,7 +218,7 @@ def _unevaluated(
 
 
 def _certificate(
-    motion: Motion,
+    motion: GridMotion,
     dual: DualSolution,
     verification: Verification | None,
     tolerance: float,
@@ -289,7 +289,7 @@ def _certificate(
     return replace(out, ok=not failed, message=message)
 
 
-def _active(motion: Motion, dual: DualSolution) -> Iterator[ActiveLimit]:
+def _active(motion: GridMotion, dual: DualSolution) -> Iterator[ActiveLimit]:
     """Active limits: limits without slack and with a multiplier above a threshold."""
     limits, (t, h) = dual.multipliers, (motion.changes.t, motion.changes.h)
     density = limits.value * float(t[-1]) / h[limits.at.interval]
@@ -315,7 +315,7 @@ def _active(motion: Motion, dual: DualSolution) -> Iterator[ActiveLimit]:
 # -- costates by the adjoint equation --------------------------------------------------
 
 
-def _integrated(motion: Motion, dual: DualSolution, replay: Replay | None) -> Array:
+def _integrated(motion: GridMotion, dual: DualSolution, replay: Replay | None) -> Array:
     """Integrate the adjoint equation backwards over each interval.
 
     The integration of each interval starts with the costate of the linear program at

@@ -29,7 +29,7 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.controls import driven_joints
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.verification.replay import cut
+from tominpmp.verification.replay import subdivided
 
 # The quantity that is constant on an interval: the acceleration, its slope, or the
 # torque.
@@ -194,7 +194,7 @@ class Perturbations:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class GridMotion:
     """A motion on the grid on which its limits are linearised.
 
     Attributes:
@@ -212,11 +212,11 @@ class Motion:
     trajectory: Trajectory
     changes: Perturbations
     span: tuple[int, int]
-    sections: tuple[Motion, ...] = ()
+    sections: tuple[GridMotion, ...] = ()
     number: int | None = None
 
     @classmethod
-    def of(cls, system: ProblemFunctions, trajectory: Trajectory) -> Motion:
+    def of(cls, system: ProblemFunctions, trajectory: Trajectory) -> GridMotion:
         """Put a motion on the grid of its certificate."""
         system = system.padded(0.0)
         t, merged = certificate_grid(trajectory)
@@ -239,7 +239,7 @@ class Motion:
         return replace(self.trajectory, inverse_dynamics=None, segment_dynamics=())
 
     @property
-    def segments(self) -> tuple[Motion, ...]:
+    def segments(self) -> tuple[GridMotion, ...]:
         """The motion on each of its segments; the motion itself for one segment."""
         return self.sections or (self,)
 
@@ -355,7 +355,7 @@ def certificate_grid(trajectory: Trajectory) -> tuple[Array, bool]:
             if jumps[k] or t[k + 1] - t[kept[-1]] > SHORTEST * T:
                 kept.append(k)
         t = t[[*kept, t.size - 1]]
-    return cut(t, LONGEST * T), merged
+    return subdivided(t, LONGEST * T), merged
 
 
 def _jumps(trajectory: Trajectory) -> BoolArray:

@@ -15,7 +15,7 @@ from tominpmp.collision.broad import Pairs
 from tominpmp.collision.narrow import Guard
 from tominpmp.collision.placements import MovingObstacles
 from tominpmp.collision.query import PairDistances
-from tominpmp.collision.selection import links_of, own_pairs, scene_pairs, without
+from tominpmp.collision.selection import link_bodies, own_pairs, scene_pairs, without
 from tominpmp.collision.shapes import Body
 from tominpmp.exceptions import SceneError
 from tominpmp.robot.robot import Robot
@@ -108,7 +108,7 @@ class CollisionChecker(PairDistances):
         """Bodies of the links; empty if no pairs are checked."""
         if not (self.self_collision or len(self.scene)):
             return ()
-        return links_of(self.robot, self.geometry, self.cut)
+        return link_bodies(self.robot, self.geometry, self.cut)
 
     @cached_property
     def watched(self) -> tuple[Sequence[Body], Pairs]:

@@ -43,7 +43,7 @@ TOUCHING = 2e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Pieces:
+class ConvexPieces:
     """Convex pieces of a mesh.
 
     Attributes:
@@ -68,7 +68,7 @@ class _Part:
     excess: float
 
 
-def decompose(mesh: Any) -> Pieces | None:
+def decompose(mesh: Any) -> ConvexPieces | None:
     """Cut a mesh of Coal into convex pieces; None if the mesh is flat."""
     vertices, corners = mesh_arrays(mesh)
     measure = Measure(mesh, vertices[corners])
@@ -90,7 +90,7 @@ def decompose(mesh: Any) -> Pieces | None:
     best = next(parts for parts in steps if _worst(parts) <= enough)
     pieces = tuple(part.hull.points[part.hull.vertices] for part in best)
     inward = measure.inward([part.hull for part in best])
-    return Pieces(pieces, _worst(best), inward)
+    return ConvexPieces(pieces, _worst(best), inward)
 
 
 def _worst(parts: list[_Part]) -> float:

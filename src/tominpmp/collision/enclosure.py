@@ -8,7 +8,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.collision.bodies import scene_bodies
 from tominpmp.collision.checker import Contact
-from tominpmp.collision.selection import links_of
+from tominpmp.collision.selection import link_bodies
 from tominpmp.collision.shapes import Body, is_convex
 from tominpmp.robot.robot import Robot
 from tominpmp.scene.scene import Scene
@@ -42,7 +42,7 @@ def enclosure(
     item = robot.model.frames[robot.frame_id(frame)]
     carried = [
         body
-        for body in links_of(robot, "convex")
+        for body in link_bodies(robot, "convex")
         if body.joint == item.parentJoint and is_convex(body.shape)
     ]
     if not carried or not item.parentJoint:

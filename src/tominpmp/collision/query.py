@@ -12,7 +12,7 @@ from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.checks import JOINTS, array
 from tominpmp.collision.broad import BroadPhase, Joints, Pairs
 from tominpmp.collision.narrow import NarrowPhase
-from tominpmp.collision.placements import MovingObstacles, Placements
+from tominpmp.collision.placements import JointPlacements, MovingObstacles
 
 if TYPE_CHECKING:
     from tominpmp.collision.shapes import Body
@@ -66,9 +66,9 @@ class PairDistances:
         return tuple((bodies[i].name, bodies[k].name) for i, k in pairs.tolist())
 
     @cached_property
-    def placements(self) -> Placements:
+    def placements(self) -> JointPlacements:
         """Forward kinematics of the robot."""
-        return Placements(self.robot.model)
+        return JointPlacements(self.robot.model)
 
     @cached_property
     def broad(self) -> BroadPhase:

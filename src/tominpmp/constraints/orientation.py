@@ -15,13 +15,13 @@ from tominpmp.exceptions import ProblemError, SceneError
 from tominpmp.goals.direction import deviations
 from tominpmp.scene.rotations import rotation_matrix
 
-Angle: TypeAlias = Annotated[float, partial(positive, unit="rad", most=np.pi)]
+PositiveAngle: TypeAlias = Annotated[float, partial(positive, unit="rad", most=np.pi)]
 
 
 class FrameAngle(FrameRows):
     """Base class: an angle of a frame stays below the field ``tolerance``."""
 
-    tolerance: Angle
+    tolerance: PositiveAngle
 
     bound = "tolerance"
     least_scale = 0.05
@@ -46,7 +46,7 @@ class KeepUpright(FrameAngle):
 
     axis: Direction = default((0.0, 0.0, 1.0))
     direction: Direction = default((0.0, 0.0, 1.0))
-    tolerance: Angle = 0.1
+    tolerance: PositiveAngle = 0.1
 
     quantity = "tilt"
 
@@ -83,7 +83,7 @@ class AxisFixed(KeepUpright):
         ProblemError: If a vector is zero, or the tolerance is not positive.
     """
 
-    tolerance: Angle = 0.01
+    tolerance: PositiveAngle = 0.01
 
     quantity = "deviation of the axis"
 
@@ -115,7 +115,7 @@ class KeepOrientation(FrameAngle):
     """
 
     rotation: Rotation = default((0.0, 0.0, 0.0, 1.0))
-    tolerance: Angle = 0.01
+    tolerance: PositiveAngle = 0.01
 
     quantity = "turn"
 

@@ -91,7 +91,7 @@ def _checked_during(given: object, name: str) -> tuple[float, float]:
     return begin, end
 
 
-TimesOrNone: TypeAlias = Annotated[
+WindowOrNone: TypeAlias = Annotated[
     tuple[float, float] | None, optional(_checked_during)
 ]
 
@@ -106,11 +106,11 @@ class PathConstraint(Record, Constraint):
 
     Most quantities are the length of a :meth:`vector` that is a smooth function of the
     state; their rows use a length that is smoothed at zero, where the length has a
-    kink, see :func:`rounded`. Other quantities define their rows by :meth:`terms`, or
-    by :meth:`value_rows` and :meth:`term_rows`, and the number of rows by ``count``. A
-    subclass defines its functions either at one state (:meth:`measure`, :meth:`vector`)
-    or at many states at once (:meth:`measure_rows`, :meth:`vector_rows`), which is
-    faster.
+    kink, see :func:`rounded_excess`. Other quantities define their rows by
+    :meth:`terms`, or by :meth:`value_rows` and :meth:`term_rows`, and the number of
+    rows by ``count``. A subclass defines its functions either at one state
+    (:meth:`measure`, :meth:`vector`) or at many states at once (:meth:`measure_rows`,
+    :meth:`vector_rows`), which is faster.
 
     Subclasses are frozen dataclasses, declared with ``eq=False``.
 
@@ -119,7 +119,7 @@ class PathConstraint(Record, Constraint):
             until another [s]; None for the whole motion.
     """
 
-    during: TimesOrNone = field(default=None, kw_only=True)
+    during: WindowOrNone = field(default=None, kw_only=True)
 
     @property
     @abstractmethod
@@ -212,7 +212,7 @@ class PathConstraint(Record, Constraint):
         if self._is_length:
             limit = self.largest / self.scale
             sizes = self.measure_rows(q, v, a) / self.scale
-            return rounded(sizes, limit)[:, None]
+            return rounded_excess(sizes, limit)[:, None]
         found = [self.values(*state) for state in _states(q, v, a)]
         return np.array(found).reshape(-1, self.count)
 
@@ -222,7 +222,7 @@ class PathConstraint(Record, Constraint):
             return _stacked(self.terms(*state) for state in _states(q, v, a))
         vector, *by = self.vector_rows(q, v, a)
         length, limit = np.linalg.norm(vector, axis=1), self.largest
-        values = rounded(length / self.scale, limit / self.scale)[:, None]
+        values = rounded_excess(length / self.scale, limit / self.scale)[:, None]
         size = np.sqrt(0.5 * (length**2 + limit**2)) * self.scale
         along = (vector / np.maximum(size, 1e-300)[:, None])[:, None, :]
         by_q, by_v, by_a = (along @ part if part.size else part for part in by)
@@ -524,7 +524,7 @@ def _states(q: Array, v: Array, a: Array) -> Iterator[tuple[Array, Array, Array]
     )
 
 
-def rounded(length: Array, limit: float) -> Array:
+def rounded_excess(length: Array, limit: float) -> Array:
     """Excess of lengths over a limit, smoothed at length zero, where it has a kink.
 
     sqrt(2 x^2 + 2 L^2) - 2 L has the sign of x - L, and its slope at x = L.

@@ -21,7 +21,7 @@ from tominpmp.exact.detection import arcs_of, constant_signs, without_friction
 from tominpmp.exact.structure import Arcs
 from tominpmp.exact.switching_times import (
     OptimisedArcs,
-    States,
+    StateFunction,
     refine_arcs,
     sharpen,
     solve_lengths,
@@ -128,7 +128,7 @@ class Search:
         status = self.progress.show_in_time(record)
         return status or (Status.TIME_LIMIT if self.budget.spent else None)
 
-    def optimise(self, arcs: Arcs, states: States, evaluations: int) -> bool:
+    def optimise(self, arcs: Arcs, states: StateFunction, evaluations: int) -> bool:
         """Optimise approximate arcs; returns whether the motion is short enough.
 
         Args:

@@ -29,7 +29,7 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 
 logger = logging.getLogger(__name__)
 
-States = Callable[[Array], Array]
+StateFunction = Callable[[Array], Array]
 
 # Number of integration steps over the whole motion while arcs are searched for, and for
 # the final accuracy: it is doubled up to MOST_STEPS, until the duration changes by less
@@ -128,7 +128,7 @@ def steps_of(arcs: Arcs, total: int) -> IntArray:
 def solve_lengths(
     system: ProblemFunctions,
     arcs: Arcs,
-    states: States | None,
+    states: StateFunction | None,
     budget: Budget,
     total: int = STEPS,
 ) -> OptimisedArcs | None:
@@ -310,7 +310,7 @@ def improve(optimised: OptimisedArcs, budget: Budget, total: int) -> OptimisedAr
 
 
 def refine_arcs(
-    system: ProblemFunctions, arcs: Arcs, states: States, budget: Budget
+    system: ProblemFunctions, arcs: Arcs, states: StateFunction, budget: Budget
 ) -> OptimisedArcs | None:
     """Find the arcs of a locally time-optimal motion from approximate arcs.
 

@@ -82,7 +82,7 @@ Flag: TypeAlias = Annotated[bool, flag]
 Dwell: TypeAlias = Annotated[
     float, partial(number, expected="a time >= 0 [s]", least=0.0)
 ]
-TimesOrNone: TypeAlias = Annotated[
+ArrivalOrNone: TypeAlias = Annotated[
     tuple[float, float] | None, optional(_checked_arrival)
 ]
 
@@ -124,7 +124,7 @@ class Segment(Record):
     may_touch: Pairs = ()
     stop: Flag = False
     dwell: Dwell = 0.0
-    arrival: TimesOrNone = None
+    arrival: ArrivalOrNone = None
 
     _owner = "segment."
 

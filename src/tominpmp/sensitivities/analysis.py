@@ -29,9 +29,9 @@ import pinocchio as pin
 from tominpmp.arrays import Array
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.certificate.dual_program import solve_dual_program
+from tominpmp.certificate.dwells import without_dwells
 from tominpmp.certificate.limits import GOAL, SEGMENT, LimitRows
-from tominpmp.certificate.motion import Motion
-from tominpmp.certificate.stays import without_dwells
+from tominpmp.certificate.motion import GridMotion
 from tominpmp.checks import instance
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError
@@ -86,7 +86,7 @@ def analyse(problem: Problem, trajectory: Trajectory | Samples) -> Sensitivities
         return Sensitivities(T, (), 0.0, np.zeros(6))
     dual = None
     with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
-        motion = Motion.of(ProblemFunctions.of(problem), trajectory)
+        motion = GridMotion.of(ProblemFunctions.of(problem), trajectory)
         dual = solve_dual_program(motion)
     if dual is None:
         raise ProblemError(
@@ -125,7 +125,7 @@ def _moving(problem: Problem, motion: Trajectory) -> tuple[Problem, Trajectory]:
     return without_dwells(problem.alternative_of(motion), motion)
 
 
-def _segments(motion: Motion, rows: LimitRows) -> Iterator[SegmentRows]:
+def _segments(motion: GridMotion, rows: LimitRows) -> Iterator[SegmentRows]:
     """The segments of a motion with their rows, whose subjects are renumbered.
 
     All segments share a program of small changes, with a duration for each segment.
@@ -147,7 +147,7 @@ class SegmentRows:
         rows: The limits of the segment, with their multipliers.
     """
 
-    motion: Motion
+    motion: GridMotion
     rows: LimitRows
 
     def records(self) -> Iterator[Sensitivity]:

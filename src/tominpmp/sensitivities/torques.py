@@ -20,7 +20,7 @@ from tominpmp.certificate.limits import (
     SampledConstraint,
     limits_of_joints,
 )
-from tominpmp.certificate.motion import Motion
+from tominpmp.certificate.motion import GridMotion
 from tominpmp.constraints.torque import MotorLimit, TorqueLimit
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.robot.robot import Robot
@@ -46,7 +46,7 @@ class TorqueWeights:
     weight: Array
 
     @classmethod
-    def of(cls, motion: Motion, limits: LimitRows) -> TorqueWeights:
+    def of(cls, motion: GridMotion, limits: LimitRows) -> TorqueWeights:
         """Weights from the multipliers of torques on a segment of a motion.
 
         Args:

@@ -46,7 +46,7 @@ RESIDUE = 1e-5
 MOST_INSTANTS = 1000
 
 
-class Outcome(Protocol):
+class Attempt(Protocol):
     """Result of the iteration from one initial guess."""
 
     @property
@@ -64,7 +64,7 @@ class Outcome(Protocol):
 
 def explain(
     problem: Problem,
-    outcomes: Sequence[Outcome],
+    outcomes: Sequence[Attempt],
     status: Status,
 ) -> str:
     """Explain why no motion was found.
@@ -121,7 +121,7 @@ def _sampled(trajectory: Trajectory, torque: Pieces | None = None) -> Replay:
 
 def _everywhere(
     problem: Problem,
-    outcomes: Sequence[Outcome],
+    outcomes: Sequence[Attempt],
     violations: Sequence[LimitViolation],
 ) -> set[str]:
     """Names of the pairs that are too close in the motions from all initial guesses.

@@ -42,7 +42,7 @@ class Touch(NamedTuple):
         )
 
 
-def closest(
+def nearest_pair(
     problem: Problem, replay: Replay, checker: CollisionChecker, tolerance: float
 ) -> tuple[LimitViolation, Contact] | None:
     """The pair with the least clearance beyond its margin along a motion.

@@ -23,7 +23,7 @@ from tominpmp.dynamics import (
 from tominpmp.robot.robot import Robot
 
 Slope: TypeAlias = Callable[[float, Array], Array]
-Curve: TypeAlias = Callable[[float], Array]
+StateCurve: TypeAlias = Callable[[float], Array]
 
 # Speed below which a joint is at rest [rad/s or m/s]: below the integration errors.
 STILL = 1e-11
@@ -154,7 +154,7 @@ class Plant:
         self.way, self.coefficients = way, np.array(self._given)
         self.coefficients[: self._n, 0] -= self.robot.friction * way
 
-    def changes(self, begin: float, end: float, curve: Curve) -> float:
+    def changes(self, begin: float, end: float, curve: StateCurve) -> float:
         """Time of the first event in a step: a joint stops, or friction releases it.
 
         Args:

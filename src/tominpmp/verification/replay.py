@@ -124,7 +124,7 @@ def planned(
             None for rows at the nodes only.
     """
     nodes = trajectory.t if torque is None else torque.t
-    t = cut(nodes, max(time_step, trajectory.duration / MOST_ROWS))
+    t = subdivided(nodes, max(time_step, trajectory.duration / MOST_ROWS))
     state = trajectory(t)
     return Replay(
         trajectory.joint_names,
@@ -139,7 +139,7 @@ def planned(
     )
 
 
-def cut(nodes: Array, time_step: float) -> Array:
+def subdivided(nodes: Array, time_step: float) -> Array:
     """Subdivide the intervals between nodes into equal parts.
 
     Args:
@@ -225,7 +225,7 @@ class Integration:
         x = start
         for k in range(pieces.count):
             check()
-            ticks = cut(pieces.t[k : k + 2], time_step)
+            ticks = subdivided(pieces.t[k : k + 2], time_step)
             rows, way = self._piece(k, x, ticks)
             times.append(ticks[1 : len(rows) + 1])
             states.append(rows)
@@ -277,7 +277,7 @@ class Integration:
             check()
             x = nodes[k]
             for piece in np.flatnonzero(interval == k).tolist():
-                ticks = cut(pieces.t[piece : piece + 2], TIME_STEP)
+                ticks = subdivided(pieces.t[piece : piece + 2], TIME_STEP)
                 rows, _ = self._piece(piece, x, ticks)
                 x = rows[-1] if len(rows) else np.full_like(x, np.nan)
             out[k] = x - nodes[k + 1]

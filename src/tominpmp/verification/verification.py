@@ -37,7 +37,7 @@ from tominpmp.verification.feedback import (
     feedback_rate,
 )
 from tominpmp.verification.limit_violations import LimitViolation, limit_violations
-from tominpmp.verification.nearest import Touch, closest, never_touching
+from tominpmp.verification.nearest import Touch, nearest_pair, never_touching
 from tominpmp.verification.plant import Plant
 from tominpmp.verification.polynomials import Pieces
 from tominpmp.verification.replay import (
@@ -330,7 +330,7 @@ def judge(
             ends.append(stage.named(LimitViolation("goal", "the arm", *lost)))
             continue
         worst = limit_violations(problem, section, pieces, tolerances.limits)
-        nearest = closest(problem, section, checker, tolerances.contact)
+        nearest = nearest_pair(problem, section, checker, tolerances.contact)
         if nearest is not None:
             worst.append(nearest[0])
             distance = min(distance, nearest[1].distance)
