@@ -163,7 +163,7 @@ def test_a_cycle_is_the_sum_of_its_motions() -> None:
     assert cycle.total("effort") == pytest.approx(expected / cycle.T)
     longer = Sensitivities.of_cycle([one], 2.0 * one.T)
     assert longer.total("effort") == pytest.approx(0.5 * one.total("effort"))
-    with pytest.raises(tm.ProblemError, match="expected at least their duration"):
+    with pytest.raises(tm.ProblemError, match="expected at least"):
         Sensitivities.of_cycle([one], 0.5 * one.T)
     with pytest.raises(tm.ProblemError, match="at least one motion"):
         Sensitivities.of_cycle([])

@@ -324,9 +324,7 @@ class SegmentRows:
             more = self._cost(_loaded(robot, item)) - self._cost(robot)
             value, unit = _by_share(more, item.mass, "kg")
             yield Sensitivity("payload", None, item.name, value, unit, item.mass, "kg")
-        viscous = [
-            "N s/m" if unit == "m" else "N m s/rad" for unit in self._units(POSITION)
-        ]
+        viscous = ["N s/m" if u == "m" else "N m s/rad" for u in self._units(POSITION)]
         for kind, coefficient, factor, units in (
             ("damping", robot.damping, torques.v, viscous),
             ("friction", robot.friction, torques.way, self._units(EFFORT)),

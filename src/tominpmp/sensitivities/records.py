@@ -12,7 +12,6 @@ import numpy as np
 
 from tominpmp.arrays import Array, FrozenArray, Record, frozen_array, number_or_nan
 from tominpmp.checks import instance, whole, wrong
-from tominpmp.exceptions import ProblemError, brief
 from tominpmp.motion_limits import joint_kinds
 
 if TYPE_CHECKING:
@@ -204,11 +203,7 @@ class Sensitivities(Record):
         total = math.fsum(item.T for item in items)
         whole = total if T is None else number_or_nan(T)
         if not items or not whole >= total * (1.0 - 1e-9):
-            raise ProblemError(
-                f"T is {brief(T)} for {len(items)} motions that take {total:.4g} s, "
-                "expected at least their duration, and at least one motion",
-                "T",
-            )
+            raise wrong(T, "T", f"at least {total:.4g} s, and at least one motion")
         if len(goals) != len(items):
             raise wrong(names, "names", "a name for each motion")
         scaled, longest = (
