@@ -160,11 +160,6 @@ class CollisionChecker(PairDistances):
         """Whether obstacles move, so that distances depend on time."""
         return self.obstacles.count > 0
 
-    @property
-    def kinks(self) -> Array:
-        """Times at which the velocity of an obstacle jumps [s], ascending."""
-        return self.obstacles.kinks
-
     @cached_property
     def single_joints(self) -> IntArray:
         """The only joint on which the distance of each pair depends, shape (pairs,).
