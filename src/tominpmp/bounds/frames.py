@@ -24,7 +24,7 @@ BISECTIONS = 5
 TURNING_BISECTIONS = 40
 # Tolerance of the final pose: goals that are out of reach by less have a finite bound
 # [m or rad].
-ACCEPTED = 1e-3
+POSE_TOLERANCE = 1e-3
 # First and largest time of the searches [s].
 SHORTEST, LONGEST = 1e-2, 100.0
 
@@ -47,7 +47,7 @@ def frame_bounds(
     bounds, longest = [], min(longest, LONGEST)
     place = RobotKinematics(problem.robot).placement(problem.q_start, frame)
     angle = goal.angle_to_go(np.asarray(place.rotation))
-    if angle > ACCEPTED:
+    if angle > POSE_TOLERANCE:
         # A smaller angle may be rounding, and prismatic joints cannot turn a frame.
         T = _turning_time(problem, frame, angle, reach, longest)
         bounds.append(LowerBound(T, f"frame {frame} has {angle:.4g} rad to turn"))
@@ -140,7 +140,7 @@ def _carrying_time(
             box = robot.expand(middle), half @ spread
             shifts = placements.displacements(*box, *place, np.zeros(1))[:, 0]
             apart = goal.distances(frames.placements(middle).origin)
-            near = np.asarray(apart) <= np.sum(shifts, axis=1) + ACCEPTED
+            near = np.asarray(apart) <= np.sum(shifts, axis=1) + POSE_TOLERANCE
             if not near.any():
                 return True
             if 2 * int(near.sum()) > MAX_BOXES:

@@ -117,12 +117,12 @@ def joint_bounds(
     bounds = []
     ranges = zip(lower.tolist(), upper.tolist(), strict=True)
     pairs = zip(*ends.tolist(), strict=True)
-    # A joint at rest takes the nearest turn; one that moves may go on.
+    # A joint at rest takes the nearest turn; a moving joint may take a further turn.
     moving = turning & np.any(ends != 0.0, axis=0)
     each = zip(joints, ranges, pairs, moving.tolist(), strict=True)
-    for joint, (least, most), velocities, goes_on in each:
+    for joint, (least, most), velocities, passes in each:
         T, way = _least(joint, least, most, velocities)
-        for side in (TURN, -TURN) if goes_on else ():
+        for side in (TURN, -TURN) if passes else ():
             turns, step = 0, 1
             while step:
                 further = (turns + step) * side

@@ -290,9 +290,9 @@ class SampledConstraint:
     def _pinned(self, partials: Partials, index: IntArray) -> Partials:
         """Derivatives of values at instants that are fixed in time, as in a window.
 
-        Where changed lengths of intervals bring a state earlier, the motion goes on
-        until the fixed instant: the rate of the value is added with respect to time.
-        Rates of accelerations are small and neglected.
+        Where changed lengths of intervals bring a state earlier, the motion continues
+        until the fixed instant: the derivative by time is minus the rate of the value
+        along the motion. Rates of accelerations are neglected.
         """
         if not isinstance(self.item, PathConstraint) or self.item.window is None:
             return partials

@@ -49,7 +49,7 @@ class Content:
     Attributes:
         key: Hash of its vertices and triangles.
         mesh: The mesh, for Coal.
-        name: Name of its link or obstacle; empty if it has none.
+        name: Name of its link or obstacle; empty if the name is not known.
     """
 
     key: str

@@ -15,7 +15,7 @@ from tominpmp.scene.scene import Scene
 
 # Radius of the ball that represents a point [m].
 POINT = 1e-6
-# Tolerated overlap, as in other checks [m].
+# Tolerated overlap, as by default in the verification [m].
 TOUCHING = 1e-5
 
 

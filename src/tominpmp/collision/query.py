@@ -53,7 +53,7 @@ class PairDistances:
 
     @cached_property
     def obstacles(self) -> MovingObstacles:
-        """Placements of the moving obstacles, of which there are none."""
+        """Placements of moving obstacles: an empty set unless a subclass has some."""
         return MovingObstacles((), self.robot.model.njoints)
 
     @cached_property

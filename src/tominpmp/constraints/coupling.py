@@ -31,7 +31,7 @@ class JointCoupling(PathConstraint):
     bounds), a cable between two joints, a belt.
 
     Attributes:
-        joints: Names of the joints, none twice.
+        joints: Names of the joints, each of them once.
         weights: Weight c of each joint, shape (k,).
         upper: Upper bound [rad or m]; infinity for no bound.
         lower: Lower bound [rad or m]; minus infinity for no bound.

@@ -104,7 +104,7 @@ class Arcs:
             arc: Index of the arc.
             shares: Length of each piece as a share of the arc; zero for a piece whose
                 length an optimisation finds.
-            edits: The torques that differ from those of the arc.
+            edits: The torques that differ from the torques of the arc.
         """
         repeated = np.ones(self.count, dtype=np.int64)
         repeated[arc] = len(shares)

@@ -63,10 +63,10 @@ PROGRESS = 1e-8
 # Largest length of an arc, in units of the initial duration of the whole motion.
 LONGEST = 3.0
 # Relative progress and violation that count as zero.
-STILL = 1e-10
+NEGLIGIBLE = 1e-10
 # Stop rules: number of steps, and the relative progress in these steps below which the
 # iteration stops. The second rule holds while arcs are searched for.
-STOPS = ((2, STILL), (5, 1e-6))
+STOPS = ((2, NEGLIGIBLE), (5, 1e-6))
 # The iteration also stops if the violation has not fallen to the share FALL in SLOW
 # iterations: arcs of zero length can make it this slow, and are dropped next.
 SLOW, FALL = 25, 0.1
@@ -217,7 +217,7 @@ def _minimize(
     first = program.shoot(y)
     assert first is not None  # noqa: S101
     low, high = cost - 1.0, np.where(cost > 0.0, LONGEST, 1.0)
-    last, paid, exact = y, program.evaluations, EXACT if rough else STILL
+    last, paid, exact = y, program.evaluations, EXACT if rough else NEGLIGIBLE
     durations: list[float] = []
     violations: list[float] = []
 

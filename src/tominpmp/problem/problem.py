@@ -273,10 +273,10 @@ class Problem(Record):
         return messages
 
     def _wrapped(self, goal: Goal, before: Goal | None = None, rivals: int = 1) -> Goal:
-        """A goal with the joint angles nearest to where the joints come by themselves.
+        """A goal with the joint angles that the joints reach with the least way.
 
-        That is the start; or, where a joint moves at the start or the end, the position
-        at which its velocity has changed from the one to the other.
+        The way counts from the start; or, where a joint moves at the start or the end,
+        from the position at which its initial velocity has become its final velocity.
 
         Args:
             goal: The goal.

@@ -26,7 +26,8 @@ def in_sequence(
     """The problem that is solved by the motions of several problems, when joined.
 
     Args:
-        problem: The robot without payload, and what all parts have in common.
+        problem: A problem with the robot without the payloads of the parts, and with
+            all values that the parts have in common.
         parts: The problems, each of which begins at rest where the previous one ends.
         dwells: Dwell times at the end of each part [s].
     """

@@ -263,7 +263,7 @@ class ClosestApproach:
 
     @property
     def _search_bound(self) -> float:
-        """Clearance below which the search for the least clearance goes on [m]."""
+        """Clearance below which intervals are subdivided in search of the least [m]."""
         return self.clearance - max(RESOLUTION * abs(self.clearance), LEAST_RESOLUTION)
 
     def _tolerated(self, cases: Cases) -> Array:

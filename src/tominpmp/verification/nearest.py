@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from tominpmp.problem.problem import Problem
 
 # Largest number of rows of a replay at which pairs that are not checked are tested.
-GLANCES = 250
+TESTED_ROWS = 250
 
 
 class Touch(NamedTuple):
@@ -124,7 +124,7 @@ def never_touching(problem: Problem, replay: Replay) -> tuple[Touch, ...]:
     unchecked = pairs.keys() - set(map(frozenset, problem.may_touch))
     if not unchecked:
         return ()
-    step = 1 + replay.t.size // GLANCES
+    step = 1 + replay.t.size // TESTED_ROWS
     q, t = replay.q[::step], replay.t[::step]
     contacts = links_touching(problem.robot, unchecked, q)
     return tuple(Touch(*pairs[names], float(t[row])) for names, row in contacts.items())

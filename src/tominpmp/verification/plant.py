@@ -31,7 +31,7 @@ STILL = 1e-11
 GRAZE = 1e-8
 
 # Number of instants of a piece at which the static friction of a resting arm is tested.
-LOOKS = 30
+TESTED_INSTANTS = 30
 
 
 class Plant:
@@ -204,7 +204,7 @@ class Plant:
         count = int(back[0]) if back.size else count
         rows = np.arange(count if self._holds else 0)
         if not v.any():  # torques of a resting arm are smooth: some instants suffice
-            rows = np.unique(np.linspace(0, count - 1, LOOKS).astype(int))
+            rows = np.unique(np.linspace(0, count - 1, TESTED_INSTANTS).astype(int))
         valid = 0
         for k in rows.tolist():
             if self._event_margin(t[k + 1], x[k + 1]) < 0.0:

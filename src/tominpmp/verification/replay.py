@@ -47,7 +47,7 @@ MOST_ROWS = 200_000
 GROWTH = 1.5
 # Largest number of steps of LSODA between two rows.
 LSODA_STEPS = 20_000
-# Events closer to the end of a piece are neglected: no solver can step over the rest
+# Events closer to the end of a piece are neglected: no solver can step over this time
 # [spacings of floating-point numbers].
 NEGLECTED = 100.0
 # Largest number of evaluations before an integration is given up.
