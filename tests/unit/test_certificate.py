@@ -469,7 +469,7 @@ def test_rows_are_derivatives(rng: np.random.Generator) -> None:
     problem = replace(problem, goal=reached, constraints=limited)
     system = ProblemFunctions.of(problem)
     motion = GridMotion.of(system, base)
-    assert motion.changes.shape == "ramps"
+    assert motion.changes.profile == "ramps"
     rows = limits_of(motion)
     assert set(rows.kind.tolist()) >= {
         "effort",

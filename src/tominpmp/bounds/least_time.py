@@ -29,7 +29,7 @@ from tominpmp.arrays import Array
 ROUNDING = 1e-9
 # Tolerance of the goal [rad or m], and tolerance as a share of the braking distance, in
 # accordance with the tolerances of the verification.
-GOAL_TOLERANCE, BRAKING_SHARE = 1e-3, 5e-3
+TOLERANCE, SHARE = 1e-3, 5e-3
 # Number of bisections for a peak, and the peak speed that counts as infinite.
 HALVINGS, FASTEST = 60, 1e12
 # Relative change of an acceleration below which it is integrated by Simpson's rule, as
@@ -363,9 +363,7 @@ class Drive:
         up, down = self.ahead if way >= 0.0 else self.back
         time, integral = (up if v1 >= v0 else down).abrupt(min(v0, v1), max(v0, v1))
         braking = max(v0, v1) * time - integral
-        if braking - abs(way) <= GOAL_TOLERANCE + BRAKING_SHARE * abs(
-            braking
-        ) or math.isinf(time):
+        if braking - abs(way) <= TOLERANCE + SHARE * abs(braking) or math.isinf(time):
             return self._one_way(side, (v0, v1)).least_time(abs(way))
         # Braking takes longer than the displacement: the motion overshoots and returns.
         return self._one_way(-side, (-v0, -v1)).least_time(-abs(way))

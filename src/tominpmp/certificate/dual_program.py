@@ -234,7 +234,7 @@ class _Program:
         out = np.zeros((self.N, 2 * self.n))
         at_end = self.T * torques.y[:, None] * torques.slopes
         np.add.at(out, interval[share == 1.0], at_end[share == 1.0])
-        if self.motion.changes.shape == "ramps":
+        if self.motion.changes.profile == "ramps":
             # A node represents half of each of the two adjacent intervals.
             at_begin = (share == 0.0) & (interval > 0)
             np.add.at(out, interval[at_begin] - 1, 0.5 * at_end[at_begin])
@@ -245,7 +245,7 @@ class _Program:
         N, n, h = self.N, self.n, self.motion.changes.h
         interval, share = torques.at.interval, torques.at.share
         at_nodes, inside = np.zeros((N + 1, n)), np.zeros((N, n))
-        ramps = self.motion.changes.shape == "ramps"
+        ramps = self.motion.changes.profile == "ramps"
         of_node = np.isin(share, (0.0, 1.0)) & ramps
         for out, place, rows in (
             (at_nodes, interval + (share == 1.0), of_node),

@@ -342,7 +342,7 @@ def _of_joints(part: GridMotion, item: JointLimit | MotorLimit) -> Iterator[Limi
     chosen = _kept(part, item, sampled.excess.reshape(-1, len(SHARES), item.count))
     unit = item.scale if isinstance(item, JointLimit) and item.order == 0 else 1.0
     if isinstance(item, TorqueLimit):
-        if part.changes.shape == "torques":
+        if part.changes.profile == "torques":
             # Torques may have been merged into their mean over the interval.
             middles = sampled.values.reshape(chosen.shape)[:, MIDDLE]
             middles[:] = part.load
@@ -365,14 +365,14 @@ def _kept(part: GridMotion, item: JointLimit | MotorLimit, excess: Array) -> Boo
     Returns:
         Shape (N, SHARES, p).
     """
-    shape, of_torques = part.changes.shape, isinstance(item, TorqueLimit)
+    profile, of_torques = part.changes.profile, isinstance(item, TorqueLimit)
     if item.field == "q":
         chosen = interior_maxima(excess, -SLACK, TURN)
         chosen[:, -1] |= excess[:, -1] > -FAR
         return chosen
     if isinstance(item, JointLimit) and item.field == "v":
         chosen = interior_maxima(excess, NEAR - 1.0, PEAK)
-        if shape == "ramps":
+        if profile == "ramps":
             chosen[:, MIDDLE] |= _may_peak(part, item, excess) & ~chosen.any(axis=1)
         chosen[:, -1] = True
         return chosen
@@ -381,14 +381,14 @@ def _kept(part: GridMotion, item: JointLimit | MotorLimit, excess: Array) -> Boo
         # ends: it does not change like the mean of the ends.
         excess = excess.copy()
         excess[:, MIDDLE] += FLAT
-    smooth = shape != "torques" and item.field != "a"
+    smooth = profile != "torques" and item.field != "a"
     chosen = interior_maxima(excess, NEAR - 1.0, PEAK) & smooth
-    if of_torques and shape == "torques":
+    if of_torques and profile == "torques":
         chosen[:, MIDDLE] = True
     else:
         chosen[:, 0] = chosen[-1, -1] = True
         # With ramps, the end of an interval equals the beginning of the next interval.
-        chosen[:, -1] |= shape != "ramps"
+        chosen[:, -1] |= profile != "ramps"
     return chosen
 
 
@@ -407,7 +407,7 @@ def _may_peak(part: GridMotion, item: JointLimit, excess: Array) -> BoolArray:
 def _slopes(part: GridMotion, item: JointLimit | MotorLimit) -> LimitRows:
     """Rows of rates of torques and of accelerations (jerks)."""
     first, end = part.span
-    interval = np.arange(first, end - (part.changes.shape != "ramps"))
+    interval = np.arange(first, end - (part.changes.profile != "ramps"))
     sampled = SampledConstraint.of(part, item, part.changes.pairs(interval))
     return sampled.rows(item.kind.name, item.of_joints)
 

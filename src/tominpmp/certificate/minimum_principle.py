@@ -228,7 +228,7 @@ def _certificate(
     h, driven, sigma = motion.changes.h, motion.driven, dual.switching
     T, H, limits = float(h.sum()), dual.hamiltonian, motion.system.motion_limits
     load = motion.loads
-    if motion.changes.shape == "torques":
+    if motion.changes.profile == "torques":
         load = motion.load[:, None]
     # Slack of the torques to their limits, in half ranges, shape (N, n).
     above = np.maximum(1.0 - load.max(axis=1), 0.0)

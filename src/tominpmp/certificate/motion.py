@@ -31,9 +31,9 @@ from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification.replay import subdivided
 
-# The quantity that is constant on an interval: the acceleration, its slope, or the
-# torque.
-Shape: TypeAlias = Literal["steps", "ramps", "torques"]
+# Profiles by the quantity that is constant on an interval: the acceleration, its slope,
+# or the torque.
+Profile: TypeAlias = Literal["steps", "ramps", "torques"]
 
 # Largest length of an interval, as a share of the motion; longer ones are subdivided.
 LONGEST = 0.05
@@ -65,13 +65,13 @@ class Perturbations:
         t: Times of the nodes [s], shape (N + 1,).
         q: Positions at the nodes, shape (N + 1, n).
         v: Velocities at the nodes, shape (N + 1, n).
-        shape: The quantity that is constant on the intervals.
+        profile: The quantity that is constant on the intervals.
     """
 
     t: Array
     q: Array
     v: Array
-    shape: Shape
+    profile: Profile
 
     @property
     def n(self) -> int:
@@ -91,7 +91,7 @@ class Perturbations:
     @property
     def controls(self) -> int:
         """Number of accelerations of a joint."""
-        return self.N + 1 if self.shape == "ramps" else self.N
+        return self.N + 1 if self.profile == "ramps" else self.N
 
     @property
     def size(self) -> int:
@@ -136,7 +136,7 @@ class Perturbations:
             (1 / 2 - p / 6) * t**2 * by_q + (1 - p / 2) * t * by_v + (1 - after) * by_a,
             p / 6 * t**2 * by_q + p / 2 * t * by_v + after * by_a,
         ]
-        last = interval + (self.shape == "ramps")
+        last = interval + (self.profile == "ramps")
         # Column -1 is the state at the first node, which does not change.
         first = [2 * node - 2, 2 * node - 1, 2 * N + interval, 2 * N + last]
         columns = [n * k[:, None] + np.arange(n) for k in first]
@@ -186,7 +186,7 @@ class Perturbations:
         Args:
             interval: The intervals, shape (k,).
         """
-        if self.shape == "ramps":
+        if self.profile == "ramps":
             pairs = np.stack([interval, interval], axis=1), (0.0, 1.0)
         else:
             pairs = np.stack([interval, interval + 1], axis=1), (0.5, 0.5)
@@ -220,8 +220,8 @@ class GridMotion:
         """Put a motion on the grid of its certificate."""
         system = system.padded(0.0)
         t, merged = certificate_grid(trajectory)
-        nodes = trajectory(t)
-        changes = Perturbations(t, nodes.q, nodes.v, _shape(system, trajectory, merged))
+        nodes, profile = trajectory(t), _profile(system, trajectory, merged)
+        changes = Perturbations(t, nodes.q, nodes.v, profile)
         whole = cls(system, trajectory, changes, (0, changes.N))
         if trajectory.segment_ends is None:
             return whole
@@ -303,7 +303,7 @@ class GridMotion:
     def load(self) -> Array:
         """Mean torque of each interval, relative to its limits, shape (N, n)."""
         shares = (np.arange(SAMPLES) + 0.5) / SAMPLES
-        if self.changes.shape != "torques":
+        if self.changes.profile != "torques":
             return np.asarray(self.loads.mean(axis=1))
         return np.asarray(self._loads_at(*shares.tolist()).mean(axis=1))
 
@@ -319,7 +319,7 @@ class GridMotion:
         return np.maximum(mass.mean(axis=0), 1e-12), np.abs(drag).mean(axis=0)
 
 
-def _shape(system: ProblemFunctions, trajectory: Trajectory, merged: bool) -> Shape:
+def _profile(system: ProblemFunctions, trajectory: Trajectory, merged: bool) -> Profile:
     """The quantity that is constant on the intervals of a motion."""
     if system.motion_limits.continuous:
         return "ramps"
