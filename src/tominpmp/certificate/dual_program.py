@@ -33,9 +33,9 @@ DISPLACEMENTS = 100.0
 # Share by which each interval may be longer or shorter in addition. Of several optimal
 # sets of multipliers this selects a set whose Hamiltonian is constant.
 SHIFT = 1e-3
-# Relative accuracy of the predicted gain, and the iterations allowed for it: where
-# limits overlap, interior points converge slowly, and simplex methods take tens of
-# seconds.
+# Accuracy of the predicted gain, as a share of the duration or of the objective, and
+# largest number of iterations: where limits overlap, interior points converge slowly,
+# and simplex methods take tens of seconds.
 ACCURACY = Termination(gap=2e-5, share=0.01, iterations=100, residual=1e-7)
 # Positions in an interval at which costates may jump; an even number includes the
 # middle.

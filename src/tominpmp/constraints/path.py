@@ -172,7 +172,11 @@ class PathConstraint(Record, Constraint):
     # -- the quantity at one state, or at many at once ---------------------------------
 
     def measure(self, q: Array, v: Array, a: Array) -> float:
-        """The quantity at one state, shapes (n,); v and a are empty if not needed."""
+        """The quantity at one state, shapes (n,); v and a are empty if not needed.
+
+        Raises:
+            NotImplementedError: If the subclass defines no quantity.
+        """
         if type(self).measure_rows is PathConstraint.measure_rows:
             raise NotImplementedError(f"{type(self).__name__} has no measure")
         return float(self.measure_rows(*_one_row(q, v, a))[0])
@@ -188,6 +192,9 @@ class PathConstraint(Record, Constraint):
         Returns:
             Vector, shape (k,), and its derivatives by q, v and a, shape (k, n) each;
             empty for derivatives that are zero.
+
+        Raises:
+            NotImplementedError: If the quantity is not the length of a vector.
         """
         if type(self).vector_rows is PathConstraint.vector_rows:
             raise NotImplementedError(f"{type(self).__name__} is no length")
@@ -277,7 +284,11 @@ class PathConstraint(Record, Constraint):
 
     @property
     def kinematics(self) -> RobotKinematics:
-        """Placement of the robot's frames."""
+        """Placement of the robot's frames.
+
+        Raises:
+            ProblemError: If the constraint is not the result of :meth:`on`.
+        """
         found = self.__dict__.get("_kinematics")
         if not isinstance(found, RobotKinematics):
             raise ProblemError(
@@ -418,14 +429,15 @@ class FrameRows(PathConstraint):
 
     Attributes:
         frame: Name of the frame.
+        quantity: Name of the quantity, in reports and messages.
+        bound: Name of the field that holds the limit; empty without a field.
+        least_scale: Scale of an excess where the limit is smaller: rows should be of
+            order one.
     """
 
     frame: FrameName
     quantity: ClassVar[str]
-    # Name of the field that holds the limit; empty without a field.
     bound: ClassVar[str] = ""
-    # The scale of an excess is the limit, or this if the limit is smaller: rows should
-    # be of order one.
     least_scale: ClassVar[float] = 0.0
 
     @property

@@ -221,7 +221,13 @@ class ArcProgram:
         return np.where(self.of_lengths > 0.0, factor * z, z)
 
     def trajectory(self, z: Array) -> Trajectory:
-        """The motion of an iterate, with nodes at the ends of all steps."""
+        """The motion of an iterate, with nodes at the ends of all steps.
+
+        Steps with held joints are divided, and steps of almost no length left out.
+
+        Raises:
+            ValueError: If the motion cannot be integrated.
+        """
         system, n, shot = self.system, self._n, self.shoot(z)
         if shot is None:
             raise ValueError("the motion cannot be integrated")

@@ -78,7 +78,10 @@ class StateChecks:
 
         Returns:
             The goal, moved onto limits that it exceeds by rounding and without
-            alternatives that are out of reach, and warnings.
+            alternatives that fail a check, and warnings.
+
+        Raises:
+            ProblemError: If the goal fails a check, or all of its alternatives do.
         """
         if goal.alternatives[0] is not goal:
             return self._any_goal(goal, rests)

@@ -75,6 +75,7 @@ def analyse(problem: Problem, trajectory: Trajectory | Samples) -> Sensitivities
         ProblemError: If the motion has other joints than the robot, values that are not
             finite or no multipliers, or if segments have arrival times, or dwells while
             obstacles move.
+        ScenarioError: If the samples have other joints than the robot.
     """
     instance(problem, Problem, "problem")
     robot = problem.robot

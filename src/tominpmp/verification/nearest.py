@@ -60,6 +60,9 @@ def nearest_pair(
     Returns:
         The violation of the margin, negative for clearance, and the pair; None without
         pairs.
+
+    Raises:
+        Stop: If the time is used up before a bound of the clearance is known.
     """
     check()
     # Each link of a single robot is represented by one convex hull, whose distances are

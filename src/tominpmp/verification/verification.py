@@ -161,7 +161,8 @@ def verify(
             may jump. Samples, for example from a file, are joined into a motion first.
         tolerances: The tolerances; None for the defaults.
         geometry: "convex" represents links by the convex pieces with which motions are
-            planned; "mesh" by their triangles, which is slow.
+            planned; "hull" by one convex hull each; "mesh" by their triangles, which is
+            slow.
         checker: Collision checker that replaces the checker of the geometry, for a
             motion of one segment: segments of several have their own checkers.
         integrator: See :class:`~tominpmp.verification.replay.Integration`.
