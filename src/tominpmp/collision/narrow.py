@@ -203,8 +203,8 @@ class Guard:
             narrow.model, narrow.geometry, self._results
         )
 
-    def is_free(self, q: Array, time: float = 0.0) -> bool:
-        """Whether all margins are kept at a configuration of the model."""
+    def is_free(self, q: Array, time: float) -> bool:
+        """Whether all margins are kept at a configuration of the model at a time [s]."""
         narrow = self._narrow
         narrow.set_time(time)
         return not pin.computeCollisions(

@@ -34,7 +34,7 @@ TOGETHER = 1e-3
 
 
 class Edit(NamedTuple):
-    """Fixed torque of a joint on a piece of a divided arc, and whether it is held.
+    """Fixed torque of a joint on a piece of an arc, and whether the joint is held.
 
     Attributes:
         piece: Index of the piece.
@@ -132,9 +132,9 @@ class Arcs:
         return arcs.pick(first, np.add.reduceat(arcs.lengths, first))
 
     def with_free_torques(self) -> Arcs:
-        """The arcs with unknown torques, except on held joints and without motors.
+        """The arcs with all torques as unknowns.
 
-        Torques that follow from held joints remain.
+        Except torques of held joints, torques that follow, and joints without a motor.
         """
         driven = np.any((self.levels != 0.0) | self.free | (self.held != 0), axis=0)
         return replace(self, free=(self.held == 0) & ~self.follows & driven)

@@ -202,9 +202,7 @@ def _constraints(program: ArcProgram, first: Shot) -> list[dict[str, Any]]:
     return [equations, limits] if first.margin.size else [equations]
 
 
-def _minimize(
-    program: ArcProgram, y: Array, budget: Budget, *, rough: bool = False
-) -> Array:
+def _minimize(program: ArcProgram, y: Array, budget: Budget, *, rough: bool) -> Array:
     """Unknowns of least duration, with the watched limits as rows.
 
     Args:

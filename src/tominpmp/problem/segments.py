@@ -27,7 +27,7 @@ from tominpmp.robot.payload import Payload
 from tominpmp.robot.robot import Robot
 from tominpmp.scene.scene import Scene, SceneOrNone
 
-# What messages say that they expected.
+# Description of valid goals, in messages.
 SOME_GOAL = "a JointGoal, PositionGoal, PoseGoal or another goal"
 # A larger number of segments is rejected as a mistake.
 MOST_SEGMENTS = 100

@@ -17,8 +17,8 @@ from tominpmp.motion_limits import joint_kinds
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Powers of the factor by which the same path takes longer, by which parameters then are
-# smaller; for kinds of joint limits the powers are their orders.
+# Powers of the factor by which the same path takes longer: parameters are then smaller
+# by these powers of it. The powers of kinds of joint limits are their orders.
 POWERS = {"gravity": 2, "friction": 2, "damping": 1, "speed of effort curve": 1}
 # Steps of the tables: one per cent of a limit, a millimetre, a milliradian or a gram.
 SHARE, SMALL_UNIT = 0.01, 1e-3
