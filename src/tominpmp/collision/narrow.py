@@ -204,7 +204,7 @@ class Guard:
         )
 
     def is_free(self, q: Array, time: float) -> bool:
-        """Whether all margins are kept at a configuration of the model at a time [s]."""
+        """Whether all margins are kept at a configuration and a time [s]."""
         narrow = self._narrow
         narrow.set_time(time)
         return not pin.computeCollisions(
