@@ -448,9 +448,10 @@ class FrameTarget(NamedTuple):
     """Target of a frame, without tolerances.
 
     Attributes:
-        place: Position, shape (3,) [m].
+        place: Position, shape (3,) [m]; zero where the goal leaves it free.
         turn: Orientation, shape (3, 3); for an axis goal the axis in the frame in the
-            first row, and the direction in the world in the second row.
+            first row, and the direction in the world in the second row; zero for a
+            point.
         counts: Matrix that selects the components of a rotation and a displacement on
             which the goal has conditions, shape (6, 6).
         posed: Whether the goal fixes the whole orientation.

@@ -43,7 +43,7 @@ class StateChecks:
         robot: The robot.
         scene: The obstacles.
         checker: Collision checker: distances to the obstacles, and between links.
-        margin: Distance to keep from obstacles [m].
+        margin: Distance to keep from obstacles, and between several robots [m].
         constraints: Further constraints, ready to be evaluated.
     """
 
