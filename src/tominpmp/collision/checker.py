@@ -232,7 +232,8 @@ class CollisionChecker(PairDistances):
             q: Configuration, shape (n,) [rad or m].
             margin: Distance to keep [m], which is subtracted from the distances; a
                 number for all pairs or an array by pair.
-            time: Time [s], for moving obstacles; None ignores moving obstacles.
+            time: Time [s], for moving obstacles; None gives their pairs an infinite
+                distance.
         """
         if not self.pairs:
             return None
