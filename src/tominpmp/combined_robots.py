@@ -22,7 +22,7 @@ from tominpmp.arrays import Array, array_or_nan
 from tominpmp.checks import of_kind, split_pose, vector
 from tominpmp.collision.checker import CollisionChecker
 from tominpmp.collision.query import PairDistances
-from tominpmp.collision.selection import links_of
+from tominpmp.collision.selection import link_bodies
 from tominpmp.description.joint_table import JointTable, Linkage, check_gravity
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.tree import joined_descriptions
@@ -240,7 +240,7 @@ def _check_bases(robot: Robot, bases: Mapping[str, pin.SE3]) -> None:
 
 def _base_overlap(robot: Robot, first: str, second: str) -> float | None:
     """Overlap of the fixed links of two robots [m]; None if one has no shapes."""
-    fixed = [body for body in links_of(robot, "convex") if not body.joint]
+    fixed = [body for body in link_bodies(robot, "convex") if not body.joint]
     first_bodies = [i for i, body in enumerate(fixed) if body.name.startswith(first)]
     second_bodies = [i for i, body in enumerate(fixed) if body.name.startswith(second)]
     pairs = np.array(list(product(first_bodies, second_bodies)))

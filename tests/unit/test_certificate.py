@@ -22,7 +22,7 @@ from tominpmp.certificate.limits import LimitRows, limits_of
 from tominpmp.certificate.minimum_principle import TOLERANCE, certify, examine
 from tominpmp.certificate.motion import (
     MOST,
-    Motion,
+    GridMotion,
     Perturbations,
     certificate_grid,
 )
@@ -325,7 +325,7 @@ def test_multipliers_account_for_the_promise() -> None:
     """The promise is the sum of multiplier times room, as duality says."""
     solution = planned(limited=True)
     assert solution.trajectory is not None
-    motion = Motion.of(ProblemFunctions.of(solution.problem), solution.trajectory)
+    motion = GridMotion.of(ProblemFunctions.of(solution.problem), solution.trajectory)
     found = solve_dual_program(motion)
     assert found is not None
     given = found.multipliers
@@ -448,7 +448,7 @@ def test_rows_are_derivatives(rng: np.random.Generator) -> None:
             keys.append((*key, seen[key]))
         return keys
 
-    def rooms(motion: Motion) -> dict[tuple[object, ...], float]:
+    def rooms(motion: GridMotion) -> dict[tuple[object, ...], float]:
         """How far each row is below its upper bound."""
         rows = limits_of(motion)
         return dict(zip(keyed(rows), rows.upper.tolist(), strict=True))
@@ -468,8 +468,8 @@ def test_rows_are_derivatives(rng: np.random.Generator) -> None:
     reached = JointGoal(base.q[-1])  # which keeps these limits, wherever it is
     problem = replace(problem, goal=reached, constraints=limited)
     system = ProblemFunctions.of(problem)
-    motion = Motion.of(system, base)
-    assert motion.changes.shape == "ramps"
+    motion = GridMotion.of(system, base)
+    assert motion.changes.profile == "ramps"
     rows = limits_of(motion)
     assert set(rows.kind.tolist()) >= {
         "effort",
@@ -490,7 +490,10 @@ def test_rows_are_derivatives(rng: np.random.Generator) -> None:
     dx = np.concatenate([after.q - before.q, after.v - before.v], axis=1)[1:]
     z = np.concatenate([dx.ravel() / (2.0 * step), da.ravel(), dh])
     np.testing.assert_allclose(motion.changes.defects() @ z, 0.0, atol=1e-6)
-    high, low = rooms(Motion.of(system, after)), rooms(Motion.of(system, before))
+    high, low = (
+        rooms(GridMotion.of(system, after)),
+        rooms(GridMotion.of(system, before)),
+    )
     compared = 0
     slope = rows.change @ z
     kinds = rows.kind.tolist()

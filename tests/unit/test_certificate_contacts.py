@@ -7,7 +7,7 @@ import pytest
 
 from tominpmp.arrays import Array
 from tominpmp.certificate.limits import LimitRows, limits_of
-from tominpmp.certificate.motion import Motion
+from tominpmp.certificate.motion import GridMotion
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.goals.joints import JointGoal
 from tominpmp.motion.trajectory import Trajectory
@@ -70,8 +70,8 @@ def approaches(problem: Problem, motion: Trajectory) -> dict[int, tuple[float, f
     }
 
 
-def rows_of(problem: Problem, motion: Trajectory) -> tuple[Motion, LimitRows]:
-    seen = Motion.of(ProblemFunctions.of(problem), motion)
+def rows_of(problem: Problem, motion: Trajectory) -> tuple[GridMotion, LimitRows]:
+    seen = GridMotion.of(ProblemFunctions.of(problem), motion)
     every = limits_of(seen)
     return seen, every.selected(every.of("clearance"))
 
@@ -158,7 +158,7 @@ def test_a_joint_that_turns_back_between_the_nodes_is_held_there(
         position_upper={"joint1": top, "joint2": 50.0, "joint3": 50.0},
     )
     bounded = Problem(robot, START, JointGoal(START), v_start=SPEED)
-    found = limits_of(Motion.of(ProblemFunctions.of(bounded), motion))
+    found = limits_of(GridMotion.of(ProblemFunctions.of(bounded), motion))
     rows = found.selected(found.of("position") & (found.at.share < 1.0))
     assert rows.subject.tolist() == [0]
     assert rows.at.interval.tolist() == [7]

@@ -10,7 +10,7 @@ from robot_samples import INERTIAL, joint, link, load, robot
 
 import tominpmp as tm
 from tominpmp.collision.decomposition_cache import pieces_of
-from tominpmp.collision.selection import links_of
+from tominpmp.collision.selection import link_bodies
 from tominpmp.collision.shapes import is_mesh
 from tominpmp.verification.closest_approach import ClosestApproach
 
@@ -86,8 +86,8 @@ def test_starts_and_goals_that_touch_are_left_and_reached(rail: tm.Robot) -> Non
 @pytest.mark.parametrize("name", ("panda", "ur5", "xarm7", "kinova"))
 def test_convex_pieces_hold_their_meshes(name: str) -> None:
     arm = tm.load_robot(name)
-    pieces = links_of(arm, "convex")
-    for part, body in enumerate(links_of(arm, "mesh")):
+    pieces = link_bodies(arm, "convex")
+    for part, body in enumerate(link_bodies(arm, "mesh")):
         if not is_mesh(body.shape):
             continue
         whole = pieces_of(body.shape)

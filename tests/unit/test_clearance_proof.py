@@ -14,6 +14,8 @@ from tominpmp.robot.robot import Robot
 from tominpmp.scene.obstacles import Box, Sphere
 from tominpmp.scene.scene import Scene
 from tominpmp.verification.clearance import prove_clearance
+from tominpmp.verification.closest_approach import ClosestApproach
+from tominpmp.verification.replay import planned
 
 
 def turning(robot: Robot, first: float, last: float, intervals: int = 4) -> Trajectory:
@@ -250,3 +252,21 @@ def test_each_segment_is_among_its_own_obstacles(planar3r: Robot) -> None:
     gone = [replace(way, scene=Scene()) for way in ways]
     clear = tm.Problem(planar3r, rest, scene=ahead, segments=gone)
     assert replace(free, problem=clear).prove_clearance().proved
+
+
+def test_a_motion_without_duration_keeps_its_clearance(planar3r: Robot) -> None:
+    q = [0.5, 1.7, -1.7]
+    scene = Scene([Sphere("ball", radius=0.3, position=(0.0, 2.5, 0.0))])
+    problem = tm.Problem(planar3r, q, tm.JointGoal(q), scene=scene, margin=0.02)
+    proof = tm.plan(problem).prove_clearance()
+    assert proof.proved and proof.distance == pytest.approx(1.257, abs=1e-3)
+
+
+def test_a_row_of_a_replay_is_measured_at_its_own_time(planar3r: Robot) -> None:
+    gate = tm.Box("gate", size=(1, 1, 1), motion=tm.ConstantVelocity((0, 0.5, 0)))
+    checker = CollisionChecker(planar3r, Scene([replace(gate, position=(0, -9, 0))]))
+    rows = planned(turning(planar3r, 0.2, 0.9)).between(1.0, 1.0)
+    search = ClosestApproach(checker, rows, np.zeros(len(checker.pairs))).run()
+    assert search.time == pytest.approx(1.0)
+    nearest = np.min(checker.distances(rows.q, times=np.ones(1)))
+    assert search.clearance == pytest.approx(nearest)

@@ -21,7 +21,7 @@ from tominpmp.cli.plan import LOGGER, Progress
 from tominpmp.collision import decomposition, decomposition_cache
 from tominpmp.collision.checker import CollisionChecker
 from tominpmp.stopping import Stop
-from tominpmp.verification.nearest import closest
+from tominpmp.verification.nearest import nearest_pair
 
 ENDS = [0.0, -1.2, 1.0, 0.0, 0.5, 0.0], [1.5, -0.8, 0.4, 0.3, -0.5, 1.0]
 MESHES = 7
@@ -147,7 +147,7 @@ def test_without_time_to_cut_a_motion_clear_by_hulls_is_kept(
     known = solution.verification.min_clearance
     decomposition_cache._known_pieces.cache_clear()
     problem = straight()
-    found = closest(problem, solution.verification.replay, problem.checker, 1e-6)
+    found = nearest_pair(problem, solution.verification.replay, problem.checker, 1e-6)
     assert found is not None and found[1].distance == known
 
     def late(mesh: Any) -> Any:
@@ -157,7 +157,7 @@ def test_without_time_to_cut_a_motion_clear_by_hulls_is_kept(
     monkeypatch.setattr(decomposition, "decompose", late)
     monkeypatch.setattr(decomposition_cache, "_read", lambda path: None)
     problem = straight()
-    bound = closest(problem, solution.verification.replay, problem.checker, 1e-6)
+    bound = nearest_pair(problem, solution.verification.replay, problem.checker, 1e-6)
     assert bound is not None and not bound[0].violated
     assert 0.0 < bound[1].distance <= known
 
@@ -177,7 +177,7 @@ def test_a_motion_through_itself_is_no_less_so_without_time(
     monkeypatch.setattr(decomposition, "decompose", late)
     watched = straight(arm)
     with pytest.raises(Stop):
-        closest(watched, motion.verification.replay, watched.checker, 1e-6)
+        nearest_pair(watched, motion.verification.replay, watched.checker, 1e-6)
 
 
 def test_cutting_is_told_before_and_after(

@@ -17,6 +17,8 @@ from tominpmp.exceptions import ProblemError
 G = 9.81
 DOWN, SIDE = (0.0, 0.0, -G), (0.0, -G, 0.0)
 TENSOR = np.diag([2e-3, 3e-3, 4e-3])
+# A pentagram, whose edges all turn to the left.
+STAR = [(np.cos(angle), np.sin(angle)) for angle in 0.8 * np.pi * np.arange(5)]
 SQUARE = [(-0.03, -0.02), (0.05, -0.02), (0.05, 0.04), (-0.03, 0.04)]
 ITEMS = (
     tm.StableContact("tool0", (0.01, 0.0, 0.1), 0.4),
@@ -193,6 +195,7 @@ def test_what_cannot_be_held_even_at_rest_is_an_error(item, words):
             ),
             "convex polygon",
         ),
+        (lambda: tm.StableContact("a", (0, 0, 1), 0.5, STAR), "convex polygon"),
         (lambda: tm.StableContact("a", (0, 0, 1), 0.5, mass=-1), "mass is -1"),
         (
             lambda: tm.StableContact("a", (0, 0, 1), 0.5, inertia=-np.eye(3)),

@@ -17,7 +17,7 @@ from two_link_cases import CASES as FAMILIES
 from tominpmp.bounds.energy import gravity_bounds
 from tominpmp.bounds.lower_bound import lower_bound
 from tominpmp.bounds.result import LowerBound
-from tominpmp.collision.placements import Placements
+from tominpmp.collision.placements import JointPlacements
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.base import Goal
 from tominpmp.goals.frames import AxisGoal, PoseGoal, PositionGoal, RegionGoal
@@ -228,7 +228,7 @@ def test_points_of_links_move_no_more_than_their_bound(
     point, radius = np.array([0.6, 0.1, 0.2]), 0.05
     ball = np.array([joint]), point[None], np.array([radius])
     middle, half = rng.uniform(-1.0, 1.0, (40, 3)), rng.uniform(0.0, 0.8, (40, 3))
-    moved = Placements(arm.model).displacements(middle, half, *ball)
+    moved = JointPlacements(arm.model).displacements(middle, half, *ball)
     bound = np.sum(moved, axis=2)[:, 0]
     kinematics, largest = RobotKinematics(arm), np.zeros(40)
     for _ in range(25):

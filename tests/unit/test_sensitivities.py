@@ -163,12 +163,18 @@ def test_a_cycle_is_the_sum_of_its_motions() -> None:
     assert cycle.total("effort") == pytest.approx(expected / cycle.T)
     longer = Sensitivities.of_cycle([one], 2.0 * one.T)
     assert longer.total("effort") == pytest.approx(0.5 * one.total("effort"))
-    with pytest.raises(tm.ProblemError, match="expected at least their duration"):
+    with pytest.raises(tm.ProblemError, match="expected at least"):
         Sensitivities.of_cycle([one], 0.5 * one.T)
     with pytest.raises(tm.ProblemError, match="at least one motion"):
         Sensitivities.of_cycle([])
     with pytest.raises(tm.ProblemError, match="parts is"):
         Sensitivities.of_cycle([1.0])  # type: ignore[list-item]
+    resting = Sensitivities(0.0, (), 0.0, np.zeros(6))
+    assert Sensitivities.of_cycle([resting]).T == 0.0
+    with pytest.raises(tm.ProblemError, match="T is 'long'"):
+        Sensitivities.of_cycle([one], "long")  # type: ignore[arg-type]
+    with pytest.raises(tm.ProblemError, match="names"):
+        Sensitivities.of_cycle([one, one], names=["pick"])
 
 
 def test_goals_of_a_cycle_stay_apart() -> None:

@@ -15,7 +15,7 @@ import pytest
 from sample_arms import DOWNWARD, make_arm, rod
 
 import tominpmp as tm
-from tominpmp.certificate.motion import Motion
+from tominpmp.certificate.motion import GridMotion
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification.replay import torque_pieces
@@ -130,7 +130,7 @@ def test_accelerations_of_given_torques_are_those_before_the_stop() -> None:
     motion = solution.trajectory
     assert motion is not None
     assert motion.inverse_dynamics is None
-    seen = Motion.of(ProblemFunctions.of(problem), motion)
+    seen = GridMotion.of(ProblemFunctions.of(problem), motion)
     found = seen.states(seen.instants(0.0, 1.0)).a[-2:]
     cubic = motion(motion.duration).a
     assert np.allclose(found, cubic, rtol=1e-3, atol=1e-3 * np.abs(cubic).max())

@@ -35,6 +35,17 @@ def test_the_other_one_is_told_by_its_number_and_limit_and_both_by_their_size():
         )
 
 
+def test_constraints_of_equal_time_windows_contradict_each_other() -> None:
+    items = [
+        tm.KeepUpright("tip", UP, direction, 0.05, during=(0.0, 1.0))
+        for direction in (UP, ACROSS)
+    ]
+    with pytest.raises(ProblemError, match="number 1 of the constraints"):
+        tm.Problem(
+            arm(), [0.8, -1.6, 0.8], tm.JointGoal([0.5, -1.0, 0.5]), constraints=items
+        )
+
+
 def test_of_a_load_that_is_not_held_at_the_start_it_is_told_why():
     """The tray is upright where the arm is stretched out, in the plane of gravity."""
     glass = tm.StableContact("tip", (0.0, 0.0, 0.1), 0.3)

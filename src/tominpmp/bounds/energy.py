@@ -27,7 +27,9 @@ if TYPE_CHECKING:
 
 
 def energy_bounds(problem: Problem, q: Array, ends: Array) -> list[LowerBound]:
-    """Bound on motions to a configuration; empty if a rotor has no inertia.
+    """Bound on motions to a configuration.
+
+    Empty if a rotor has no inertia, joints are coupled, or torques are unlimited.
 
     Args:
         problem: The problem.
@@ -56,7 +58,7 @@ def energy_bounds(problem: Problem, q: Array, ends: Array) -> list[LowerBound]:
 
 
 def effort_bounds(problem: Problem) -> tuple[Array, Array]:
-    """Least and largest torques that motions may use at any speed, shape (n,) each."""
+    """Least and largest torques that motions may use, over all speeds, (n,) each."""
     middle, half = effort_range(problem.robot, problem.motion_limits)
     lower, upper = middle - half, middle + half
     for i, curve in effort_curves(problem):

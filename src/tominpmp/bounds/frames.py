@@ -10,7 +10,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.bounds.least_time import last_bracket
 from tominpmp.bounds.result import LowerBound
-from tominpmp.collision.placements import Placements
+from tominpmp.collision.placements import JointPlacements
 from tominpmp.goals.base import Goal
 from tominpmp.kinematics import FrameMotions, RobotKinematics, prismatic_joints
 from tominpmp.problem.problem import Problem
@@ -24,16 +24,16 @@ BISECTIONS = 5
 TURNING_BISECTIONS = 40
 # Tolerance of the final pose: goals that are out of reach by less have a finite bound
 # [m or rad].
-ACCEPTED = 1e-3
+POSE_TOLERANCE = 1e-3
 # First and largest time of the searches [s].
 SHORTEST, LONGEST = 1e-2, 100.0
 
 # Function from a time to the largest displacement of each joint in it, shape (n,).
-Reach = Callable[[float], Array]
+ReachInTime = Callable[[float], Array]
 
 
 def frame_bounds(
-    problem: Problem, goal: Goal, frame: str, reach: Reach, longest: float
+    problem: Problem, goal: Goal, frame: str, reach: ReachInTime, longest: float
 ) -> list[LowerBound]:
     """Bounds for a goal on a frame, from its rotation and from its translation.
 
@@ -47,7 +47,7 @@ def frame_bounds(
     bounds, longest = [], min(longest, LONGEST)
     place = RobotKinematics(problem.robot).placement(problem.q_start, frame)
     angle = goal.angle_to_go(np.asarray(place.rotation))
-    if angle > ACCEPTED:
+    if angle > POSE_TOLERANCE:
         # A smaller angle may be rounding, and prismatic joints cannot turn a frame.
         T = _turning_time(problem, frame, angle, reach, longest)
         bounds.append(LowerBound(T, f"frame {frame} has {angle:.4g} rad to turn"))
@@ -82,7 +82,7 @@ def tool_speed_bounds(problem: Problem, goal: Goal) -> list[LowerBound]:
 
 
 def _turning_time(
-    problem: Problem, frame: str, angle: float, reach: Reach, longest: float
+    problem: Problem, frame: str, angle: float, reach: ReachInTime, longest: float
 ) -> float:
     """Largest time in which the joints cannot turn a frame by an angle [s]."""
     robot, model = problem.robot, problem.robot.model
@@ -103,7 +103,7 @@ def _turning_time(
 
 
 def _carrying_time(
-    problem: Problem, goal: Goal, frame: str, farthest: Reach, longest: float
+    problem: Problem, goal: Goal, frame: str, farthest: ReachInTime, longest: float
 ) -> float:
     """Largest time for which a proof shows that no motion brings a frame to its goal.
 
@@ -117,7 +117,7 @@ def _carrying_time(
     robot, q, limits = problem.robot, problem.q_start, problem.robot.limits
     item = robot.model.frames[robot.frame_id(frame)]
     place = np.array([item.parentJoint]), np.array([item.placement.translation])
-    placements, frames = Placements(robot.model), FrameMotions(robot, frame)
+    placements, frames = JointPlacements(robot.model), FrameMotions(robot, frame)
     spread = np.abs(robot.expand_tangent(np.eye(robot.n)))
     slides = prismatic_joints(robot)
     if not np.any(np.isfinite(farthest(1.0))):
@@ -140,7 +140,7 @@ def _carrying_time(
             box = robot.expand(middle), half @ spread
             shifts = placements.displacements(*box, *place, np.zeros(1))[:, 0]
             apart = goal.distances(frames.placements(middle).origin)
-            near = np.asarray(apart) <= np.sum(shifts, axis=1) + ACCEPTED
+            near = np.asarray(apart) <= np.sum(shifts, axis=1) + POSE_TOLERANCE
             if not near.any():
                 return True
             if 2 * int(near.sum()) > MAX_BOXES:

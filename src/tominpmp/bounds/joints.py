@@ -17,7 +17,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, BoolArray
 from tominpmp.bounds.energy import effort_bounds, effort_curves
-from tominpmp.bounds.least_time import Both, Change, Drive, Ramp, SpeedLaw
+from tominpmp.bounds.least_time import Both, Drive, Ramp, SpeedChange, SpeedLaw
 from tominpmp.bounds.result import LowerBound
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.goals.turns import TURN
@@ -117,12 +117,12 @@ def joint_bounds(
     bounds = []
     ranges = zip(lower.tolist(), upper.tolist(), strict=True)
     pairs = zip(*ends.tolist(), strict=True)
-    # A joint at rest takes the nearest turn; one that moves may go on.
+    # A joint at rest takes the nearest turn; a moving joint may take a further turn.
     moving = turning & np.any(ends != 0.0, axis=0)
     each = zip(joints, ranges, pairs, moving.tolist(), strict=True)
-    for joint, (least, most), velocities, goes_on in each:
+    for joint, (least, most), velocities, passes in each:
         T, way = _least(joint, least, most, velocities)
-        for side in (TURN, -TURN) if goes_on else ():
+        for side in (TURN, -TURN) if passes else ():
             turns, step = 0, 1
             while step:
                 further = (turns + step) * side
@@ -153,7 +153,7 @@ def _least(
 
 
 def reach_of(joints: Sequence[Joint], ends: Array) -> Callable[[float], Array]:
-    """Largest displacement of each joint in a time, shape (n,).
+    """Function from a time to the largest displacement of each joint, shape (n,).
 
     Args:
         joints: The joints.
@@ -200,8 +200,11 @@ def _torque_drive(
             total = total.lower_of(SpeedLaw.line(acceleration))
         return total
 
-    def smooth(item: SpeedLaw) -> Change:
-        """Changes of speed that also obey the limits of jerk and torque rate."""
+    def smooth(item: SpeedLaw) -> SpeedChange:
+        """Changes of speed that also obey the limits of jerk and torque rate.
+
+        These limits count from zero acceleration, at smooth ends only.
+        """
         most = item.highest(top)
         # The torque of friction and gravity changes in addition to the motor torque.
         changes = ((float(robot.damping[0]), most), (wave, top))

@@ -29,7 +29,7 @@ from tominpmp.arrays import Array
 ROUNDING = 1e-9
 # Tolerance of the goal [rad or m], and tolerance as a share of the braking distance, in
 # accordance with the tolerances of the verification.
-OFF, SHARE = 1e-3, 5e-3
+TOLERANCE, SHARE = 1e-3, 5e-3
 # Number of bisections for a peak, and the peak speed that counts as infinite.
 HALVINGS, FASTEST = 60, 1e12
 # Relative change of an acceleration below which it is integrated by Simpson's rule, as
@@ -37,7 +37,7 @@ HALVINGS, FASTEST = 60, 1e12
 STRAIGHT = 1e-3
 
 
-class Change(Protocol):
+class SpeedChange(Protocol):
     """The fastest change of the speed between two values.
 
     The same object describes speeding up from the lower value, and slowing down to it.
@@ -56,7 +56,7 @@ class Change(Protocol):
         """
 
     @property
-    def abrupt(self) -> Change:
+    def abrupt(self) -> SpeedChange:
         """The change if accelerations may jump."""
 
 
@@ -73,7 +73,7 @@ class Ramp:
     jerk: float = math.inf
 
     def __call__(self, low: float, high: float) -> tuple[float, float]:
-        """See :class:`Change`."""
+        """See :class:`SpeedChange`."""
         change, most = high - low, self.acceleration
         if change <= 0.0:
             return 0.0, 0.0
@@ -89,7 +89,7 @@ class Ramp:
 
     @property
     def abrupt(self) -> Ramp:
-        """See :class:`Change`."""
+        """See :class:`SpeedChange`."""
         return Ramp(self.acceleration)
 
 
@@ -161,7 +161,7 @@ class SpeedLaw:
         return pieces
 
     def __call__(self, low: float, high: float) -> tuple[float, float]:
-        """See :class:`Change`."""
+        """See :class:`SpeedChange`."""
         time = integral = 0.0
         for v, w, ends in self._pieces(low, high):
             if v == w:
@@ -175,7 +175,7 @@ class SpeedLaw:
 
     @property
     def abrupt(self) -> SpeedLaw:
-        """See :class:`Change`."""
+        """See :class:`SpeedChange`."""
         return self
 
 
@@ -235,17 +235,17 @@ class Both:
         ramp: The limit for speeds from zero on.
     """
 
-    law: Change
-    ramp: Change
+    law: SpeedChange
+    ramp: SpeedChange
 
     def __call__(self, low: float, high: float) -> tuple[float, float]:
-        """See :class:`Change`: the larger time and integral of both limits."""
+        """See :class:`SpeedChange`: the larger time and integral of both limits."""
         law, ramp = self.law(low, high), self.ramp(max(low, 0.0), high)
         return max(law[0], ramp[0]), max(law[1], ramp[1])
 
     @property
-    def abrupt(self) -> Change:
-        """See :class:`Change`."""
+    def abrupt(self) -> SpeedChange:
+        """See :class:`SpeedChange`."""
         return self.law
 
 
@@ -261,8 +261,8 @@ class OneWay:
             direction, possibly infinite.
     """
 
-    up: Change
-    down: Change
+    up: SpeedChange
+    down: SpeedChange
     top: float
     ends: tuple[float, float]
 
@@ -320,8 +320,8 @@ class Drive:
         top: Speed limit, possibly infinite.
     """
 
-    ahead: tuple[Change, Change]
-    back: tuple[Change, Change]
+    ahead: tuple[SpeedChange, SpeedChange]
+    back: tuple[SpeedChange, SpeedChange]
     top: float
 
     def farthest(self, T: float, ends: tuple[float, float]) -> float:
@@ -363,7 +363,7 @@ class Drive:
         up, down = self.ahead if way >= 0.0 else self.back
         time, integral = (up if v1 >= v0 else down).abrupt(min(v0, v1), max(v0, v1))
         braking = max(v0, v1) * time - integral
-        if braking - abs(way) <= OFF + SHARE * abs(braking) or math.isinf(time):
+        if braking - abs(way) <= TOLERANCE + SHARE * abs(braking) or math.isinf(time):
             return self._one_way(side, (v0, v1)).least_time(abs(way))
         # Braking takes longer than the displacement: the motion overshoots and returns.
         return self._one_way(-side, (-v0, -v1)).least_time(-abs(way))

@@ -46,7 +46,7 @@ def lower_bound(
     Args:
         problem: The problem.
         known: Duration of a motion that solves the problem [s], as an upper end of the
-            searches; infinite if no motion is known.
+            searches, not used for segments; infinite if no motion is known.
         quick: Without effect, as the bounds of arms with two joints were removed: it
             causes a warning until the next release.
 
@@ -54,7 +54,8 @@ def lower_bound(
         The largest bound.
 
     Raises:
-        ProblemError: If the known duration is not positive.
+        ProblemError: If the problem is not a problem, or the known duration is not
+            positive.
     """
     instance(problem, Problem, "problem")
     if quick is not None:
@@ -66,7 +67,10 @@ def lower_bound(
 
 
 def _of_segments(problem: Problem) -> LowerBound:
-    """The bound of the last arrival and its dwell, or that of the last goal alone."""
+    """The bound of the last arrival and its dwell, or that of the last goal alone.
+
+    The latter counts if the robot and its limits are the same on all segments.
+    """
     bound = _arrival_bounds(problem)[-1]
     total = bound.T + problem.segments[-1].dwell
     same = all(phase.robot is problem.robot for phase in problem.phases) and all(

@@ -18,7 +18,7 @@ class LowerBound:
     Attributes:
         T: The bound [s]; 0 if no bound is known.
         reason: Reason of the bound, as a clause.
-        joint: Name of the joint that causes the bound; None for several joints.
+        joint: Name of the joint that causes the bound; None for other bounds.
     """
 
     T: float

@@ -44,8 +44,8 @@ def with_bound(
 ) -> Certificate:
     """The certificate of an admissible motion in view of a lower bound on T.
 
-    If the bound shows that no motion is faster by more than the tolerance, a larger
-    predicted gain of first order is disregarded.
+    If the bound shows that no motion is faster by more than the tolerance, failures of
+    the first-order conditions are disregarded.
 
     Args:
         certificate: The certificate.

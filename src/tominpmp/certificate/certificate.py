@@ -14,12 +14,14 @@ class ActiveLimit(Record):
 
     Attributes:
         kind: "effort", "velocity", "position", "acceleration", "jerk", "effort rate",
-            "effort over speed", "clearance" or "arrival".
-        name: Name of the joint, of the pair ("link and obstacle"), or of the segment.
+            "effort over speed", "clearance", "arrival", or the name of a constraint.
+        name: Name of the joint, of the pair ("link and obstacle"), of the segment, or
+            of the subject of the constraint.
         begin: Beginnings of the intervals on which the limit is active [s], shape (m,).
         end: Ends of the intervals [s], shape (m,).
-        multiplier: Time gained per time and unit by which the limit is relaxed: a share
-            of the limit, rad or m, shape (m,).
+        multiplier: Time gained per time and unit by which the limit is relaxed, shape
+            (m,). The unit is a share of the limit; rad or m for positions, m for
+            clearances, s for arrivals, and the unit of the quantity for constraints.
         upper: Whether the upper limit is active, otherwise the lower, shape (m,).
     """
 
@@ -43,7 +45,7 @@ class Certificate(Record):
         t: Nodes at which the motion was examined [s], shape (N + 1,).
         costates: Derivatives of the duration with respect to (q, v) [s/rad or s/m,
             s^2/rad or s^2/m], just after the start and just before the other nodes,
-            shape (N + 1, 2 n).
+            shape (N + 1, 2 n). For several segments the first row repeats the second.
         switching: Switching functions: derivatives of the Hamiltonian with respect to
             the torques, each in units of half its range, mean over the intervals, shape
             (N, n).
@@ -53,9 +55,10 @@ class Certificate(Record):
         hamiltonian_deviation: Largest difference of H from its mean, relative to the
             cost of time, which is 1.
         hamiltonian_mean_deviation: Mean difference of H from its mean, over time.
-        sign_share: Share of the time, mean over the joints, in which the torque obeys
-            its switching function: the torque is at the limit that the sign requires,
-            or the switching function is zero.
+        sign_share: Share of the time, mean over the joints with a motor, in which the
+            torque obeys its switching function: the torque is at the limit that the
+            sign requires, the switching function is zero, or their product gains no
+            more than the tolerance.
         saturated_share: Share of the time in which an actuator is saturated.
         active_share: Share of the time in which a limit of any kind is active.
         complementarity: Sum of multiplier times slack over all limits, as a share of T.
@@ -64,9 +67,11 @@ class Certificate(Record):
             the trust region bounds.
         grid_gain: Predicted reduction if torques may also switch within the intervals.
         costate_error: Largest difference between the costates and the adjoint equation,
-            integrated over each interval, relative to the largest costate; None where
-            limits on accelerations or torque rates enter the adjoint equation.
-        tolerance: Upper bound of ``stationarity``.
+            integrated over each interval, relative to the largest costate; None for
+            several segments, where limits on accelerations or torque rates enter the
+            adjoint equation, and where the conditions cannot be evaluated.
+        tolerance: Upper bound of ``stationarity``, with the share of T that rounding to
+            a clock may have cost.
         seconds: Computation time [s].
     """
 

@@ -17,14 +17,14 @@ from typing import NamedTuple
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.certificate.motion import Motion
+from tominpmp.certificate.motion import GridMotion
 from tominpmp.constraints.clearance import ClearanceConstraint
 from tominpmp.motion.extrema import local_maxima, rising_then_falling
 
 # Shares of intervals at which pairs that stay near have rows in addition, and at which
-# constraints always have rows: middles and ends.
+# constraints have rows wherever they are near their bounds: middles and ends.
 REGULAR = (0.5, 1.0)
-# Clearance beyond which a pair has no row, as a share of the reach.
+# Clearance beyond the margin from which a pair has no row, as a share of the reach.
 ATTENTION = 0.03
 # Number of samples of an interval, between which the nearest instants of pairs and
 # constraints are located.
@@ -59,7 +59,7 @@ class NearestInstants(NamedTuple):
     rates: Array
 
 
-def nearest_instants(motion: Motion, item: ClearanceConstraint) -> NearestInstants:
+def nearest_instants(motion: GridMotion, item: ClearanceConstraint) -> NearestInstants:
     """Nearest instants of all pairs, and instants at which pairs stay near.
 
     Args:
@@ -103,7 +103,7 @@ class _Slopes(NamedTuple):
 class _Clearances:
     """Missing clearances of collision pairs along a motion."""
 
-    motion: Motion
+    motion: GridMotion
     item: ClearanceConstraint
 
     def missing(self, times: Array) -> Array:

@@ -15,16 +15,17 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array
+from tominpmp.certificate.dwells import rest_nodes
 from tominpmp.certificate.limits import PASSIVE, TRUST, LimitRows, limits_of
-from tominpmp.certificate.motion import Motion
-from tominpmp.certificate.stays import rest_nodes
+from tominpmp.certificate.motion import GridMotion
 from tominpmp.linear_programs.piqp import PiqpSolver, Termination
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.problem.controls import control_kind
 from tominpmp.transcription.instants import Instants
 
 # Radii of the trust region: of positions in rad or shares of the reach, of velocities
-# in these units over the duration, and of the duration as a share of itself.
+# in these units over the duration, and of the duration of each segment as a share of
+# itself.
 RADIUS, SPEED_RADIUS, LENGTH_RADIUS = 1.0, 10.0, 0.5
 # Radius of the trust region of a small motion, in units of its displacement: the same
 # motion on another scale has the same predicted gain.
@@ -32,9 +33,9 @@ DISPLACEMENTS = 100.0
 # Share by which each interval may be longer or shorter in addition. Of several optimal
 # sets of multipliers this selects a set whose Hamiltonian is constant.
 SHIFT = 1e-3
-# Relative accuracy of the predicted gain, and the iterations allowed for it: where
-# limits overlap, interior points converge slowly, and simplex methods take tens of
-# seconds.
+# Accuracy of the predicted gain, as a share of the duration or of the objective, and
+# largest number of iterations: where limits overlap, interior points converge slowly,
+# and simplex methods take tens of seconds.
 ACCURACY = Termination(gap=2e-5, share=0.01, iterations=100, residual=1e-7)
 # Positions in an interval at which costates may jump; an even number includes the
 # middle.
@@ -51,10 +52,11 @@ class DualSolution:
         jumps: Decreases of the costates within the intervals, at the positions k /
             PLACES nearest to an active state limit; the last position holds the
             decrease at the node after the interval, shape (N, PLACES + 1, 2 n).
-        switching: Derivatives of the Hamiltonian with respect to the torques, mean over
-            each interval, in shares of the torque limits, shape (N, n).
+        switching: Derivatives of the Hamiltonian with respect to the torques, each in
+            units of half its range, mean over the intervals, shape (N, n).
         hamiltonian: Mean of the Hamiltonian over each interval, shape (N,).
-        multipliers: All limits with their multipliers, the trust region included.
+        multipliers: All limits with their multipliers, goals and the trust region
+            included.
         predicted_gain: Predicted reduction of the duration, to first order, as a share
             of the duration.
         state_scale: Changes of the state that the trust region allows, shape (2 n,).
@@ -70,7 +72,7 @@ class DualSolution:
 
 
 def solve_dual_program(
-    motion: Motion, enough: float = 0.0, *, near: bool = True
+    motion: GridMotion, enough: float = 0.0, *, near: bool = True
 ) -> DualSolution | None:
     """Costates and multipliers of a motion; None if the program cannot be solved.
 
@@ -95,7 +97,7 @@ class _Program:
     each segment; rows are the equations of motion, the limits, and the goals.
     """
 
-    def __init__(self, motion: Motion, near: bool = True) -> None:
+    def __init__(self, motion: GridMotion, near: bool = True) -> None:
         self.motion = motion
         changes, system = motion.changes, motion.system
         self.n, self.N = changes.n, changes.N
@@ -114,7 +116,8 @@ class _Program:
 
         The unknowns are the states at all nodes except the first; the accelerations of
         intervals or at nodes, which are unbounded except for zero accelerations at ends
-        and dwells; and the lengths of intervals and segments in shares of the duration.
+        and dwells; the lengths of intervals in shares of the duration; and the lengths
+        of segments in shares of themselves.
         """
         N, n, motion, changes = self.N, self.n, self.motion, self.motion.changes
         free = np.full((changes.controls, n), np.inf)
@@ -231,7 +234,7 @@ class _Program:
         out = np.zeros((self.N, 2 * self.n))
         at_end = self.T * torques.y[:, None] * torques.slopes
         np.add.at(out, interval[share == 1.0], at_end[share == 1.0])
-        if self.motion.changes.shape == "ramps":
+        if self.motion.changes.profile == "ramps":
             # A node represents half of each of the two adjacent intervals.
             at_begin = (share == 0.0) & (interval > 0)
             np.add.at(out, interval[at_begin] - 1, 0.5 * at_end[at_begin])
@@ -242,7 +245,7 @@ class _Program:
         N, n, h = self.N, self.n, self.motion.changes.h
         interval, share = torques.at.interval, torques.at.share
         at_nodes, inside = np.zeros((N + 1, n)), np.zeros((N, n))
-        ramps = self.motion.changes.shape == "ramps"
+        ramps = self.motion.changes.profile == "ramps"
         of_node = np.isin(share, (0.0, 1.0)) & ramps
         for out, place, rows in (
             (at_nodes, interval + (share == 1.0), of_node),

@@ -1,9 +1,9 @@
 """Limits of a motion as linear rows on its small changes, with their multipliers.
 
 The rows linearise the same constraints as the programs that plan motions, at instants
-of the certificate: joint limits at the nodes and at maxima between the nodes. Other
-constraints of a problem are sampled finely in time, and have rows where they are
-nearest to their bounds.
+of the certificate: joint limits at the nodes and at maxima between the nodes, torques
+that are constant on intervals in the middles. Other constraints of a problem are
+sampled finely in time, and have rows where they are nearest to their bounds.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.certificate.clearances import REGULAR, SAMPLES, nearest_instants
-from tominpmp.certificate.motion import Motion
+from tominpmp.certificate.motion import GridMotion
 from tominpmp.constraints.base import Constraint, Partials, States
 from tominpmp.constraints.final import Arrival, GoalReached
 from tominpmp.constraints.joint_limits import JointLimit
@@ -37,7 +37,7 @@ GOAL = "goal"
 SEGMENT = 1 << 20
 # Kinds of rows of arrival times, and of the torques of joints without a motor.
 ARRIVAL, PASSIVE = "arrival", "passive"
-# Shares of the intervals at which torques, speeds and positions are inspected.
+# Shares of the intervals at which limits of joints and motors are inspected.
 SHARES = tuple((np.arange(11) / 10).tolist())
 MIDDLE = len(SHARES) // 2
 # A value has a row inside an interval if it exceeds the values at both ends of the
@@ -63,7 +63,9 @@ class LimitRows:
     Attributes:
         kind: "effort", "velocity", "clearance", ..., shape (m,).
         at: Instants of the rows.
-        subject: Joint of each row, or collision pair, shape (m,).
+        subject: Number of the joint of each row, or of the collision pair, constraint,
+            component of the goal or segment; -1 for lengths, shape (m,). Pairs,
+            constraints and components are numbered from SEGMENT times their segment.
         below: Lower limit minus value: negative for slack, minus infinity without a
             lower limit, positive where the motion violates the limit, shape (m,).
         above: Upper limit minus value: positive for slack, infinity without an upper
@@ -73,8 +75,8 @@ class LimitRows:
         change: Derivatives of the limited quantities with respect to the unknowns,
             shape (m, size); zero for the unknowns themselves, which are columns of the
             program.
-        unit: Unit of each row in units of its limit: the reach for clearances [m],
-            shape (m,).
+        unit: Unit of each row in units of :attr:`slack`, for example the reach for
+            clearances [m], shape (m,).
         of_state: Whether each row limits the state, so that the costate jumps at its
             instant; torques limit the control, shape (m,).
         component: Index of the value within its constraint, shape (m,).
@@ -130,7 +132,8 @@ class LimitRows:
         """Slack to the active limit, >= 0, shape (m,).
 
         Its unit is a share of the limit for torques, velocities, accelerations and
-        rates, rad or m for positions, and m for clearances.
+        rates, rad or m for positions, m for clearances, s for arrivals, and the unit of
+        the quantity for constraints.
         """
         return np.where(self.upper_active, self.upper, -self.lower) * self.unit
 
@@ -178,12 +181,12 @@ class LimitRows:
 # -- from the constraints of a problem -------------------------------------------------
 
 
-def limits_of(motion: Motion, near: bool = True) -> LimitRows:
+def limits_of(motion: GridMotion, near: bool = True) -> LimitRows:
     """Rows of all limits and goals, segment by segment.
 
     Args:
         motion: The motion.
-        near: Whether distances have rows, for which all meshes have to be decomposed
+        near: Whether distances have rows, for which meshes may have to be decomposed
             into convex pieces.
     """
     every = [*_arrivals(motion)]
@@ -202,7 +205,7 @@ def limits_of(motion: Motion, near: bool = True) -> LimitRows:
     return LimitRows.joined(every)
 
 
-def limits_of_joints(part: Motion) -> list[JointLimit | MotorLimit]:
+def limits_of_joints(part: GridMotion) -> list[JointLimit | MotorLimit]:
     """Joint and motor limits on a segment of a motion."""
     system = replace(part.system, clearance_rows=None)  # distances take time
     every = system.constraints
@@ -224,7 +227,7 @@ class SampledConstraint:
         upper: Upper bounds of the values, same shape.
     """
 
-    part: Motion
+    part: GridMotion
     item: Constraint
     at: Instants
     states: States
@@ -233,7 +236,7 @@ class SampledConstraint:
     upper: Array
 
     @classmethod
-    def of(cls, part: Motion, item: Constraint, at: Instants) -> SampledConstraint:
+    def of(cls, part: GridMotion, item: Constraint, at: Instants) -> SampledConstraint:
         """Evaluate a constraint at instants of a motion."""
         if isinstance(item, MotorLimit):
             item = item.along(part.ways(at))
@@ -287,9 +290,9 @@ class SampledConstraint:
     def _pinned(self, partials: Partials, index: IntArray) -> Partials:
         """Derivatives of values at instants that are fixed in time, as in a window.
 
-        Where changed lengths of intervals bring a state earlier, the motion goes on
-        until the fixed instant: the rate of the value is added with respect to time.
-        Rates of accelerations are small and neglected.
+        Where changed lengths of intervals bring a state earlier, the motion continues
+        until the fixed instant: the derivative by time is minus the rate of the value
+        along the motion. Rates of accelerations are neglected.
         """
         if not isinstance(self.item, PathConstraint) or self.item.window is None:
             return partials
@@ -301,7 +304,7 @@ class SampledConstraint:
 
 
 def _rows_of(
-    part: Motion,
+    part: GridMotion,
     kind: str,
     at: Instants,
     states: States,
@@ -332,14 +335,14 @@ def _rows_of(
 # -- limits of joints ------------------------------------------------------------------
 
 
-def _of_joints(part: Motion, item: JointLimit | MotorLimit) -> Iterator[LimitRows]:
-    """Rows of positions, speeds and torques at nodes, and at maxima between them."""
+def _of_joints(part: GridMotion, item: JointLimit | MotorLimit) -> Iterator[LimitRows]:
+    """Rows of joint or motor limits at nodes, and at maxima between them."""
     sampled = SampledConstraint.of(part, item, part.instants(*SHARES))
     shape = sampled.values.shape
-    chosen = _chosen(part, item, sampled.excess.reshape(-1, len(SHARES), item.count))
+    chosen = _kept(part, item, sampled.excess.reshape(-1, len(SHARES), item.count))
     unit = item.scale if isinstance(item, JointLimit) and item.order == 0 else 1.0
     if isinstance(item, TorqueLimit):
-        if part.changes.shape == "torques":
+        if part.changes.profile == "torques":
             # Torques may have been merged into their mean over the interval.
             middles = sampled.values.reshape(chosen.shape)[:, MIDDLE]
             middles[:] = part.load
@@ -351,7 +354,7 @@ def _of_joints(part: Motion, item: JointLimit | MotorLimit) -> Iterator[LimitRow
     yield sampled.rows(item.kind.name, item.of_joints, chosen.reshape(shape), unit)
 
 
-def _chosen(part: Motion, item: JointLimit | MotorLimit, excess: Array) -> BoolArray:
+def _kept(part: GridMotion, item: JointLimit | MotorLimit, excess: Array) -> BoolArray:
     """Which values have rows, at the inspected instants of each interval.
 
     Args:
@@ -362,14 +365,14 @@ def _chosen(part: Motion, item: JointLimit | MotorLimit, excess: Array) -> BoolA
     Returns:
         Shape (N, SHARES, p).
     """
-    shape, of_torques = part.changes.shape, isinstance(item, TorqueLimit)
+    profile, of_torques = part.changes.profile, isinstance(item, TorqueLimit)
     if item.field == "q":
         chosen = interior_maxima(excess, -SLACK, TURN)
         chosen[:, -1] |= excess[:, -1] > -FAR
         return chosen
     if isinstance(item, JointLimit) and item.field == "v":
         chosen = interior_maxima(excess, NEAR - 1.0, PEAK)
-        if shape == "ramps":
+        if profile == "ramps":
             chosen[:, MIDDLE] |= _may_peak(part, item, excess) & ~chosen.any(axis=1)
         chosen[:, -1] = True
         return chosen
@@ -378,18 +381,18 @@ def _chosen(part: Motion, item: JointLimit | MotorLimit, excess: Array) -> BoolA
         # ends: it does not change like the mean of the ends.
         excess = excess.copy()
         excess[:, MIDDLE] += FLAT
-    smooth = shape != "torques" and item.field != "a"
+    smooth = profile != "torques" and item.field != "a"
     chosen = interior_maxima(excess, NEAR - 1.0, PEAK) & smooth
-    if of_torques and shape == "torques":
+    if of_torques and profile == "torques":
         chosen[:, MIDDLE] = True
     else:
         chosen[:, 0] = chosen[-1, -1] = True
         # With ramps, the end of an interval equals the beginning of the next interval.
-        chosen[:, -1] |= shape != "ramps"
+        chosen[:, -1] |= profile != "ramps"
     return chosen
 
 
-def _may_peak(part: Motion, item: JointLimit, excess: Array) -> BoolArray:
+def _may_peak(part: GridMotion, item: JointLimit, excess: Array) -> BoolArray:
     """Whether a changed speed may have its maximum inside an interval, shape (N, p).
 
     An acceleration that is raised at the beginning of an interval and lowered at its
@@ -401,10 +404,10 @@ def _may_peak(part: Motion, item: JointLimit, excess: Array) -> BoolArray:
     return np.asarray(h * strongest / 8.0 > -excess[:, MIDDLE] * item.scale)
 
 
-def _slopes(part: Motion, item: JointLimit | MotorLimit) -> LimitRows:
+def _slopes(part: GridMotion, item: JointLimit | MotorLimit) -> LimitRows:
     """Rows of rates of torques and of accelerations (jerks)."""
     first, end = part.span
-    interval = np.arange(first, end - (part.changes.shape != "ramps"))
+    interval = np.arange(first, end - (part.changes.profile != "ramps"))
     sampled = SampledConstraint.of(part, item, part.changes.pairs(interval))
     return sampled.rows(item.kind.name, item.of_joints)
 
@@ -412,7 +415,7 @@ def _slopes(part: Motion, item: JointLimit | MotorLimit) -> LimitRows:
 # -- clearances and constraints of the problem -----------------------------------------
 
 
-def _clearances(part: Motion) -> Iterator[LimitRows]:
+def _clearances(part: GridMotion) -> Iterator[LimitRows]:
     """Rows of clearances near zero, as shares of the reach."""
     item = part.system.clearance
     if item is not None:
@@ -432,7 +435,7 @@ def _clearances(part: Motion) -> Iterator[LimitRows]:
         )
 
 
-def _of_constraint(part: Motion, item: PathConstraint, index: int) -> LimitRows:
+def _of_constraint(part: GridMotion, item: PathConstraint, index: int) -> LimitRows:
     """Rows of a constraint of the problem where it is near its bounds.
 
     Args:
@@ -461,7 +464,7 @@ def _of_constraint(part: Motion, item: PathConstraint, index: int) -> LimitRows:
 # -- goals, and arrival times ----------------------------------------------------------
 
 
-def _arrivals(motion: Motion) -> Iterator[LimitRows]:
+def _arrivals(motion: GridMotion) -> Iterator[LimitRows]:
     """Rows of the arrival times, for segments with limits on them."""
     dwells, segments = 0.0, motion.system.problem.segments
     for part, segment in zip(motion.segments, segments, strict=False):
@@ -473,7 +476,7 @@ def _arrivals(motion: Motion) -> Iterator[LimitRows]:
         dwells += segment.dwell
 
 
-def _goal(part: Motion) -> LimitRows:
+def _goal(part: GridMotion) -> LimitRows:
     """Rows of the goal at the end of a segment."""
     at, kinematics = Instants.end(part.span[1]), part.system.kinematics
     _, q, v, *_ = part.states(at)

@@ -44,14 +44,14 @@ from tominpmp.certificate.dual_program import (
     DualSolution,
     solve_dual_program,
 )
+from tominpmp.certificate.dwells import without_dwells
 from tominpmp.certificate.limits import PASSIVE
-from tominpmp.certificate.motion import Motion
+from tominpmp.certificate.motion import GridMotion
 from tominpmp.certificate.optimality_report import (
     conditions_kept,
     failed_conditions,
     subject_name,
 )
-from tominpmp.certificate.stays import without_dwells
 from tominpmp.checks import instance, number
 from tominpmp.motion.joining import checked_motion
 from tominpmp.motion.samples import Samples
@@ -67,7 +67,8 @@ from tominpmp.verification.verification import Verification, verify
 
 # Largest predicted gain of a certified motion, as a share of the duration.
 TOLERANCE = 0.01
-# Share of the tolerance up to which the predicted gain need not be exact.
+# Share of the tolerance up to which a predicted gain without rows of distances is not
+# computed again with these rows, which can only lower it.
 ENOUGH = 0.3
 # Slack, as a share of half the torque range, up to which a torque is at its limit;
 # switching function below which any torque obeys; and slack up to which a limit is
@@ -99,14 +100,17 @@ def certify(
             certified.
         tolerance: Largest predicted gain of small changes, as a share of the duration.
         control_period: Period of the controller clock of the motion [s], on which no
-            motion is faster by less than a period; None without a clock.
+            motion is faster by less than a period: the share of the duration that
+            rounding to it may have cost is added to the tolerance. None without a
+            clock.
 
     Returns:
         The certificate.
 
     Raises:
         ProblemError: If the motion has other joints than the robot, values that are not
-            finite, or a dwell while obstacles move.
+            finite, or a dwell while obstacles move; or another argument is invalid.
+        ScenarioError: If the samples have other joints than the robot.
     """
     begin = time.perf_counter()
     instance(problem, Problem, "problem")
@@ -128,7 +132,7 @@ def certify(
     return replace(findings.certificate, seconds=time.perf_counter() - begin)
 
 
-class Findings(NamedTuple):
+class Examination(NamedTuple):
     """A certificate, and the multipliers from which it is derived.
 
     Attributes:
@@ -148,7 +152,7 @@ def examine(
     *,
     near: bool = True,
     period: float | None = None,
-) -> Findings:
+) -> Examination:
     """Check the first-order conditions of a motion whose joints were checked before.
 
     Args:
@@ -156,8 +160,8 @@ def examine(
         trajectory: The motion, whose dwells are left out.
         verification: Verification of the motion, if there is one.
         tolerance: Largest predicted gain of small changes, as a share of the duration.
-        near: Whether obstacles are near; otherwise distances have rows only if the
-            predicted gain without them is too large.
+        near: Whether distances have rows at once; otherwise only if the predicted gain
+            without them is too large.
         period: Period of the controller clock of the motion [s]: the share of the
             duration that rounding to it may have cost is added to the tolerance. None
             without a clock.
@@ -171,12 +175,12 @@ def examine(
     # A segment of zero duration has no interval.
     if all(span.begin < span.end for span in spans_of(trajectory, ())):
         with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
-            motion = Motion.of(ProblemFunctions.of(problem), trajectory)
+            motion = GridMotion.of(ProblemFunctions.of(problem), trajectory)
             dual = solve_dual_program(motion, ENOUGH * tolerance, near=near)
             if dual is not None:
                 out = _certificate(motion, dual, verification, tolerance, rounding)
-                return Findings(out, dual)
-    return Findings(_unevaluated(trajectory, verification, tolerance), None)
+                return Examination(out, dual)
+    return Examination(_unevaluated(trajectory, verification, tolerance), None)
 
 
 def _unevaluated(
@@ -214,7 +218,7 @@ def _unevaluated(
 
 
 def _certificate(
-    motion: Motion,
+    motion: GridMotion,
     dual: DualSolution,
     verification: Verification | None,
     tolerance: float,
@@ -224,7 +228,7 @@ def _certificate(
     h, driven, sigma = motion.changes.h, motion.driven, dual.switching
     T, H, limits = float(h.sum()), dual.hamiltonian, motion.system.motion_limits
     load = motion.loads
-    if motion.changes.shape == "torques":
+    if motion.changes.profile == "torques":
         load = motion.load[:, None]
     # Slack of the torques to their limits, in half ranges, shape (N, n).
     above = np.maximum(1.0 - load.max(axis=1), 0.0)
@@ -285,7 +289,7 @@ def _certificate(
     return replace(out, ok=not failed, message=message)
 
 
-def _active(motion: Motion, dual: DualSolution) -> Iterator[ActiveLimit]:
+def _active(motion: GridMotion, dual: DualSolution) -> Iterator[ActiveLimit]:
     """Active limits: limits without slack and with a multiplier above a threshold."""
     limits, (t, h) = dual.multipliers, (motion.changes.t, motion.changes.h)
     density = limits.value * float(t[-1]) / h[limits.at.interval]
@@ -311,7 +315,7 @@ def _active(motion: Motion, dual: DualSolution) -> Iterator[ActiveLimit]:
 # -- costates by the adjoint equation --------------------------------------------------
 
 
-def _integrated(motion: Motion, dual: DualSolution, replay: Replay | None) -> Array:
+def _integrated(motion: GridMotion, dual: DualSolution, replay: Replay | None) -> Array:
     """Integrate the adjoint equation backwards over each interval.
 
     The integration of each interval starts with the costate of the linear program at

@@ -29,11 +29,11 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.controls import driven_joints
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.verification.replay import cut
+from tominpmp.verification.replay import subdivided
 
-# The quantity that is constant on an interval: the acceleration, its slope, or the
-# torque.
-Shape: TypeAlias = Literal["steps", "ramps", "torques"]
+# Profiles by the quantity that is constant on an interval: the acceleration, its slope,
+# or the torque.
+Profile: TypeAlias = Literal["steps", "ramps", "torques"]
 
 # Largest length of an interval, as a share of the motion; longer ones are subdivided.
 LONGEST = 0.05
@@ -41,7 +41,8 @@ LONGEST = 0.05
 # are merged, as a share of the motion.
 MOST = 300
 SHORTEST = 0.0125
-# Change of a torque at a node from which it counts as a jump, as a share of its range.
+# Change of a torque at a node from which it counts as a jump, as a share of the range
+# of this torque in the motion.
 JUMP = 0.2
 # Distance from a node at which torques just after and before a jump are evaluated, as a
 # share of the interval.
@@ -64,13 +65,13 @@ class Perturbations:
         t: Times of the nodes [s], shape (N + 1,).
         q: Positions at the nodes, shape (N + 1, n).
         v: Velocities at the nodes, shape (N + 1, n).
-        shape: The quantity that is constant on the intervals.
+        profile: The quantity that is constant on the intervals.
     """
 
     t: Array
     q: Array
     v: Array
-    shape: Shape
+    profile: Profile
 
     @property
     def n(self) -> int:
@@ -90,7 +91,7 @@ class Perturbations:
     @property
     def controls(self) -> int:
         """Number of accelerations of a joint."""
-        return self.N + 1 if self.shape == "ramps" else self.N
+        return self.N + 1 if self.profile == "ramps" else self.N
 
     @property
     def size(self) -> int:
@@ -135,7 +136,7 @@ class Perturbations:
             (1 / 2 - p / 6) * t**2 * by_q + (1 - p / 2) * t * by_v + (1 - after) * by_a,
             p / 6 * t**2 * by_q + p / 2 * t * by_v + after * by_a,
         ]
-        last = interval + (self.shape == "ramps")
+        last = interval + (self.profile == "ramps")
         # Column -1 is the state at the first node, which does not change.
         first = [2 * node - 2, 2 * node - 1, 2 * N + interval, 2 * N + last]
         columns = [n * k[:, None] + np.arange(n) for k in first]
@@ -185,7 +186,7 @@ class Perturbations:
         Args:
             interval: The intervals, shape (k,).
         """
-        if self.shape == "ramps":
+        if self.profile == "ramps":
             pairs = np.stack([interval, interval], axis=1), (0.0, 1.0)
         else:
             pairs = np.stack([interval, interval + 1], axis=1), (0.5, 0.5)
@@ -193,7 +194,7 @@ class Perturbations:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class GridMotion:
     """A motion on the grid on which its limits are linearised.
 
     Attributes:
@@ -211,16 +212,16 @@ class Motion:
     trajectory: Trajectory
     changes: Perturbations
     span: tuple[int, int]
-    sections: tuple[Motion, ...] = ()
+    sections: tuple[GridMotion, ...] = ()
     number: int | None = None
 
     @classmethod
-    def of(cls, system: ProblemFunctions, trajectory: Trajectory) -> Motion:
+    def of(cls, system: ProblemFunctions, trajectory: Trajectory) -> GridMotion:
         """Put a motion on the grid of its certificate."""
         system = system.padded(0.0)
         t, merged = certificate_grid(trajectory)
-        nodes = trajectory(t)
-        changes = Perturbations(t, nodes.q, nodes.v, _shape(system, trajectory, merged))
+        nodes, profile = trajectory(t), _profile(system, trajectory, merged)
+        changes = Perturbations(t, nodes.q, nodes.v, profile)
         whole = cls(system, trajectory, changes, (0, changes.N))
         if trajectory.segment_ends is None:
             return whole
@@ -238,7 +239,7 @@ class Motion:
         return replace(self.trajectory, inverse_dynamics=None, segment_dynamics=())
 
     @property
-    def segments(self) -> tuple[Motion, ...]:
+    def segments(self) -> tuple[GridMotion, ...]:
         """The motion on each of its segments; the motion itself for one segment."""
         return self.sections or (self,)
 
@@ -302,7 +303,7 @@ class Motion:
     def load(self) -> Array:
         """Mean torque of each interval, relative to its limits, shape (N, n)."""
         shares = (np.arange(SAMPLES) + 0.5) / SAMPLES
-        if self.changes.shape != "torques":
+        if self.changes.profile != "torques":
             return np.asarray(self.loads.mean(axis=1))
         return np.asarray(self._loads_at(*shares.tolist()).mean(axis=1))
 
@@ -318,7 +319,7 @@ class Motion:
         return np.maximum(mass.mean(axis=0), 1e-12), np.abs(drag).mean(axis=0)
 
 
-def _shape(system: ProblemFunctions, trajectory: Trajectory, merged: bool) -> Shape:
+def _profile(system: ProblemFunctions, trajectory: Trajectory, merged: bool) -> Profile:
     """The quantity that is constant on the intervals of a motion."""
     if system.motion_limits.continuous:
         return "ramps"
@@ -340,8 +341,8 @@ def certificate_grid(trajectory: Trajectory) -> tuple[Array, bool]:
 
     Returns:
         Times of the nodes [s], and whether intervals of the motion were merged. Without
-        merging, all nodes of the motion are kept; with merging, nodes at which the
-        torque jumps are kept, unless there are too many.
+        merging, all nodes of the motion are kept; with merging, the ends of segments
+        are kept, and nodes at which the torque jumps, unless there are too many.
     """
     t, T = trajectory.t, trajectory.duration
     merged = t.size - 1 > MOST
@@ -354,7 +355,7 @@ def certificate_grid(trajectory: Trajectory) -> tuple[Array, bool]:
             if jumps[k] or t[k + 1] - t[kept[-1]] > SHORTEST * T:
                 kept.append(k)
         t = t[[*kept, t.size - 1]]
-    return cut(t, LONGEST * T), merged
+    return subdivided(t, LONGEST * T), merged
 
 
 def _jumps(trajectory: Trajectory) -> BoolArray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from tominpmp.certificate.certificate import Certificate
 from tominpmp.certificate.limits import ARRIVAL, GOAL, SEGMENT, TRUST
-from tominpmp.certificate.motion import Motion
+from tominpmp.certificate.motion import GridMotion
 from tominpmp.motion_limits import EFFORT, POSITION
 from tominpmp.verification.verification import Verification
 
@@ -22,11 +22,11 @@ HAMILTONIAN = 0.2
 SIGN_SHARE = 0.95
 # Additional gain of a finer grid, as a share of T, from which the report mentions it.
 FINER_GAIN = 0.005
-# Share below which a report gives only an upper bound.
+# Share below which a report says "less than 0.001 %".
 LEAST_SHARE = 1e-5
 
 
-def subject_name(motion: Motion, kind: str, subject: int) -> str:
+def subject_name(motion: GridMotion, kind: str, subject: int) -> str:
     """Name of the joint, pair, segment or frame to which a limit applies.
 
     Args:
@@ -46,7 +46,7 @@ def subject_name(motion: Motion, kind: str, subject: int) -> str:
     return motion.system.problem.robot.joint_names[subject]
 
 
-def _time_dependence(motion: Motion) -> str:
+def _time_dependence(motion: GridMotion) -> str:
     """Reason why the Hamiltonian need not be constant; empty if it has to be.
 
     Moving obstacles, arrival times, and constraints with a time window make limits
@@ -60,13 +60,14 @@ def _time_dependence(motion: Motion) -> str:
     return ""
 
 
-def conditions_kept(motion: Motion, out: Certificate, rounding: float = 0.0) -> str:
+def conditions_kept(motion: GridMotion, out: Certificate, rounding: float) -> str:
     """Sentences on a motion that satisfies all first-order conditions.
 
     Args:
         motion: The motion.
         out: The certificate of the motion.
-        rounding: Share of T that rounding to the clock may have cost.
+        rounding: Share of T that rounding to a clock may have cost; zero without a
+            clock.
     """
     T, reason = float(out.t[-1]), _time_dependence(motion)
     constancy = (
@@ -96,12 +97,12 @@ def conditions_kept(motion: Motion, out: Certificate, rounding: float = 0.0) -> 
 
 
 def failed_conditions(
-    motion: Motion,
+    motion: GridMotion,
     dual: DualSolution,
     out: Certificate,
     verification: Verification | None,
     *,
-    fastest: bool = True,
+    fastest: bool,
 ) -> Iterator[str]:
     """A sentence for each condition that fails, with its joint or limit and time.
 
@@ -144,12 +145,12 @@ def failed_conditions(
         )
 
 
-def _middle(motion: Motion, k: int) -> float:
+def _middle(motion: GridMotion, k: int) -> float:
     """Middle of an interval [s]."""
     return float(0.5 * (motion.changes.t[k] + motion.changes.t[k + 1]))
 
 
-def _worst(motion: Motion, dual: DualSolution) -> str:
+def _worst(motion: GridMotion, dual: DualSolution) -> str:
     """Sentence on the limit, or joint, with the largest predicted gain."""
     limits = dual.multipliers
     gain, interval = limits.predicted_gain, limits.at.interval
@@ -171,7 +172,7 @@ def _worst(motion: Motion, dual: DualSolution) -> str:
 
 
 def _gain_clause(
-    motion: Motion, kind: str, subject: int, slack: float, upper: bool
+    motion: GridMotion, kind: str, subject: int, slack: float, upper: bool
 ) -> str:
     """Clause on where the predicted gain is: a limit with slack, the path or the pace.
 

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array
-from tominpmp.collision.decomposition import Pieces
+from tominpmp.collision.decomposition import ConvexPieces
 from tominpmp.collision.decomposition_cache import pieces_of
 from tominpmp.collision.shapes import Body, convex_hull, hull_of, is_mesh
 from tominpmp.description.model import triangle_mesh
@@ -55,7 +55,7 @@ def _pieces(shape: Any, geometry: Geometry, name: str) -> list[Any]:
 
 # All checkers of a robot share the same pieces, and building a hull takes milliseconds.
 @lru_cache(maxsize=256)
-def _hulls(pieces: Pieces) -> tuple[Any, ...]:
+def _hulls(pieces: ConvexPieces) -> tuple[Any, ...]:
     return tuple(hull_of(corners) for corners in pieces.corners)
 
 

@@ -45,7 +45,7 @@ FEW = 24
 
 
 @dataclass(frozen=True, eq=False)
-class Enclosure:
+class BoundingVolumes:
     """A box and balls around a body, in the axes of the box.
 
     Attributes:
@@ -70,14 +70,14 @@ class Enclosure:
     cover_radius: Array
 
     @classmethod
-    def of(cls, shape: Outline) -> Enclosure:
+    def of(cls, shape: Outline) -> BoundingVolumes:
         """Enclosure of an outline."""
         return _enclose(np.ascontiguousarray(shape.points).tobytes(), shape.radius)
 
 
 # Cached, as enclosures depend on outlines alone and the same links recur in problems.
 @lru_cache(maxsize=512)
-def _enclose(data: bytes, swell: float) -> Enclosure:
+def _enclose(data: bytes, swell: float) -> BoundingVolumes:
     points = np.frombuffer(data).reshape(-1, 3)
     centred = points - points.mean(axis=0)
     axes = np.linalg.eigh(centred.T @ centred)[1]
@@ -93,7 +93,7 @@ def _enclose(data: bytes, swell: float) -> Enclosure:
     longest = int(np.argmax(half))
     cuts = np.linspace(-half[longest], half[longest], BALLS + 1)
     balls = [_ball(part) for part in _slices(inside, longest, cuts)]
-    return Enclosure(
+    return BoundingVolumes(
         R,
         R @ middle,
         half,
@@ -162,7 +162,7 @@ class BroadPhase:
 
     def __init__(self, bodies: Sequence[Body], pairs: Pairs) -> None:
         self.first, self.second = pairs.T.copy()
-        found = [Enclosure.of(outline(body.shape)) for body in bodies]
+        found = [BoundingVolumes.of(outline(body.shape)) for body in bodies]
         boxes = [
             body.placement * pin.SE3(item.R, item.t)
             for body, item in zip(bodies, found, strict=True)

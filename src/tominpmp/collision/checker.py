@@ -15,7 +15,7 @@ from tominpmp.collision.broad import Pairs
 from tominpmp.collision.narrow import Guard
 from tominpmp.collision.placements import MovingObstacles
 from tominpmp.collision.query import PairDistances
-from tominpmp.collision.selection import links_of, own_pairs, scene_pairs, without
+from tominpmp.collision.selection import link_bodies, own_pairs, scene_pairs, without
 from tominpmp.collision.shapes import Body
 from tominpmp.exceptions import SceneError
 from tominpmp.robot.robot import Robot
@@ -23,7 +23,7 @@ from tominpmp.scene.scene import Scene
 
 
 class Contact(NamedTuple):
-    """The collision pair that is closest at a configuration.
+    """A collision pair and its distance, for example the closest pair.
 
     Attributes:
         link: Name of the link.
@@ -56,8 +56,8 @@ class Contact(NamedTuple):
 class CollisionChecker(PairDistances):
     """Distances of the links of a robot to the obstacles of a scene and to each other.
 
-    The collision pairs are set up when they are first used, as the decomposition of
-    meshes may take long.
+    Without obstacles the collision pairs are set up when they are first used, as the
+    decomposition of meshes may take long.
 
     Attributes:
         robot: The robot.
@@ -85,7 +85,7 @@ class CollisionChecker(PairDistances):
     may_touch: frozenset[frozenset[str]] = frozenset()
 
     def __post_init__(self) -> None:
-        """Check that moving links have geometry, and prepare the pairs."""
+        """Check that moving links have geometry; with obstacles, set up the pairs."""
         robot, scene = self.robot, self.scene
         shapes = robot.collision_model.geometryObjects
         if len(scene) and not any(item.parentJoint for item in shapes):
@@ -108,7 +108,7 @@ class CollisionChecker(PairDistances):
         """Bodies of the links; empty if no pairs are checked."""
         if not (self.self_collision or len(self.scene)):
             return ()
-        return links_of(self.robot, self.geometry, self.cut)
+        return link_bodies(self.robot, self.geometry, self.cut)
 
     @cached_property
     def watched(self) -> tuple[Sequence[Body], Pairs]:
@@ -159,11 +159,6 @@ class CollisionChecker(PairDistances):
     def moving(self) -> bool:
         """Whether obstacles move, so that distances depend on time."""
         return self.obstacles.count > 0
-
-    @property
-    def kinks(self) -> Array:
-        """Times at which the velocity of an obstacle jumps [s], ascending."""
-        return self.obstacles.kinks
 
     @cached_property
     def single_joints(self) -> IntArray:
@@ -237,7 +232,8 @@ class CollisionChecker(PairDistances):
             q: Configuration, shape (n,) [rad or m].
             margin: Distance to keep [m], which is subtracted from the distances; a
                 number for all pairs or an array by pair.
-            time: Time [s], for moving obstacles; None ignores moving obstacles.
+            time: Time [s], for moving obstacles; None gives their pairs an infinite
+                distance.
         """
         if not self.pairs:
             return None

@@ -25,13 +25,13 @@ from tominpmp.stopping import check
 # A mesh is cut until its pieces protrude from it by no more than this [m].
 CLOSE_PIECES = 5e-3
 # Largest number of pieces. The fewest pieces are chosen whose largest protrusion is
-# within the factor NEARLY of the smallest one.
+# within CLOSE_PIECES, or within the factor NEARLY of the smallest one.
 MOST_PIECES = 8
 NEARLY = 1.2
 # Positions of the cuts that are tried across up to six axes, in shares of the extent.
 CUTS = (0.12, 0.25, 0.38, 0.5, 0.62, 0.75, 0.88)
 # Cutting stops if PATIENCE further cuts do not reduce the protrusion to the share
-# PROGRESS of the previous one.
+# PROGRESS of the smallest one before them.
 PATIENCE = 3
 PROGRESS = 0.9
 # Axes of inertia whose cosine with an axis of the mesh is larger are not tried.
@@ -43,7 +43,7 @@ TOUCHING = 2e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Pieces:
+class ConvexPieces:
     """Convex pieces of a mesh.
 
     Attributes:
@@ -68,7 +68,7 @@ class _Part:
     excess: float
 
 
-def decompose(mesh: Any) -> Pieces | None:
+def decompose(mesh: Any) -> ConvexPieces | None:
     """Cut a mesh of Coal into convex pieces; None if the mesh is flat."""
     vertices, corners = mesh_arrays(mesh)
     measure = Measure(mesh, vertices[corners])
@@ -90,7 +90,7 @@ def decompose(mesh: Any) -> Pieces | None:
     best = next(parts for parts in steps if _worst(parts) <= enough)
     pieces = tuple(part.hull.points[part.hull.vertices] for part in best)
     inward = measure.inward([part.hull for part in best])
-    return Pieces(pieces, _worst(best), inward)
+    return ConvexPieces(pieces, _worst(best), inward)
 
 
 def _worst(parts: list[_Part]) -> float:

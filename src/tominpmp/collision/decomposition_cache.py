@@ -17,7 +17,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.collision import decomposition
-from tominpmp.collision.decomposition import Pieces
+from tominpmp.collision.decomposition import ConvexPieces
 from tominpmp.exceptions import brief
 
 logger = logging.getLogger(__name__)
@@ -49,7 +49,7 @@ class Content:
     Attributes:
         key: Hash of its vertices and triangles.
         mesh: The mesh, for Coal.
-        name: Name of its link or obstacle; empty if it has none.
+        name: Name of its link or obstacle; empty if the name is not known.
     """
 
     key: str
@@ -57,7 +57,7 @@ class Content:
     name: str = field(compare=False)
 
 
-def pieces_of(mesh: Any, name: str = "") -> Pieces | None:
+def pieces_of(mesh: Any, name: str = "") -> ConvexPieces | None:
     """Convex pieces of a mesh of Coal, from the cache if it was decomposed before.
 
     Returns:
@@ -73,7 +73,7 @@ def pieces_of(mesh: Any, name: str = "") -> Pieces | None:
 
 # Cached in memory, too: a mesh that cannot be stored on disk is decomposed only once.
 @lru_cache(maxsize=256)
-def _known_pieces(content: Content, folder: Path) -> Pieces | None:
+def _known_pieces(content: Content, folder: Path) -> ConvexPieces | None:
     path = folder / f"{content.key}.npz"
     found = _read(path)
     if found is not None:
@@ -95,7 +95,7 @@ def _known_pieces(content: Content, folder: Path) -> Pieces | None:
     return pieces
 
 
-def _read(path: Path) -> Pieces | None:
+def _read(path: Path) -> ConvexPieces | None:
     """Pieces of a mesh from a file; None if the file is missing or damaged."""
     try:
         if not path.is_file() or path.stat().st_size > MAX_BYTES:
@@ -113,7 +113,7 @@ def _read(path: Path) -> Pieces | None:
         logger.warning("the cached pieces %s make no sense", path)
         return None
     corners: list[Array] = np.split(points, np.cumsum(counts)[:-1])
-    return Pieces(tuple(corners), *deviation.tolist())
+    return ConvexPieces(tuple(corners), *deviation.tolist())
 
 
 def _checksum(*parts: Any) -> bytes:
@@ -125,7 +125,7 @@ def _checksum(*parts: Any) -> bytes:
     return digest.digest()
 
 
-def _write(path: Path, pieces: Pieces) -> None:
+def _write(path: Path, pieces: ConvexPieces) -> None:
     """Write a file atomically; a failure is logged and ignored."""
     points = np.concatenate(pieces.corners).astype(np.float64)
     counts = np.array([len(piece) for piece in pieces.corners])

@@ -8,19 +8,19 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.collision.bodies import scene_bodies
 from tominpmp.collision.checker import Contact
-from tominpmp.collision.selection import links_of
+from tominpmp.collision.selection import link_bodies
 from tominpmp.collision.shapes import Body, is_convex
 from tominpmp.robot.robot import Robot
 from tominpmp.scene.scene import Scene
 
 # Radius of the ball that represents a point [m].
 POINT = 1e-6
-# Tolerated overlap, as in other checks [m].
+# Tolerated overlap, as by default in the verification [m].
 TOUCHING = 1e-5
 
 
 def enclosure(
-    robot: Robot, scene: Scene, frame: str, point: Array, tolerance: float = 0.0
+    robot: Robot, scene: Scene, frame: str, point: Array, tolerance: float
 ) -> Contact | None:
     """Obstacle that a link certainly overlaps when a frame is at a point.
 
@@ -36,12 +36,13 @@ def enclosure(
         tolerance: Largest distance of the frame from the point [m].
 
     Returns:
-        Link and obstacle, with the depth of the point; None if no overlap is certain.
+        Link and obstacle, with the depth of the point in the obstacle as a negative
+        distance; None if no overlap is certain.
     """
     item = robot.model.frames[robot.frame_id(frame)]
     carried = [
         body
-        for body in links_of(robot, "convex")
+        for body in link_bodies(robot, "convex")
         if body.joint == item.parentJoint and is_convex(body.shape)
     ]
     if not carried or not item.parentJoint:

@@ -84,7 +84,13 @@ class NarrowPhase:
         )
 
     def set_time(self, time: float, known: tuple[Array, Array] | None = None) -> None:
-        """Place moving obstacles at a time [s]; None computes their placements."""
+        """Place moving obstacles at a time [s].
+
+        Args:
+            time: The time [s].
+            known: Rotations and positions of the obstacles at this time; None to
+                compute them.
+        """
         check()
         if self._obstacles is None or not self._moving or time == self._time:
             return
@@ -197,8 +203,8 @@ class Guard:
             narrow.model, narrow.geometry, self._results
         )
 
-    def is_free(self, q: Array, time: float = 0.0) -> bool:
-        """Whether all margins are kept at a configuration of the model."""
+    def is_free(self, q: Array, time: float) -> bool:
+        """Whether all margins are kept at a configuration and a time [s]."""
         narrow = self._narrow
         narrow.set_time(time)
         return not pin.computeCollisions(

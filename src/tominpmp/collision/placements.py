@@ -11,7 +11,7 @@ from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.scene.obstacles import Obstacle
 
 
-class Placements:
+class JointPlacements:
     """Vectorised forward kinematics of joints with one coordinate each.
 
     Attributes:

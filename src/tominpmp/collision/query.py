@@ -12,7 +12,7 @@ from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.checks import JOINTS, array
 from tominpmp.collision.broad import BroadPhase, Joints, Pairs
 from tominpmp.collision.narrow import NarrowPhase
-from tominpmp.collision.placements import MovingObstacles, Placements
+from tominpmp.collision.placements import JointPlacements, MovingObstacles
 
 if TYPE_CHECKING:
     from tominpmp.collision.shapes import Body
@@ -53,7 +53,7 @@ class PairDistances:
 
     @cached_property
     def obstacles(self) -> MovingObstacles:
-        """Placements of the moving obstacles, of which there are none."""
+        """Placements of moving obstacles: an empty set unless a subclass has some."""
         return MovingObstacles((), self.robot.model.njoints)
 
     @cached_property
@@ -66,9 +66,9 @@ class PairDistances:
         return tuple((bodies[i].name, bodies[k].name) for i, k in pairs.tolist())
 
     @cached_property
-    def placements(self) -> Placements:
+    def placements(self) -> JointPlacements:
         """Forward kinematics of the robot."""
-        return Placements(self.robot.model)
+        return JointPlacements(self.robot.model)
 
     @cached_property
     def broad(self) -> BroadPhase:
@@ -158,9 +158,9 @@ class PairDistances:
         lower[instant, pair] = np.where(near, found, np.maximum(found, bound))
         return lower
 
-    def lower_bounds(self, q: Array, times: Array | None = None) -> Array:
+    def lower_bounds(self, q: Array, times: Array) -> Array:
         """Lower bounds of all distances, from the broad phase; see ``distances``."""
-        placed = self._place(self.robot.expand(q), _or_start(times, q))
+        placed = self._place(self.robot.expand(q), times)
         return self.broad.by_balls(placed)
 
     def measured(

@@ -35,7 +35,7 @@ FLUSH = 1e-5
 # Approximate number of configurations at which the meshes of two links with overlapping
 # hulls are checked.
 TRIES = 50
-# Range in which a joint without limits is sampled [rad or m].
+# Largest position at which a joint is sampled, in either direction [rad or m].
 UNLIMITED = np.pi
 
 
@@ -45,7 +45,7 @@ def scene_pairs(bodies: Sequence[Body], links: int) -> Pairs:
     return _indices([(i, k) for k in range(links, len(bodies)) for i in moving])
 
 
-def links_of(
+def link_bodies(
     robot: Robot, geometry: Geometry, cut: frozenset[str] | None = None
 ) -> tuple[Body, ...]:
     """Bodies of all links, shared by all checkers of a robot.
@@ -69,11 +69,11 @@ def own_pairs(
 ) -> Pairs:
     """Pairs of the links of a robot, including bodies that are fixed to its base.
 
-    Three kinds of pairs are left out: pairs that the semantic description disables or,
-    if it disables no pair, neighbours; links that overlap at almost all configurations;
-    and links whose convex pieces overlap at most configurations although their meshes
-    never do. The selection does not depend on ``cut``, see :func:`links_of`. The first
-    body of each pair moves.
+    Of the links that move relative to each other, three kinds of pairs are left out:
+    pairs that the semantic description disables or, if it disables no pair, neighbours;
+    links that overlap at almost all configurations; and links whose convex pieces
+    overlap at most configurations although their meshes never do. The selection does
+    not depend on ``cut``, see :func:`link_bodies`. The first body of each pair moves.
     """
     return _cached(robot, _own_pairs, geometry, cut)
 
@@ -81,7 +81,7 @@ def own_pairs(
 def _own_pairs(robot: Robot, geometry: Geometry, cut: frozenset[str] | None) -> Pairs:
     """The pairs of :func:`own_pairs`, without the cache."""
     left_out = _cached(robot, _always_overlapping, geometry)
-    bodies = links_of(robot, geometry, cut)
+    bodies = link_bodies(robot, geometry, cut)
     return without(left_out, bodies, _candidates(robot, bodies))
 
 
@@ -103,10 +103,10 @@ def links_touching(
         Index of the first configuration at which the meshes were found to overlap, by
         the names of the links.
     """
-    rows, bodies = robot.expand(q), links_of(robot, "hull")
+    rows, bodies = robot.expand(q), link_bodies(robot, "hull")
     pairs = _named(bodies, wanted)
     overlap = PairDistances(robot, (bodies, pairs)).distances(q, 0.0) < 0.0
-    meshes, found = links_of(robot, "mesh"), {}
+    meshes, found = link_bodies(robot, "mesh"), {}
     for names, columns in _columns(bodies, pairs).items():
         instants = np.flatnonzero(np.any(overlap[:, columns], axis=1))
         if not instants.size:
@@ -151,15 +151,15 @@ def _always_overlapping(robot: Robot, geometry: Geometry) -> frozenset[frozenset
     Shapes are inside their hulls, so that pairs whose hulls seldom overlap need no
     decomposition, which takes a second for a mesh.
     """
-    share = _overlaps(robot, links_of(robot, "hull"), None)
+    share = _overlaps(robot, link_bodies(robot, "hull"), None)
     often = {names for names, value in share.items() if value > MOSTLY}
     if often and geometry != "hull":
         cut = frozenset(name for names in often for name in names)
-        share = _overlaps(robot, links_of(robot, geometry, cut), often)
+        share = _overlaps(robot, link_bodies(robot, geometry, cut), often)
     left_out = {names for names, value in share.items() if value > ALWAYS}
     doubtful = {names for names, value in share.items() if MOSTLY < value <= ALWAYS}
     if doubtful:
-        exact = _overlaps(robot, links_of(robot, "mesh"), doubtful)
+        exact = _overlaps(robot, link_bodies(robot, "mesh"), doubtful)
         left_out |= {
             names for names in doubtful if not 0.0 < exact.get(names, 0.0) <= ALWAYS
         }

@@ -182,7 +182,10 @@ class Constraint(ABC):
 
     @property
     def kinks(self) -> Array:
-        """Times at which values may have a kink in any motion [s], shape (k,)."""
+        """Times at which any motion has rows in addition [s], shape (k,).
+
+        Values may have a kink there, or a time window has its rows.
+        """
         return NO_TIMES
 
     def rises(self, duration: float) -> Array:

@@ -61,7 +61,7 @@ class ClearanceConstraint(Constraint):
     @property
     def kinks(self) -> Array:
         """Times at which the velocity of an obstacle jumps [s], shape (k,)."""
-        return self.checker.kinks
+        return self.checker.obstacles.kinks
 
     def rises(self, duration: float) -> Array:
         """Largest speed of the obstacle of each pair up to a duration [s].

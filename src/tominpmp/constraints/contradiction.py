@@ -41,7 +41,7 @@ def contradiction(
             f"{np.round(q_alone, 4).tolist()}"
         )
     for number, other in enumerate(others, 1):
-        if other is broken or other.window != broken.window:
+        if other is broken or other.during != broken.during:
             continue
         q_both, residual = nearest((broken, other), robot, q)
         if residual > KEPT:

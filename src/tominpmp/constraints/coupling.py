@@ -31,14 +31,14 @@ class JointCoupling(PathConstraint):
     bounds), a cable between two joints, a belt.
 
     Attributes:
-        joints: Names of the joints, none twice.
+        joints: Names of the joints, each of them once.
         weights: Weight c of each joint, shape (k,).
         upper: Upper bound [rad or m]; infinity for no bound.
         lower: Lower bound [rad or m]; minus infinity for no bound.
 
     Raises:
-        ProblemError: If the numbers of weights and joints differ, or the bounds are in
-            the wrong order or both infinite.
+        ProblemError: If the numbers of weights and joints differ, a joint is named
+            twice, or the bounds are in the wrong order or both infinite.
     """
 
     joints: tuple[str, ...]

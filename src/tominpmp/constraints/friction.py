@@ -23,8 +23,8 @@ from tominpmp.dynamics import STANDSTILL
 NEAR = 1e-2
 # Tolerated relative excess of torques over their limits between the rows.
 EFFORT_TOLERANCE = 2e-3
-# After this number of changes of a sign, its row holds for both signs.
-TURNS = 2
+# Number of changes of an assumed sign from which its row holds for both signs.
+MOST_CHANGES = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,19 +36,19 @@ class Signs:
             (n,).
         sign: Assumed signs, 0 for joints at rest or for both signs, shape (m, n).
         both: Whether rows hold for both signs, shape (m, n).
-        turns: Number of changes of each assumed sign, shape (m, n).
+        changes: Number of changes of each assumed sign, shape (m, n).
     """
 
     friction: Array
     sign: Array
     both: BoolArray
-    turns: IntArray
+    changes: IntArray
 
     @classmethod
     def of(cls, friction: Array, sign: Array) -> Signs:
         """Initial assumption, without changes."""
-        turns = np.zeros(sign.shape, dtype=np.int64)
-        return cls(friction, sign, turns.astype(bool), turns)
+        changes = np.zeros(sign.shape, dtype=np.int64)
+        return cls(friction, sign, changes.astype(bool), changes)
 
     @property
     def load(self) -> Array:
@@ -90,9 +90,9 @@ class Signs:
             sign: Signs of the motion, shape (m, n).
             wrong: Whether each assumed sign is wrong, shape (m, n).
         """
-        turns = self.turns + wrong
-        both = self.both | (turns >= TURNS)
-        return Signs(self.friction, np.where(both, 0.0, sign), both, turns)
+        changes = self.changes + wrong
+        both = self.both | (changes >= MOST_CHANGES)
+        return Signs(self.friction, np.where(both, 0.0, sign), both, changes)
 
     def joined(self, other: Signs) -> Signs:
         """The assumptions at these instants, followed by other instants."""
@@ -100,7 +100,7 @@ class Signs:
             self.friction,
             np.concatenate([self.sign, other.sign]),
             np.concatenate([self.both, other.both]),
-            np.concatenate([self.turns, other.turns]),
+            np.concatenate([self.changes, other.changes]),
         )
 
 

@@ -98,9 +98,12 @@ class HeldLoad(FrameRows):
         )
 
     def lack(self, q: Array, v: Array, slack: float) -> str:
-        """Violation at rest, as a clause; empty if the load is held at rest."""
+        """Violation at rest, as a clause; empty if the load is held, or the arm moves.
+
+        While the arm moves, the accelerations are not known.
+        """
         if np.any(v):
-            return ""  # accelerations are not known
+            return ""
         size = self.measure(q, v, np.zeros_like(q))
         if size - self.largest <= number(slack, "slack") * max(self.scale, 1.0):
             return ""
@@ -166,7 +169,7 @@ class FirmGrasp(HeldLoad):
             shape (3, 3) [kg m^2]; None for a point mass.
 
     Raises:
-        ProblemError: If a value is not a number, or the axis is zero.
+        ProblemError: If a value is not a positive number, or a vector is invalid.
     """
 
     force: Newtons

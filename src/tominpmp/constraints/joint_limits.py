@@ -16,8 +16,8 @@ from tominpmp.constraints.base import (
 )
 from tominpmp.motion_limits import ACCELERATION, LimitKind
 
-# Zero acceleration before a dwell is not a limit of the user, so it has no quantity.
-STANDSTILL = replace(ACCELERATION, name="acceleration before a stay", quantity="")
+# Zero acceleration at a dwell is not a limit of the user, so it has no quantity.
+AT_DWELL = replace(ACCELERATION, name="acceleration at a dwell", quantity="")
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,14 +48,14 @@ class JointLimit(Record, Constraint):
         self._keep(field=kind.quantity, order=kind.order, curable=curable)
 
     @classmethod
-    def standstill(cls, scale: Array) -> JointLimit:
+    def at_dwell(cls, scale: Array) -> JointLimit:
         """Zero acceleration at a dwell of an arm whose accelerations must not jump.
 
         Args:
             scale: Scale of the accelerations, shape (n,).
         """
         zero = np.zeros(scale.size)
-        return cls(STANDSTILL, np.arange(scale.size), zero, zero, scale)
+        return cls(AT_DWELL, np.arange(scale.size), zero, zero, scale)
 
     @property
     def name(self) -> str:

@@ -15,13 +15,13 @@ from tominpmp.exceptions import ProblemError, SceneError
 from tominpmp.goals.direction import deviations
 from tominpmp.scene.rotations import rotation_matrix
 
-Angle: TypeAlias = Annotated[float, partial(positive, unit="rad", most=np.pi)]
+PositiveAngle: TypeAlias = Annotated[float, partial(positive, unit="rad", most=np.pi)]
 
 
 class FrameAngle(FrameRows):
     """Base class: an angle of a frame stays below the field ``tolerance``."""
 
-    tolerance: Angle
+    tolerance: PositiveAngle
 
     bound = "tolerance"
     least_scale = 0.05
@@ -46,7 +46,7 @@ class KeepUpright(FrameAngle):
 
     axis: Direction = default((0.0, 0.0, 1.0))
     direction: Direction = default((0.0, 0.0, 1.0))
-    tolerance: Angle = 0.1
+    tolerance: PositiveAngle = 0.1
 
     quantity = "tilt"
 
@@ -83,7 +83,7 @@ class AxisFixed(KeepUpright):
         ProblemError: If a vector is zero, or the tolerance is not positive.
     """
 
-    tolerance: Angle = 0.01
+    tolerance: PositiveAngle = 0.01
 
     quantity = "deviation of the axis"
 
@@ -107,7 +107,7 @@ class KeepOrientation(FrameAngle):
     Attributes:
         frame: Name of the frame.
         rotation: Orientation frame_to_world, a matrix, shape (3, 3), or a quaternion
-            xyzw, shape (4,).
+            xyzw, shape (4,); None for the axes of the world.
         tolerance: Largest angle of the rotation between the two orientations [rad].
 
     Raises:
@@ -115,7 +115,7 @@ class KeepOrientation(FrameAngle):
     """
 
     rotation: Rotation = default((0.0, 0.0, 0.0, 1.0))
-    tolerance: Angle = 0.01
+    tolerance: PositiveAngle = 0.01
 
     quantity = "turn"
 

@@ -91,7 +91,7 @@ def _checked_during(given: object, name: str) -> tuple[float, float]:
     return begin, end
 
 
-TimesOrNone: TypeAlias = Annotated[
+WindowOrNone: TypeAlias = Annotated[
     tuple[float, float] | None, optional(_checked_during)
 ]
 
@@ -106,11 +106,11 @@ class PathConstraint(Record, Constraint):
 
     Most quantities are the length of a :meth:`vector` that is a smooth function of the
     state; their rows use a length that is smoothed at zero, where the length has a
-    kink, see :func:`rounded`. Other quantities define their rows by :meth:`terms`, or
-    by :meth:`value_rows` and :meth:`term_rows`, and the number of rows by ``count``. A
-    subclass defines its functions either at one state (:meth:`measure`, :meth:`vector`)
-    or at many states at once (:meth:`measure_rows`, :meth:`vector_rows`), which is
-    faster.
+    kink, see :func:`rounded_excess`. Other quantities define their rows by
+    :meth:`terms`, or by :meth:`value_rows` and :meth:`term_rows`, and the number of
+    rows by ``count``. A subclass defines its functions either at one state
+    (:meth:`measure`, :meth:`vector`) or at many states at once (:meth:`measure_rows`,
+    :meth:`vector_rows`), which is faster.
 
     Subclasses are frozen dataclasses, declared with ``eq=False``.
 
@@ -119,7 +119,7 @@ class PathConstraint(Record, Constraint):
             until another [s]; None for the whole motion.
     """
 
-    during: TimesOrNone = field(default=None, kw_only=True)
+    during: WindowOrNone = field(default=None, kw_only=True)
 
     @property
     @abstractmethod
@@ -172,7 +172,11 @@ class PathConstraint(Record, Constraint):
     # -- the quantity at one state, or at many at once ---------------------------------
 
     def measure(self, q: Array, v: Array, a: Array) -> float:
-        """The quantity at one state, shapes (n,); v and a are empty if not needed."""
+        """The quantity at one state, shapes (n,); v and a are empty if not needed.
+
+        Raises:
+            NotImplementedError: If the subclass defines no quantity.
+        """
         if type(self).measure_rows is PathConstraint.measure_rows:
             raise NotImplementedError(f"{type(self).__name__} has no measure")
         return float(self.measure_rows(*_one_row(q, v, a))[0])
@@ -188,6 +192,9 @@ class PathConstraint(Record, Constraint):
         Returns:
             Vector, shape (k,), and its derivatives by q, v and a, shape (k, n) each;
             empty for derivatives that are zero.
+
+        Raises:
+            NotImplementedError: If the quantity is not the length of a vector.
         """
         if type(self).vector_rows is PathConstraint.vector_rows:
             raise NotImplementedError(f"{type(self).__name__} is no length")
@@ -199,7 +206,7 @@ class PathConstraint(Record, Constraint):
 
     @property
     def _is_length(self) -> bool:
-        """Whether the quantity is the length of a vector."""
+        """Whether rows are lengths of vectors unless a subclass defines them."""
         return type(self).terms is PathConstraint.terms
 
     @property
@@ -212,7 +219,7 @@ class PathConstraint(Record, Constraint):
         if self._is_length:
             limit = self.largest / self.scale
             sizes = self.measure_rows(q, v, a) / self.scale
-            return rounded(sizes, limit)[:, None]
+            return rounded_excess(sizes, limit)[:, None]
         found = [self.values(*state) for state in _states(q, v, a)]
         return np.array(found).reshape(-1, self.count)
 
@@ -222,7 +229,7 @@ class PathConstraint(Record, Constraint):
             return _stacked(self.terms(*state) for state in _states(q, v, a))
         vector, *by = self.vector_rows(q, v, a)
         length, limit = np.linalg.norm(vector, axis=1), self.largest
-        values = rounded(length / self.scale, limit / self.scale)[:, None]
+        values = rounded_excess(length / self.scale, limit / self.scale)[:, None]
         size = np.sqrt(0.5 * (length**2 + limit**2)) * self.scale
         along = (vector / np.maximum(size, 1e-300)[:, None])[:, None, :]
         by_q, by_v, by_a = (along @ part if part.size else part for part in by)
@@ -277,7 +284,11 @@ class PathConstraint(Record, Constraint):
 
     @property
     def kinematics(self) -> RobotKinematics:
-        """Placement of the robot's frames."""
+        """Placement of the robot's frames.
+
+        Raises:
+            ProblemError: If the constraint is not the result of :meth:`on`.
+        """
         found = self.__dict__.get("_kinematics")
         if not isinstance(found, RobotKinematics):
             raise ProblemError(
@@ -300,7 +311,7 @@ class PathConstraint(Record, Constraint):
 
     @property
     def kinks(self) -> Array:
-        """Times of the rows, if the constraint holds during a part of the motion."""
+        """Times of the rows of the time window, if the constraint has one [s]."""
         return NO_TIMES if self.window is None else self.window.times
 
     @property
@@ -421,14 +432,15 @@ class FrameRows(PathConstraint):
 
     Attributes:
         frame: Name of the frame.
+        quantity: Name of the quantity, in reports and messages.
+        bound: Name of the field that holds the limit; empty without a field.
+        least_scale: Scale of an excess where the limit is smaller: rows should be of
+            order one.
     """
 
     frame: FrameName
     quantity: ClassVar[str]
-    # Name of the field that holds the limit; empty without a field.
     bound: ClassVar[str] = ""
-    # The scale of an excess is the limit, or this if the limit is smaller: rows should
-    # be of order one.
     least_scale: ClassVar[float] = 0.0
 
     @property
@@ -480,6 +492,7 @@ def checked(given: object, robot: Robot, several: bool) -> tuple[PathConstraint,
         ProblemError: If an item is not a constraint, or has a time window although the
             motion has segments.
         FrameNotFound: If the robot does not have a frame of a constraint.
+        JointNotFound: If the robot does not have a joint of a constraint.
     """
     items: Any = (given,) if isinstance(given, PathConstraint) else given
     expected = "a tuple of constraints such as KeepUpright and ToolSpeed"
@@ -526,7 +539,7 @@ def _states(q: Array, v: Array, a: Array) -> Iterator[tuple[Array, Array, Array]
     )
 
 
-def rounded(length: Array, limit: float) -> Array:
+def rounded_excess(length: Array, limit: float) -> Array:
     """Excess of lengths over a limit, smoothed at length zero, where it has a kink.
 
     sqrt(2 x^2 + 2 L^2) - 2 L has the sign of x - L, and its slope at x = L.

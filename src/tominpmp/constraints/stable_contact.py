@@ -63,15 +63,15 @@ class StableContact(HeldLoad):
         support: Corners of the support polygon in x and y of the frame, convex, shape
             (k, 2) [m]; or the radius of a round support; None for a load that never
             tips.
-        mass: Mass of the load [kg]; matters only with adhesion.
+        mass: Mass of the load [kg]; matters only with adhesion or an inertia tensor.
         inertia: Inertia tensor about the centre of mass, in the axes of the frame,
             shape (3, 3) [kg m^2]; None for a point mass.
         adhesion: Largest pull of a suction cup or magnet [N], at the middle of the
             support.
 
     Raises:
-        ProblemError: If a value is not a number, or the support is not a convex
-            polygon.
+        ProblemError: If a value is not a number in its range, or the support is not a
+            convex polygon.
     """
 
     center: Point
@@ -230,9 +230,9 @@ def _polygon(given: object) -> Array:
         along = np.roll(corners, -1, axis=0) - corners
         after = np.roll(along, -1, axis=0)
         turns = along[:, 0] * after[:, 1] - along[:, 1] * after[:, 0]
-        if np.all(turns > 0.0):
-            return corners
-        if np.all(turns < 0.0):
-            return corners[::-1].copy()
+        # The edges of a star turn to one side, too, but more than once in all.
+        angles = np.arctan2(turns, np.sum(along * after, axis=1))
+        if np.all(turns * turns[0] > 0.0) and abs(angles.sum()) < 3.0 * np.pi:
+            return corners[:: int(np.sign(turns[0]))].copy()
     expected = "three or more corners (x, y) of a convex polygon, in order [m]"
     raise wrong(given, "support", expected)

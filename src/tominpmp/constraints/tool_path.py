@@ -20,7 +20,7 @@ from tominpmp.exceptions import brief
 
 POINT = "coordinates [m]"
 
-Turn: TypeAlias = Annotated[float, partial(positive, unit="rad", most=2.0 * np.pi)]
+ArcAngle: TypeAlias = Annotated[float, partial(positive, unit="rad", most=2.0 * np.pi)]
 
 
 class Tube(FrameRows):
@@ -179,7 +179,7 @@ class ToolArc(Tube):
     center: Point
     start: Point
     axis: Point = default((0.0, 0.0, 1.0))
-    angle: Turn = 2.0 * np.pi
+    angle: ArcAngle = 2.0 * np.pi
     radius: Metres = 1e-3
 
     def __post_init__(self) -> None:

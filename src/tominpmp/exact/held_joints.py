@@ -19,12 +19,12 @@ import numpy as np
 from tominpmp.arrays import Array, IntArray
 from tominpmp.dynamics import Dynamics
 
-# Modes of a joint: its velocity is held constant (HOLDS), its torque follows from such
-# a condition (FOLLOWS), or both (their sum).
+# Modes of a joint: its velocity is held constant (HOLDS), its torque follows from the
+# constant velocity of some joint (FOLLOWS), or both (their sum).
 HOLDS, FOLLOWS = 1, 2
 
 
-class Rates(NamedTuple):
+class HeldRates(NamedTuple):
     """State derivatives and torques at m states, with their partial derivatives.
 
     Attributes:
@@ -47,7 +47,7 @@ class Rates(NamedTuple):
 
 def differentiate_rates(
     dynamics: Dynamics, x: Array, u: Array, modes: IntArray
-) -> Rates:
+) -> HeldRates:
     """State derivatives and torques, with their partial derivatives.
 
     Args:
@@ -62,18 +62,18 @@ def differentiate_rates(
     if not np.any(modes):
         by = dynamics.forward_jacobians(x, u)
         tau_u = np.broadcast_to(np.eye(n), (count, n, n))
-        return Rates(*by, u, np.zeros((count, n, 2 * n)), tau_u)
+        return HeldRates(*by, u, np.zeros((count, n, 2 * n)), tau_u)
     patterns, which = np.unique(modes, axis=0, return_inverse=True)
     if len(patterns) > 1:
         # States with equal modes are solved together, and then restored to their order.
         rows = [np.flatnonzero(which.ravel() == k) for k in range(len(patterns))]
         parts = [differentiate_rates(dynamics, x[r], u[r], modes[r]) for r in rows]
-        back = np.argsort(np.concatenate(rows))
-        return Rates(*(np.concatenate(part)[back] for part in zip(*parts, strict=True)))
+        every, back = zip(*parts, strict=True), np.argsort(np.concatenate(rows))
+        return HeldRates(*(np.concatenate(part)[back] for part in every))
     return _held_rates(dynamics, x, u, patterns[0])
 
 
-def _held_rates(dynamics: Dynamics, x: Array, u: Array, modes: IntArray) -> Rates:
+def _held_rates(dynamics: Dynamics, x: Array, u: Array, modes: IntArray) -> HeldRates:
     """Rates of states at which the same joints are held."""
     count, n = u.shape
     q, v = x[:, :n], x[:, n:]
@@ -104,4 +104,4 @@ def _held_rates(dynamics: Dynamics, x: Array, u: Array, modes: IntArray) -> Rate
     tau_x[:, follows] = by_x[:, free.size :]
     tau_u[:, follows[:, None], known] = by_u[:, free.size :]
     tau_u[:, known, known] = 1.0
-    return Rates(np.concatenate([v, a], axis=1), f_x, f_u, tau, tau_x, tau_u)
+    return HeldRates(np.concatenate([v, a], axis=1), f_x, f_u, tau, tau_x, tau_u)

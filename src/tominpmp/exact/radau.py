@@ -21,7 +21,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.dynamics import Dynamics, ForwardJacobians
-from tominpmp.exact.held_joints import Rates, differentiate_rates
+from tominpmp.exact.held_joints import HeldRates, differentiate_rates
 from tominpmp.transcription.integrator import solve_steps
 
 _R = math.sqrt(6.0)
@@ -34,6 +34,7 @@ WEIGHTS = np.array(
     ]
 )
 STAGES = 3
+# Largest number of iterations of Newton's method.
 NEWTON_STEPS = 12
 
 
@@ -51,7 +52,7 @@ class IntegratedArcs:
     x_start: Array
     stages: Array
     h: Array
-    rates: Rates
+    rates: HeldRates
 
     @property
     def x(self) -> Array:

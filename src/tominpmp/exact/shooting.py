@@ -26,8 +26,8 @@ from tominpmp.transcription.controls import SPEED_FACTOR
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.rows import Rows
 
-# Limits become rows where the margin of a motion is smaller than this: a share of the
-# limit and, for clearances, a share of the reach.
+# Limits become rows where the margin of a motion is smaller than this: in scaled units,
+# mostly shares of the limit, and for clearances in shares of the reach.
 NEAR = 0.1
 CLOSE = 0.05
 # Kinds of limits, and their names.
@@ -125,6 +125,8 @@ class ArcProgram:
         arcs: Structure of the arcs, with their initial lengths and torques.
         steps: Number of integration steps of each arc, shape (K,).
         size: Number of unknowns.
+        duration: Initial duration [s].
+        arc_of_step: Index of the arc of each step, shape (M,).
         follows: Whether torques follow from held joints on the steps, shape (M, n).
         modes: Modes of the joints on the steps, see
             :func:`~tominpmp.exact.held_joints.differentiate_rates`, shape (M, n).
@@ -219,7 +221,13 @@ class ArcProgram:
         return np.where(self.of_lengths > 0.0, factor * z, z)
 
     def trajectory(self, z: Array) -> Trajectory:
-        """The motion of an iterate, with nodes at the ends of all steps."""
+        """The motion of an iterate, with nodes at the ends of all steps.
+
+        Steps with held joints are divided, and steps of almost no length left out.
+
+        Raises:
+            ValueError: If the motion cannot be integrated.
+        """
         system, n, shot = self.system, self._n, self.shoot(z)
         if shot is None:
             raise ValueError("the motion cannot be integrated")

@@ -34,7 +34,7 @@ TOGETHER = 1e-3
 
 
 class Edit(NamedTuple):
-    """Torque of a joint on a piece of an arc, between its limits no longer unknown.
+    """Fixed torque of a joint on a piece of an arc, and whether the joint is held.
 
     Attributes:
         piece: Index of the piece.
@@ -104,7 +104,7 @@ class Arcs:
             arc: Index of the arc.
             shares: Length of each piece as a share of the arc; zero for a piece whose
                 length an optimisation finds.
-            edits: The torques that differ from those of the arc.
+            edits: The torques that differ from the torques of the arc.
         """
         repeated = np.ones(self.count, dtype=np.int64)
         repeated[arc] = len(shares)
@@ -119,7 +119,7 @@ class Arcs:
         return out
 
     def cleaned(self) -> Arcs:
-        """The arcs without negligibly short ones, and with equal neighbours merged."""
+        """The arcs without negligibly short arcs, and with equal neighbours merged."""
         keep = np.flatnonzero(self.lengths > SHORTEST * self.duration)
         if not keep.size:  # all lengths are zero: keep one arc
             keep = np.argmax(self.lengths, keepdims=True)
@@ -132,7 +132,10 @@ class Arcs:
         return arcs.pick(first, np.add.reduceat(arcs.lengths, first))
 
     def with_free_torques(self) -> Arcs:
-        """The arcs with all torques as unknowns, except on held joints."""
+        """The arcs with all torques as unknowns.
+
+        Except torques of held joints, torques that follow, and joints without a motor.
+        """
         driven = np.any((self.levels != 0.0) | self.free | (self.held != 0), axis=0)
         return replace(self, free=(self.held == 0) & ~self.follows & driven)
 

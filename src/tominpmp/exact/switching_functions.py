@@ -27,7 +27,7 @@ ON_BOUND = 1e-9
 
 
 @dataclass(frozen=True)
-class Change:
+class ArcChange:
     """A change of the structure with a predicted gain.
 
     Attributes:
@@ -81,7 +81,7 @@ def torque_slopes(program: ArcProgram, shot: Shot, weights: Array) -> Array:
 
 def find_changes(
     program: ArcProgram, y: Array, shot: Shot, least: float
-) -> list[Change]:
+) -> list[ArcChange]:
     """Changes of the structure with the largest predicted gain on each arc.
 
     Args:
@@ -96,10 +96,10 @@ def find_changes(
     weights = _multipliers(program, y, shot)
     slopes = torque_slopes(program, shot, weights)
     arcs = program.unpack(y)
-    found: dict[int, Change] = {}
+    found: dict[int, ArcChange] = {}
 
-    def offer(change: Change) -> None:
-        known = found.get(change.arc, Change(least, change.arc, (), ()))
+    def offer(change: ArcChange) -> None:
+        known = found.get(change.arc, ArcChange(least, change.arc, (), ()))
         if (change.urgent, change.gain) > (known.urgent, known.gain):
             found[change.arc] = change
 
@@ -118,13 +118,13 @@ def find_changes(
                 peak = a + int(np.argmax(wrong[a:b]))
                 share = (peak + 0.5) / wrong.size
                 shares, edit = (share, 0.0, 1.0 - share), Edit(1, j, -level)
-                offer(Change(float(wrong[a:b].sum()), k, shares, (edit,)))
+                offer(ArcChange(float(wrong[a:b].sum()), k, shares, (edit,)))
     for change in _limit_changes(program, weights):
         offer(change)
     return [found[k] for k in sorted(found)]
 
 
-def _bang_bang(arc: int, joint: int, level: float, slopes: Array) -> Change:
+def _bang_bang(arc: int, joint: int, level: float, slopes: Array) -> ArcChange:
     """Replace a torque between its limits by torques at its limits.
 
     A constant torque on an arc is optimal in the mean only. It goes to its upper limit
@@ -146,10 +146,10 @@ def _bang_bang(arc: int, joint: int, level: float, slopes: Array) -> Change:
         shares = [first, 1.0 - first]
     gain = float(np.sum(np.abs(slopes) + slopes * level))
     edits = [Edit(piece, joint, level) for piece, level in enumerate(levels)]
-    return Change(gain, arc, shares, edits)
+    return ArcChange(gain, arc, shares, edits)
 
 
-def _limit_changes(program: ArcProgram, of_rows: Array) -> Iterator[Change]:
+def _limit_changes(program: ArcProgram, of_rows: Array) -> Iterator[ArcChange]:
     """Changes for joints at a speed limit, and for held joints at a torque limit.
 
     A joint that touches its speed limit may stay at it for an arc. If the torque of a
@@ -173,7 +173,7 @@ def _limit_changes(program: ArcProgram, of_rows: Array) -> Iterator[Change]:
         if kind == VELOCITY:
             share = (place + 1) / count
             edit = Edit(1, joint, 0.0, sign, follows=True)
-            yield Change(gain, arc, (share, 0.0, 1.0 - share), (edit,))
+            yield ArcChange(gain, arc, (share, 0.0, 1.0 - share), (edit,))
             continue
         last = place > 0.5 * (count - 1)
         neighbour = min(max(arc + (1 if last else -1), 0), arcs.count - 1)
@@ -185,4 +185,4 @@ def _limit_changes(program: ArcProgram, of_rows: Array) -> Iterator[Change]:
                 Edit(int(last), other, float(arcs.levels[arc, other]), follows=True),
             )
             shares = (1.0, 0.0) if last else (0.0, 1.0)
-            yield Change(gain, arc, shares, edits, urgent=True)
+            yield ArcChange(gain, arc, shares, edits, urgent=True)

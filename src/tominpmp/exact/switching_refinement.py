@@ -21,7 +21,7 @@ from tominpmp.exact.detection import arcs_of, constant_signs, without_friction
 from tominpmp.exact.structure import Arcs
 from tominpmp.exact.switching_times import (
     OptimisedArcs,
-    States,
+    StateFunction,
     refine_arcs,
     sharpen,
     solve_lengths,
@@ -55,8 +55,9 @@ GRID_ITERATIONS = 30
 # over that of a plan that its replay does not confirm.
 LONGER = 1e-6
 UNCONFIRMED = 0.02
-# Number of perturbed paths that are tried, evaluations of the dynamics for each path,
-# and largest number of motors for which perturbed paths are tried.
+# Least number of perturbed paths that are tried, largest number of evaluations of the
+# dynamics for each of these and for the first look at the plan, and largest number of
+# motors for which perturbed paths are tried.
 TRIES = 12
 TRY_EVALUATIONS = 40_000
 EXPLORED_MOTORS = 3
@@ -127,7 +128,7 @@ class Search:
         status = self.progress.show_in_time(record)
         return status or (Status.TIME_LIMIT if self.budget.spent else None)
 
-    def optimise(self, arcs: Arcs, states: States, evaluations: int) -> bool:
+    def optimise(self, arcs: Arcs, states: StateFunction, evaluations: int) -> bool:
         """Optimise approximate arcs; returns whether the motion is short enough.
 
         Args:

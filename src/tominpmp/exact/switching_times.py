@@ -29,7 +29,7 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 
 logger = logging.getLogger(__name__)
 
-States = Callable[[Array], Array]
+StateFunction = Callable[[Array], Array]
 
 # Number of integration steps over the whole motion while arcs are searched for, and for
 # the final accuracy: it is doubled up to MOST_STEPS, until the duration changes by less
@@ -63,12 +63,12 @@ PROGRESS = 1e-8
 # Largest length of an arc, in units of the initial duration of the whole motion.
 LONGEST = 3.0
 # Relative progress and violation that count as zero.
-STILL = 1e-10
+NEGLIGIBLE = 1e-10
 # Stop rules: number of steps, and the relative progress in these steps below which the
 # iteration stops. The second rule holds while arcs are searched for.
-STOPS = ((2, STILL), (5, 1e-6))
-# The iteration also stops if the violation has not fallen to the share FALL in as many
-# iterations as SLOW: arcs of zero length can make it this slow, and are dropped next.
+STOPS = ((2, NEGLIGIBLE), (5, 1e-6))
+# The iteration also stops if the violation has not fallen to the share FALL in SLOW
+# iterations: arcs of zero length can make it this slow, and are dropped next.
 SLOW, FALL = 25, 0.1
 
 
@@ -128,7 +128,7 @@ def steps_of(arcs: Arcs, total: int) -> IntArray:
 def solve_lengths(
     system: ProblemFunctions,
     arcs: Arcs,
-    states: States | None,
+    states: StateFunction | None,
     budget: Budget,
     total: int = STEPS,
 ) -> OptimisedArcs | None:
@@ -202,9 +202,7 @@ def _constraints(program: ArcProgram, first: Shot) -> list[dict[str, Any]]:
     return [equations, limits] if first.margin.size else [equations]
 
 
-def _minimize(
-    program: ArcProgram, y: Array, budget: Budget, *, rough: bool = False
-) -> Array:
+def _minimize(program: ArcProgram, y: Array, budget: Budget, *, rough: bool) -> Array:
     """Unknowns of least duration, with the watched limits as rows.
 
     Args:
@@ -217,7 +215,7 @@ def _minimize(
     first = program.shoot(y)
     assert first is not None  # noqa: S101
     low, high = cost - 1.0, np.where(cost > 0.0, LONGEST, 1.0)
-    last, paid, exact = y, program.evaluations, EXACT if rough else STILL
+    last, paid, exact = y, program.evaluations, EXACT if rough else NEGLIGIBLE
     durations: list[float] = []
     violations: list[float] = []
 
@@ -310,7 +308,7 @@ def improve(optimised: OptimisedArcs, budget: Budget, total: int) -> OptimisedAr
 
 
 def refine_arcs(
-    system: ProblemFunctions, arcs: Arcs, states: States, budget: Budget
+    system: ProblemFunctions, arcs: Arcs, states: StateFunction, budget: Budget
 ) -> OptimisedArcs | None:
     """Find the arcs of a locally time-optimal motion from approximate arcs.
 

@@ -195,7 +195,7 @@ class Goal(ABC):
         return None if self.ball is None else self.ball.nearest_point()
 
     def distances(self, points: Array) -> Array | None:
-        """Distances of points, shape (m, 3), from the region of the frame, shape (m,).
+        """Distances of points, shape (m, 3), from the region of the frame, (m,) [m].
 
         None if the frame may end anywhere; negative or zero inside the region.
         """
@@ -207,6 +207,8 @@ class Goal(ABC):
 
     def angle_to_go(self, rotation: Array) -> float:
         """Least angle by which the frame has to rotate to meet the goal [rad].
+
+        It is negative inside a tolerance.
 
         Args:
             rotation: Orientation of the frame in the world, shape (3, 3).

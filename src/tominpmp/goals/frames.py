@@ -54,7 +54,7 @@ VelocityOrNone: TypeAlias = Annotated[
 ]
 
 ANGLES = "an angle >= 0 or three angles [rad]"
-# Difference below which two goals count as equal [rad or m].
+# Step to which the numbers of goals are rounded when goals are compared [rad or m].
 SAME_PLACE = 1e-6
 
 
@@ -448,9 +448,10 @@ class FrameTarget(NamedTuple):
     """Target of a frame, without tolerances.
 
     Attributes:
-        place: Position, shape (3,) [m].
+        place: Position, shape (3,) [m]; zero where the goal leaves it free.
         turn: Orientation, shape (3, 3); for an axis goal the axis in the frame in the
-            first row, and the direction in the world in the second row.
+            first row, and the direction in the world in the second row; zero for a
+            point.
         counts: Matrix that selects the components of a rotation and a displacement on
             which the goal has conditions, shape (6, 6).
         posed: Whether the goal fixes the whole orientation.

@@ -352,8 +352,9 @@ class JointRegionGoal(GoalOnJoints):
 def nearest_turns(robot: Robot, rows: Iterable[Array], near: Array) -> list[Array]:
     """Equivalent configurations near a configuration, shape (n,) each.
 
-    Endless joints take the nearest turn, and the nearest turn in the other direction;
-    configurations of robots without endless joints stay unchanged.
+    Endless joints take the nearest turn; in a second configuration one of them takes
+    the nearest turn in the other direction. Configurations of robots without endless
+    joints stay unchanged.
     """
     goals = (JointGoal(q).wrapped(robot, near, 0.0 * near, 2) for q in rows)
     return [way for goal in goals for way in goal.ways]

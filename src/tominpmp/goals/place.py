@@ -141,8 +141,8 @@ class Scales(NamedTuple):
     Attributes:
         joints: Displacement of each joint that counts as 1 rad, shape (n,): 1 for
             revolute joints, a length for prismatic joints [m].
-        lengths: Position error that counts as 1 rad: one metre, or the reach of shorter
-            arms [m].
+        lengths: Position error that counts as 1 rad [m]: one metre, or the larger of
+            reach and distance if it is shorter.
     """
 
     joints: Array

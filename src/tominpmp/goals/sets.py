@@ -228,7 +228,7 @@ class AnyGoal(GoalSet):
         return self.goals[int(np.argmin(worst))]
 
     def residual(self, kinematics: RobotKinematics, q: Array, v: Array) -> GoalResidual:
-        """Excess of the nearest goal over its bounds; the length varies by goal."""
+        """Excess of the nearest goal over its bounds; its length may vary by goal."""
         goal = self.nearest(kinematics, q, v)
         value, by_q, by_v = goal.residual(kinematics, q, v)
         lower, upper = goal.bounds(kinematics)

@@ -11,8 +11,8 @@ import numpy as np
 from tominpmp.arrays import Array, BoolArray
 
 TURN = 2.0 * np.pi
-# Number of equivalent positions of all joints together: more only where the nearest
-# turns, and one for each angle that turns in the other direction, are more.
+# Largest number of equivalent positions of all joints together. A problem raises it to
+# one more than the number of angles, so that each may turn in the other direction.
 MOST_WAYS = 6
 
 
@@ -22,7 +22,7 @@ def equivalent_positions(
     angles: BoolArray,
     limits: Sequence[Array],
     moving: BoolArray,
-    most: int = MOST_WAYS,
+    most: int,
 ) -> tuple[Array, ...]:
     """Joint positions that are equivalent up to whole turns, the nearest first.
 

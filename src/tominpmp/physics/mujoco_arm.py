@@ -14,7 +14,7 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from tominpmp.arrays import Array
-from tominpmp.collision.placements import Placements
+from tominpmp.collision.placements import JointPlacements
 from tominpmp.exceptions import ProblemError, optional
 from tominpmp.robot.robot import Robot
 
@@ -73,7 +73,7 @@ class MujocoArm:
         """MuJoCo's model of the joints, with placeholders of inertias."""
         model, kinds = self.robot.model, self.mujoco.mjtJoint
         spec = self.mujoco.MjSpec()
-        placements, bodies = Placements(model), [spec.worldbody]
+        placements, bodies = JointPlacements(model), [spec.worldbody]
         for joint in range(1, model.njoints):
             place, above = model.jointPlacements[joint], bodies[model.parents[joint]]
             quaternion = np.roll(Rotation.from_matrix(place.rotation).as_quat(), 1)

@@ -12,7 +12,7 @@ from tominpmp.exceptions import ProblemError
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.physics.mujoco_arm import MujocoArm
 from tominpmp.problem.problem import Problem
-from tominpmp.verification.replay import cut
+from tominpmp.verification.replay import subdivided
 
 # Default step of the simulator [s].
 STEP = 2e-4
@@ -153,7 +153,7 @@ def check_one_load(problem: Problem) -> None:
 
 def _run(arm: MujocoArm, trajectory: Trajectory, step: float, bandwidth: float) -> Run:
     """Simulate an arm with the torques of a motion; bandwidth 0 is open loop."""
-    times = cut(trajectory.t, step)
+    times = subdivided(trajectory.t, step)
     gains = arm.gains(trajectory.q, bandwidth)
     q, v, u = follow(arm, trajectory, times, gains)
     limits, desired = arm.robot.limits, trajectory(times).q

@@ -154,9 +154,7 @@ class Candidate:
         """Replay the torques, if the motion is feasible by its program."""
         if not self.feasible:
             return self
-        verification = verify(
-            problem, self.trajectory, options.tolerances, checker=problem.checker
-        )
+        verification = verify(problem, self.trajectory, options.tolerances)
         return replace(self, verification=verification)
 
 

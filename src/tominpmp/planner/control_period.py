@@ -20,8 +20,8 @@ from functools import cached_property, partial
 import numpy as np
 
 from tominpmp.certificate.allowances import clock_share
+from tominpmp.certificate.dwells import dwells_among_moving_obstacles, with_dwells
 from tominpmp.certificate.minimum_principle import TOLERANCE, certify
-from tominpmp.certificate.stays import dwells_among_motion, with_dwells
 from tominpmp.exceptions import OptionsError
 from tominpmp.motion.trajectory import MAX_SAMPLES, Trajectory
 from tominpmp.options import FEWEST_PERIODS, Options
@@ -234,7 +234,7 @@ def status_on_clock(
     share = clock_share(motion, period)
     if share == 1.0 and status not in STOPPED:
         return Status.CONVERGED, ""
-    if status is not Status.CONVERGED or dwells_among_motion(problem):
+    if status is not Status.CONVERGED or dwells_among_moving_obstacles(problem):
         return status, ""
     if (1.0 - share - TESTED_AGAIN * TOLERANCE) * motion.duration <= solution.T:
         return status, ""

@@ -16,9 +16,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tominpmp.certificate.minimum_principle import TOLERANCE, Findings, examine
+from tominpmp.certificate.dwells import dwells_among_moving_obstacles
+from tominpmp.certificate.minimum_principle import TOLERANCE, Examination, examine
 from tominpmp.certificate.motion import LONGEST
-from tominpmp.certificate.stays import dwells_among_motion
 from tominpmp.options import Options
 from tominpmp.planner.automatic_options import warm_start_options
 from tominpmp.planner.candidate import Candidate
@@ -79,7 +79,10 @@ def certified(state: PlanState) -> Schedule[None]:
     tolerance = tolerance_of(options)
     if best is None:
         return
-    converged, dwell = best.status is Status.CONVERGED, dwells_among_motion(problem)
+    converged, dwell = (
+        best.status is Status.CONVERGED,
+        dwells_among_moving_obstacles(problem),
+    )
     if converged and not dwell:
         if last_step_suffices(problem, options, best, tolerance):
             return
@@ -196,11 +199,11 @@ class CertifiedDescent:
                 findings = self.examine(best)
         return self._concluded(best, findings)
 
-    def _is_optimal(self, findings: Findings) -> bool:
+    def _is_optimal(self, findings: Examination) -> bool:
         promise = findings.certificate.stationarity
         return findings.certificate.ok and promise <= min(self.tolerance, WORTH_A_TRY)
 
-    def examine(self, candidate: Candidate) -> Findings:
+    def examine(self, candidate: Candidate) -> Examination:
         """The certificate of a motion, with the multipliers behind it."""
         problem, motion = self.system.problem, candidate.trajectory
         near, replay = _anything_near(problem, candidate), candidate.verification
@@ -209,7 +212,7 @@ class CertifiedDescent:
         logger.info("T %.5f s, small changes promise %.1e", candidate.duration, promise)
         return findings
 
-    def _spend_padding(self, findings: Findings) -> bool:
+    def _spend_padding(self, findings: Examination) -> bool:
         """Reduce the padding of distances if it causes the predicted gain.
 
         Returns:
@@ -260,7 +263,7 @@ class CertifiedDescent:
         over = self.spent and record.violation <= self.state.options.feasibility
         return status or (Status.ITERATION_LIMIT if over else None)
 
-    def _concluded(self, best: Candidate, findings: Findings) -> Candidate:
+    def _concluded(self, best: Candidate, findings: Examination) -> Candidate:
         """The motion with its certified status, and a remark on the predicted gain."""
         history = tuple(self.state.records)
         if findings.certificate.ok:

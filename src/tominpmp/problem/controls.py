@@ -51,7 +51,9 @@ def control_bounds(robot: Robot, limits: MotionLimits | None) -> tuple[Array, Ar
 
 
 def effort_range(robot: Robot, limits: MotionLimits | None) -> tuple[Array, Array]:
-    """Middle of the torque range of a robot at zero speed, and half of its width.
+    """Middle of the torque range of a robot, and half of its width.
+
+    Torque-speed curves are not part of this range.
 
     Args:
         robot: The robot.

@@ -43,7 +43,7 @@ from tominpmp.scene.scene import Scene, SceneLike, as_scene
 # Largest number of combinations of alternative goals over several segments, which are
 # planned one by one, and of combinations of equivalent joint angles over the segments.
 MOST_ALTERNATIVES, MOST_TURNS = 256, 16
-# Farthest way that a joint is assumed to need for a change of its velocity [rad].
+# Farthest way that a joint is assumed to need for a change of its velocity [rad or m].
 FARTHEST = 1e4
 
 
@@ -90,7 +90,9 @@ class Problem(Record):
     Raises:
         ProblemError: If a value is wrong: the message names the joint, the value and
             the expected value.
-        FrameNotFound: If the goal is on a frame that is not part of the robot.
+        FrameNotFound: If a frame of a goal or constraint is not part of the robot.
+        JointNotFound: If a joint of a goal or constraint is not part of the robot.
+        SceneError: If there are obstacles, and the moving links have no geometry.
     """
 
     robot: LoadedRobot
@@ -270,10 +272,10 @@ class Problem(Record):
         return messages
 
     def _wrapped(self, goal: Goal, before: Goal | None = None, rivals: int = 1) -> Goal:
-        """A goal with the joint angles nearest to where the joints come by themselves.
+        """A goal with the joint angles that the joints reach with the least way.
 
-        That is the start; or, where a joint moves at the start or the end, the position
-        at which its velocity has changed from the one to the other.
+        The way counts from the start; or, where a joint moves at the start or the end,
+        from the position at which its initial velocity has become its final velocity.
 
         Args:
             goal: The goal.

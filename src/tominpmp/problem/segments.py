@@ -27,6 +27,7 @@ from tominpmp.robot.payload import Payload
 from tominpmp.robot.robot import Robot
 from tominpmp.scene.scene import Scene, SceneOrNone
 
+# Description of valid goals, in messages.
 SOME_GOAL = "a JointGoal, PositionGoal, PoseGoal or another goal"
 # A larger number of segments is rejected as a mistake.
 MOST_SEGMENTS = 100
@@ -81,7 +82,7 @@ Flag: TypeAlias = Annotated[bool, flag]
 Dwell: TypeAlias = Annotated[
     float, partial(number, expected="a time >= 0 [s]", least=0.0)
 ]
-TimesOrNone: TypeAlias = Annotated[
+ArrivalOrNone: TypeAlias = Annotated[
     tuple[float, float] | None, optional(_checked_arrival)
 ]
 
@@ -123,7 +124,7 @@ class Segment(Record):
     may_touch: Pairs = ()
     stop: Flag = False
     dwell: Dwell = 0.0
-    arrival: TimesOrNone = None
+    arrival: ArrivalOrNone = None
 
     _owner = "segment."
 

@@ -21,21 +21,22 @@ SHORTEST = 1e-8
 
 
 def in_sequence(
-    problem: Problem, parts: Sequence[Problem], stays: Sequence[float]
+    problem: Problem, parts: Sequence[Problem], dwells: Sequence[float]
 ) -> Problem:
     """The problem that is solved by the motions of several problems, when joined.
 
     Args:
-        problem: The robot without payload, and what all parts have in common.
+        problem: A problem with the robot without the payloads of the parts, and with
+            all values that the parts have in common.
         parts: The problems, each of which begins at rest where the previous one ends.
-        stays: Dwell times at the end of each part [s].
+        dwells: Dwell times at the end of each part [s].
     """
     segments, phases = list[Segment](), list[Problem]()
     own = len(problem.robot.payloads)
-    for part, stay in zip(parts, stays, strict=True):
+    for part, dwell in zip(parts, dwells, strict=True):
         load = next(iter(part.robot.payloads[own:]), None)
         segments += part.segments or [Segment(part.goal, payload=load)]
-        segments[-1] = replace(segments[-1], stop=True, dwell=stay)
+        segments[-1] = replace(segments[-1], stop=True, dwell=dwell)
         phases += part.phases
     return problem._altered(
         _phases=(tuple(phases), []),
@@ -45,12 +46,12 @@ def in_sequence(
     )
 
 
-def joined(motions: Sequence[Trajectory], stays: Sequence[float]) -> Trajectory:
+def joined(motions: Sequence[Trajectory], dwells: Sequence[float]) -> Trajectory:
     """Join motions, each of which begins at rest where the previous one ends.
 
     Args:
         motions: The motions.
-        stays: Dwell times at the start, and at the end of each motion [s].
+        dwells: Dwell times at the start, and at the end of each motion [s].
 
     Returns:
         One motion; its segments are the motions, each with the dwell at its end.
@@ -59,10 +60,10 @@ def joined(motions: Sequence[Trajectory], stays: Sequence[float]) -> Trajectory:
     parts = [part for row in pieces for part in row]
     mixed = len({part.degree for part in parts}) > 1
     alike = [[_cubic(part) if mixed else part for part in row] for row in pieces]
-    runs, last = _stay(alike[0][0], 0, stays[0]), list[int]()
-    for row, stay in zip(alike, stays[1:], strict=True):
+    runs, last = _dwell(alike[0][0], 0, dwells[0]), list[int]()
+    for row, dwell in zip(alike, dwells[1:], strict=True):
         last += range(len(runs), len(runs) + len(row))
-        runs += [*row, *_stay(row[-1], -1, stay)]
+        runs += [*row, *_dwell(row[-1], -1, dwell)]
         last[-1] = len(runs) - 1
 
     def whole(rows: Sequence[Array]) -> Array:
@@ -89,7 +90,7 @@ def joined(motions: Sequence[Trajectory], stays: Sequence[float]) -> Trajectory:
     )
 
 
-def _stay(part: Trajectory, row: int, seconds: float) -> list[Trajectory]:
+def _dwell(part: Trajectory, row: int, seconds: float) -> list[Trajectory]:
     """The dwell at the first or last node of a motion; empty if it is too short."""
     if seconds <= SHORTEST:
         return []

@@ -43,7 +43,7 @@ class StateChecks:
         robot: The robot.
         scene: The obstacles.
         checker: Collision checker: distances to the obstacles, and between links.
-        margin: Distance to keep from obstacles [m].
+        margin: Distance to keep from obstacles, and between several robots [m].
         constraints: Further constraints, ready to be evaluated.
     """
 
@@ -57,8 +57,9 @@ class StateChecks:
     def margins(self) -> Array:
         """Margin of each collision pair of the checker [m].
 
-        The checker decomposes meshes into convex pieces for the margins: starts and
-        goals whose convex hulls are clear are accepted before.
+        The checker decomposes meshes into convex pieces for the margins. A start or
+        goal at which the convex hulls of an arm without obstacles are clear is accepted
+        before.
         """
         return self.checker.margins(self.margin)
 
@@ -77,7 +78,10 @@ class StateChecks:
 
         Returns:
             The goal, moved onto limits that it exceeds by rounding and without
-            alternatives that are out of reach, and warnings.
+            alternatives that fail a check, and warnings.
+
+        Raises:
+            ProblemError: If the goal fails a check, or all of its alternatives do.
         """
         if goal.alternatives[0] is not goal:
             return self._any_goal(goal, rests)
@@ -286,7 +290,7 @@ def holding(robot: Robot, q: Array) -> tuple[Array, BoolArray]:
 
 
 def unheld(robot: Robot, q: Array) -> str:
-    """The first motor that cannot hold the arm at rest at q, in a clause; or empty."""
+    """Clause on the first motor that cannot hold the arm at rest at q; may be empty."""
     tau, held = holding(robot, q[None])
     for i in np.flatnonzero(~held[0]).tolist():
         low, high = robot.limits.effort_lower[i], robot.limits.effort_upper[i]

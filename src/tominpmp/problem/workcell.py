@@ -45,8 +45,8 @@ class Workcell(Record):
         solution = tm.plan(problem)
         motions = cell.split(solution.trajectory)
 
-    Points and placements, also those of goals, are given in the world frame, not in the
-    base frame of a robot; :meth:`base` gives the placement of a base. Payloads are
+    Points and placements, also of goals, are given in the world frame, not in the base
+    frame of a robot; :meth:`base` gives the placement of a base. Payloads are
     attached to the robots beforehand.
 
     Attributes:

@@ -9,9 +9,10 @@ at the optimum, with the motion z fixed: no motion is planned again. The multipl
 :math:`\lambda_i` are the multipliers of the certificate.
 
 A displacement of the goal is equivalent to the opposite displacement of the robot.
-Therefore the sensitivities to both, and the effects of the base on gravity and
-constraints, follow from the values for a robot with a slightly displaced base and
-unchanged joint motion; contacts contribute by their normals.
+Therefore the sensitivities to both, and the effect of the base on constraints, follow
+from the values for a robot with a slightly displaced base and unchanged joint motion;
+contacts contribute by their normals, and gravity by its rotation in the axes of the
+base.
 """
 
 from __future__ import annotations
@@ -28,9 +29,9 @@ import pinocchio as pin
 from tominpmp.arrays import Array
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.certificate.dual_program import solve_dual_program
+from tominpmp.certificate.dwells import without_dwells
 from tominpmp.certificate.limits import GOAL, SEGMENT, LimitRows
-from tominpmp.certificate.motion import Motion
-from tominpmp.certificate.stays import without_dwells
+from tominpmp.certificate.motion import GridMotion
 from tominpmp.checks import instance
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError
@@ -52,7 +53,8 @@ from tominpmp.verification.stages import with_segments
 
 # Steps of finite differences: of displacements [m, rad], and of gravity [m/s^2].
 STEP, GRAVITY_STEP = 1e-6, 1e-3
-# Multiplier up to which a limit is neglected [1/m].
+# Multiplier up to which a limit is neglected: of clearances [1/m], and of constraints
+# in units of their scale.
 NOTHING = 1e-9
 
 
@@ -73,6 +75,7 @@ def analyse(problem: Problem, trajectory: Trajectory | Samples) -> Sensitivities
         ProblemError: If the motion has other joints than the robot, values that are not
             finite or no multipliers, or if segments have arrival times, or dwells while
             obstacles move.
+        ScenarioError: If the samples have other joints than the robot.
     """
     instance(problem, Problem, "problem")
     robot = problem.robot
@@ -84,7 +87,7 @@ def analyse(problem: Problem, trajectory: Trajectory | Samples) -> Sensitivities
         return Sensitivities(T, (), 0.0, np.zeros(6))
     dual = None
     with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
-        motion = Motion.of(ProblemFunctions.of(problem), trajectory)
+        motion = GridMotion.of(ProblemFunctions.of(problem), trajectory)
         dual = solve_dual_program(motion)
     if dual is None:
         raise ProblemError(
@@ -123,7 +126,7 @@ def _moving(problem: Problem, motion: Trajectory) -> tuple[Problem, Trajectory]:
     return without_dwells(problem.alternative_of(motion), motion)
 
 
-def _segments(motion: Motion, rows: LimitRows) -> Iterator[SegmentRows]:
+def _segments(motion: GridMotion, rows: LimitRows) -> Iterator[SegmentRows]:
     """The segments of a motion with their rows, whose subjects are renumbered.
 
     All segments share a program of small changes, with a duration for each segment.
@@ -145,11 +148,11 @@ class SegmentRows:
         rows: The limits of the segment, with their multipliers.
     """
 
-    motion: Motion
+    motion: GridMotion
     rows: LimitRows
 
     def records(self) -> Iterator[Sensitivity]:
-        """Records of all limits of the motion."""
+        """Records of all limits and parameters of the segment."""
         yield from self._limits()
         yield from self._clearances()
         yield from self._constraints()
@@ -174,7 +177,10 @@ class SegmentRows:
         return [kind.units[int(slides)] for slides in prismatic_joints(self._robot)]
 
     def _sums(self, kind: str, values: Array, count: int) -> Array:
-        """Sums of values over the rows of a kind, by subject, shape (count,)."""
+        """Sums of values over the rows of a kind, by subject.
+
+        Shape (count,), or longer up to the last subject that has a row.
+        """
         mask = self.rows.of(kind)
         sums = np.bincount(self.rows.subject[mask], values[mask], minlength=count)
         return np.asarray(sums, dtype=float)
@@ -319,9 +325,7 @@ class SegmentRows:
             more = self._cost(_loaded(robot, item)) - self._cost(robot)
             value, unit = _by_share(more, item.mass, "kg")
             yield Sensitivity("payload", None, item.name, value, unit, item.mass, "kg")
-        viscous = [
-            "N s/m" if unit == "m" else "N m s/rad" for unit in self._units(POSITION)
-        ]
+        viscous = ["N s/m" if u == "m" else "N m s/rad" for u in self._units(POSITION)]
         for kind, coefficient, factor, units in (
             ("damping", robot.damping, torques.v, viscous),
             ("friction", robot.friction, torques.way, self._units(EFFORT)),

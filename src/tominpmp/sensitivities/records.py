@@ -10,16 +10,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tominpmp.arrays import Array, FrozenArray, Record, frozen_array
-from tominpmp.checks import instance, whole
-from tominpmp.exceptions import ProblemError, brief
+from tominpmp.arrays import Array, FrozenArray, Record, frozen_array, number_or_nan
+from tominpmp.checks import instance, whole, wrong
 from tominpmp.motion_limits import joint_kinds
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Powers of the factor of a time scaling by which quantities decrease; the kinds of
-# joint limits have their powers.
+# Powers of the factor by which the same path takes longer: parameters are then smaller
+# by these powers of it. The powers of kinds of joint limits are their orders.
 POWERS = {"gravity": 2, "friction": 2, "damping": 1, "speed of effort curve": 1}
 # Steps of the tables: one per cent of a limit, a millimetre, a milliradian or a gram.
 SHARE, SMALL_UNIT = 0.01, 1e-3
@@ -36,15 +35,17 @@ class Sensitivity(Record):
 
     Attributes:
         kind: "velocity", "effort", "acceleration", "jerk", "effort rate", "effort over
-            speed", "position", "clearance", "margin", "gravity", "payload", "damping",
-            "friction", "goal", "obstacle", or the name of a constraint.
+            speed", "speed of effort curve", "upper position", "lower position",
+            "clearance", "margin", "gravity", "payload", "damping", "friction", "goal",
+            "obstacle", or the name of a constraint.
         joint: Name of the joint; None for parameters of other subjects.
-        subject: Name of the subject: joint, obstacle, pair of links, payload or frame.
+        subject: Name of the subject: joint, obstacle, pair of links, payload, frame,
+            or "goal" for a goal without a frame; empty for gravity and the margin.
         value: d ln T / d ln limit: change of T in per cent if the limit grows by 1 %;
             negative if a larger limit makes the motion faster. If the logarithm of the
             limit is not defined, d ln T / d limit.
-        unit: Unit of the value: empty for d ln T / d ln limit, otherwise "1/m", "1/rad"
-            or "1/kg".
+        unit: Unit of the value: empty for d ln T / d ln limit, otherwise one over the
+            unit of the limit or of the position: "1/m", "1/rad", "1/kg", ...
         limit: Value of the limit [SI]; None if it is not a number.
         limit_unit: Unit of the limit.
         vector: Derivatives of ln T with respect to the coordinates of a position in the
@@ -162,7 +163,8 @@ class Sensitivities(Record):
         """Residual of the time scaling identity, zero for a motion from rest to rest.
 
         S_velocity + 2 S_effort + 2 S_acceleration + 3 S_jerk + 3 S_effort-rate + 2
-        S_gravity + S_damping + 2 S_friction = -1 if no other parameter depends on time:
+        S_gravity + S_damping + 2 S_friction = -1 (torque-speed curves add 2 S for their
+        torque axis and S for their speed axis) if no other parameter depends on time:
         with speed limits twice as large, and torque limits and gravity four times as
         large, the same path takes half the time. Moving obstacles, velocities at the
         ends and constraints of other kinds add to the residual.
@@ -190,29 +192,31 @@ class Sensitivities(Record):
             names: Names of the goals, one for each motion; None numbers the goals.
 
         Raises:
-            ProblemError: If ``parts`` is empty, or the duration of the cycle is less
-                than the sum of the durations.
+            ProblemError: If ``parts`` is empty or holds other objects, the duration of
+                the cycle is less than the sum of the durations, or names are too few or
+                too many.
         """
         items = list(parts)
         goals = [f"goal {k + 1}" for k in range(len(items))] if names is None else names
         for item in items:
             instance(item, Sensitivities, "parts", "Sensitivities of motions")
         total = math.fsum(item.T for item in items)
-        whole = total if T is None else T
+        whole = total if T is None else number_or_nan(T)
         if not items or not whole >= total * (1.0 - 1e-9):
-            raise ProblemError(
-                f"T is {brief(T)} for {len(items)} motions that take {total:.4g} s, "
-                "expected at least their duration, and at least one motion",
-                "T",
-            )
-        scaled = []
+            raise wrong(T, "T", f"at least {total:.4g} s, and at least one motion")
+        if len(goals) != len(items):
+            raise wrong(names, "names", "a name for each motion")
+        scaled, longest = (
+            [],
+            whole or 1.0,
+        )  # all values of motions without duration are 0
         for part, goal in zip(items, goals, strict=True):
             for record in part:
                 on_goal = record.kind == "goal" and record.joint is None
                 named = replace(record, subject=goal) if on_goal else record
-                scaled.append(named.scaled(part.T / whole))
-        base = sum(item.base * (item.T / whole) for item in items)
-        promise = math.fsum(item.promise * item.T for item in items) / whole
+                scaled.append(named.scaled(part.T / longest))
+        base = sum(item.base * (item.T / longest) for item in items)
+        promise = math.fsum(item.promise * item.T for item in items) / longest
         return cls(whole, summed(scaled), promise, np.asarray(base))
 
     def table(self, most: int | None = None) -> str:
@@ -222,7 +226,7 @@ class Sensitivities(Record):
             most: Largest number of lines; None for all records with an effect.
 
         Raises:
-            ProblemError: If ``most`` is not a whole number.
+            ProblemError: If ``most`` is not a whole number, or negative.
         """
         if most is not None:
             most = whole(most, "most", expected="a number of lines or None")
@@ -253,7 +257,8 @@ class Sensitivities(Record):
             The figure.
 
         Raises:
-            ProblemError: If the ending of the path is unknown.
+            ProblemError: If the ending of the path is unknown, or ``most`` is not a
+                positive whole number.
             MissingDependency: If matplotlib is not installed.
         """
         from tominpmp.viz.plots import plot_sensitivities

@@ -3,8 +3,8 @@
 The multipliers of torque limits, of torque-rate limits and of torque-speed curves give
 the share of the duration by which an additional torque at an instant delays the motion.
 Gravity, payloads and friction change the torques that the same motion requires: the
-inverse dynamics is linear in each of these parameters, so that their derivatives need
-no finite differences.
+inverse dynamics is linear in each of these parameters, so that differences of torques
+give their derivatives without a truncation error.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from tominpmp.certificate.limits import (
     SampledConstraint,
     limits_of_joints,
 )
-from tominpmp.certificate.motion import Motion
+from tominpmp.certificate.motion import GridMotion
 from tominpmp.constraints.torque import MotorLimit, TorqueLimit
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.robot.robot import Robot
@@ -46,7 +46,7 @@ class TorqueWeights:
     weight: Array
 
     @classmethod
-    def of(cls, motion: Motion, limits: LimitRows) -> TorqueWeights:
+    def of(cls, motion: GridMotion, limits: LimitRows) -> TorqueWeights:
         """Weights from the multipliers of torques on a segment of a motion.
 
         Args:

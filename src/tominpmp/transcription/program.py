@@ -330,6 +330,6 @@ def _at_ends_of_segments(of: Transcription[Any]) -> list[Block]:
         sudden = part.sudden and parts[number + 1].sudden
         if segment.dwell > 0.0 and not sudden and of.highest_order > 2:
             scale = BRAKING * part.problem.robot.limits.velocity
-            rest = JointLimit.standstill(scale)
+            rest = JointLimit.at_dwell(scale)
             goals.append(SampledRows(of, rest, at, within, suffix))
     return [*goals, *arrivals]

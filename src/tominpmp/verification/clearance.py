@@ -30,7 +30,8 @@ from tominpmp.verification.closest_approach import ClosestApproach
 from tominpmp.verification.replay import Replay, planned
 from tominpmp.verification.stages import stages_of
 
-# Largest number of time intervals for each pair before the proof is given up.
+# Largest number of time intervals, in the mean over the pairs, before the proof is
+# given up.
 MAX_STRETCHES = 20_000
 # Number of kinds of pairs beyond which a message names only the range of their margins.
 MOST_KINDS = 3
@@ -57,7 +58,7 @@ class ProvedDistance(NamedTuple):
         """The proved distance, in words.
 
         Args:
-            pairs: Name of the pairs.
+            pairs: The pairs with a verb, such as "every pair stays".
         """
         # A rounded distance must not exceed the proof: the last digit is rounded down.
         least = math.floor(1e4 * min(self.margin, self.bound) * (1.0 + 1e-12)) / 1e4
@@ -73,13 +74,14 @@ class ClearanceProof:
     """Proof of the clearance of a motion at all times, or its failure.
 
     Attributes:
-        proved: Whether every pair keeps its margin at every time.
+        proved: Whether every pair keeps its margin, minus the tolerated slack, at every
+            time.
         kept: Proved distances, for the pairs of each kind and margin; empty without a
             proof.
         nearest: The pair with the least measured clearance beyond its margin, and its
             distance; None without pairs.
         time: Time of the least measured clearance [s].
-        contact: Whether a distance below the required distance was measured.
+        contact: Whether a distance below a margin minus the slack was measured.
         stretches: Number of examined time intervals, counted for each pair.
     """
 
@@ -156,7 +158,7 @@ class ClearanceProof:
         return f"{', '.join(clauses)} at all times"
 
 
-# The proof for a robot without collision pairs.
+# The proof for a problem without collision pairs.
 WITHOUT_PAIRS = ClearanceProof(True, (), None, 0.0, False, 0)
 
 
@@ -199,6 +201,10 @@ def prove_clearance(
     Returns:
         The proof, or its failure. For an obstacle that is moved by a function without
         bounds on its speed, the proof relies on estimates of the speed.
+
+    Raises:
+        ProblemError: If the motion has another number of joints than the robot, or an
+            argument is invalid.
     """
     expected = "a CollisionChecker: problem.checker"
     instance(checker, CollisionChecker, "checker", expected)
@@ -233,7 +239,7 @@ def clearance_of(
     motion, drift = _rows(trajectory, deviation)
     for stage in stages_of(problem, trajectory):
         checker = stage.problem.checker
-        if checker.pairs and stage.end > stage.begin:
+        if checker.pairs:
             section = motion.between(stage.begin, stage.end)
             proofs.append(_proof(checker, section, stage.problem.margins, drift))
     if not proofs:

@@ -112,7 +112,7 @@ class ClosestApproach:
         most: int = MOST,
     ) -> None:
         if replay.t.size == 1:
-            moment, q = np.array([0.0, INSTANT]), np.vstack([replay.q, replay.q])
+            moment, q = replay.t + np.array([0.0, INSTANT]), replay.q[[0, 0]]
             replay = replace(replay, t=moment, q=q, v=np.zeros_like(q))
         self._checker, self._margins = checker, margins
         self._motion, self._drift = replay, drift
@@ -253,14 +253,17 @@ class ClosestApproach:
         return np.asarray(clearance)
 
     def _accepted(self, tolerated: Array) -> Array:
-        """Clearances above which no subdivision is needed, by tolerated violation."""
+        """Clearances above which no subdivision is needed, by tolerated violation [m].
+
+        After a measured violation, only the least clearance is of interest.
+        """
         if self.violated:
             return np.full(tolerated.shape, self._search_bound)
         return np.maximum(-tolerated, self._search_bound)
 
     @property
     def _search_bound(self) -> float:
-        """Clearance below which the search for the least clearance goes on [m]."""
+        """Clearance below which intervals are subdivided in search of the least [m]."""
         return self.clearance - max(RESOLUTION * abs(self.clearance), LEAST_RESOLUTION)
 
     def _tolerated(self, cases: Cases) -> Array:

@@ -69,7 +69,7 @@ class TrackingPlant(Plant):
         self._plan = np.zeros(5 * robot.n)
 
     def torque(self, t: float) -> Array:
-        """Torque of the plan at the time of the last state, shape (n,)."""
+        """Torque of :class:`Plant` at the time of the last state, shape (n,)."""
         return self._plan[: self._n]
 
     def state(self, t: float, x: Array) -> Array:
@@ -108,7 +108,7 @@ class Tracking(Integration):
         stages: The segments of the motion, with their robots.
         trajectory: The planned motion.
         rate: Rate of the feedback [1/s].
-        integrator: Name of the integrator.
+        integrator: Name of the integrator; None for LSODA.
 
     Attributes:
         feedback: Feedback torques at the times of the replay, shape (m, n) [N m or N];
@@ -125,7 +125,7 @@ class Tracking(Integration):
         stages: Sequence[Stage],
         trajectory: Trajectory,
         rate: float,
-        integrator: Integrator | None = None,
+        integrator: Integrator | None,
     ) -> None:
         robot = stages[0].problem.robot
 

@@ -37,12 +37,16 @@ class LimitViolation:
         kind: "goal", "speed", "position", "velocity", "effort", "acceleration", "jerk",
             "effort rate", "feedback", "clearance", "duration", "arrival", or the name
             of a constraint.
-        name: Name of the joint, of the frame, or of the pair: "link and obstacle".
+        name: Name of the joint, of the frame, of the pair ("link and obstacle"), or of
+            the subject of a constraint; "late" or "early" for arrivals, "the motion"
+            for durations, and "the arm" for goals before which a replay is lost.
         time: Time of the violation [s].
-        amount: Excess over the limit, or distance from the goal; negative for slack.
+        amount: Excess over the limit, or distance from the goal, infinite for a lost
+            replay; negative for slack.
         unit: Unit of the amount.
         share: The amount relative to the limit, for positions and efforts relative to
-            the range of the limits; for goals and clearances the amount itself.
+            the range of the limits; for goals, clearances and arrivals the amount
+            itself.
         violated: Whether the excess is larger than the tolerance.
         segment: Number of the segment, from 1; None for a motion of one segment.
         span: Begin and end of the segment [s]; None for a motion of one segment.
@@ -134,7 +138,10 @@ def limit_violations(
         a = np.array([dynamics.forward_along(q, v, u, way) for way in directions])
 
     def excesses(item: JointBounds) -> tuple[Array, Array]:
-        """Times, and excesses over a limit, the least of all possible directions."""
+        """Times, and excesses over a limit, the least of all possible directions.
+
+        Jerks are differences of the accelerations with the directions of the replay.
+        """
         if item.kind.quantity == "j":
             rounding = ROUNDING * np.max(np.abs(q), axis=0)
             return _rates(replay.t, ends, a[0], item.upper, rounding=rounding)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from tominpmp.problem.problem import Problem
 
 # Largest number of rows of a replay at which pairs that are not checked are tested.
-GLANCES = 250
+TESTED_ROWS = 250
 
 
 class Touch(NamedTuple):
@@ -42,7 +42,7 @@ class Touch(NamedTuple):
         )
 
 
-def closest(
+def nearest_pair(
     problem: Problem, replay: Replay, checker: CollisionChecker, tolerance: float
 ) -> tuple[LimitViolation, Contact] | None:
     """The pair with the least clearance beyond its margin along a motion.
@@ -60,6 +60,9 @@ def closest(
     Returns:
         The violation of the margin, negative for clearance, and the pair; None without
         pairs.
+
+    Raises:
+        Stop: If the time is used up before a bound of the clearance is known.
     """
     check()
     # Each link of a single robot is represented by one convex hull, whose distances are
@@ -69,7 +72,7 @@ def closest(
     coarse = checker.with_cut(frozenset()) if checker.single_arm else checker
     if not coarse.pairs:
         return None
-    # A goal on a frame is where the motion ends.
+    # For a goal that is not a configuration, this is the final one of the motion.
     goal = problem.goal.configuration
     ends = np.array([problem.q_start, replay.q[-1] if goal is None else goal])
     bound = None
@@ -124,7 +127,7 @@ def never_touching(problem: Problem, replay: Replay) -> tuple[Touch, ...]:
     unchecked = pairs.keys() - set(map(frozenset, problem.may_touch))
     if not unchecked:
         return ()
-    step = 1 + replay.t.size // GLANCES
+    step = 1 + replay.t.size // TESTED_ROWS
     q, t = replay.q[::step], replay.t[::step]
     contacts = links_touching(problem.robot, unchecked, q)
     return tuple(Touch(*pairs[names], float(t[row])) for names, row in contacts.items())

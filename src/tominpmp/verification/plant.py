@@ -23,7 +23,7 @@ from tominpmp.dynamics import (
 from tominpmp.robot.robot import Robot
 
 Slope: TypeAlias = Callable[[float, Array], Array]
-Curve: TypeAlias = Callable[[float], Array]
+StateCurve: TypeAlias = Callable[[float], Array]
 
 # Speed below which a joint is at rest [rad/s or m/s]: below the integration errors.
 STILL = 1e-11
@@ -31,14 +31,18 @@ STILL = 1e-11
 GRAZE = 1e-8
 
 # Number of instants of a piece at which the static friction of a resting arm is tested.
-LOOKS = 30
+TESTED_INSTANTS = 30
 
 
 class Plant:
-    """State derivative of a robot under a polynomial of torque, one row at a time.
+    """State derivative of a robot under a polynomial of torque, one state at a time.
 
     Attributes:
         robot: The robot.
+        begin: Beginning of the current piece of torque [s].
+        rate: Derivative of the variable s of its polynomial, in [-1, 1], by time [1/s].
+        coefficients: Coefficients of its polynomial in s, less the dry friction of
+            sliding joints, shape (n, K).
         dynamics: Dynamics of the robot without dry friction.
         dry: Whether each joint has dry friction, shape (n,).
         way: Sliding direction of each joint with dry friction, 1 or -1; 0 for joints
@@ -65,7 +69,8 @@ class Plant:
         Args:
             begin: Begin of the piece [s].
             end: End of the piece [s].
-            coefficients: Coefficients of the polynomial, shape (n, K).
+            coefficients: Coefficients of the polynomial, shape (n, K); more rows for
+                :class:`~.feedback.TrackingPlant`.
         """
         self._given = self.coefficients = coefficients
         self.begin, self.rate = begin, 2.0 / (end - begin)
@@ -149,7 +154,7 @@ class Plant:
         self.way, self.coefficients = way, np.array(self._given)
         self.coefficients[: self._n, 0] -= self.robot.friction * way
 
-    def changes(self, begin: float, end: float, curve: Curve) -> float:
+    def changes(self, begin: float, end: float, curve: StateCurve) -> float:
         """Time of the first event in a step: a joint stops, or friction releases it.
 
         Args:
@@ -199,7 +204,7 @@ class Plant:
         count = int(back[0]) if back.size else count
         rows = np.arange(count if self._holds else 0)
         if not v.any():  # torques of a resting arm are smooth: some instants suffice
-            rows = np.unique(np.linspace(0, count - 1, LOOKS).astype(int))
+            rows = np.unique(np.linspace(0, count - 1, TESTED_INSTANTS).astype(int))
         valid = 0
         for k in rows.tolist():
             if self._event_margin(t[k + 1], x[k + 1]) < 0.0:

@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from tominpmp.problem.problem import Problem
     from tominpmp.robot.robot import Robot
 
-RTOL = 1e-9
-ATOL = 1e-11  # [rad, m, rad/s, m/s]
+# Relative and absolute tolerance of the integration [rad, m, rad/s, m/s].
+RTOL, ATOL = 1e-9, 1e-11
 # Factor by which the tolerances of LSODA are tighter. It costs no more evaluations, as
 # LSODA restarts with short steps at every jump.
 LSODA_TIGHTNESS = 1000.0
@@ -45,15 +45,16 @@ TIME_STEP = 1e-3
 MOST_ROWS = 200_000
 # Ratio of the first step of a piece to the last step of the piece before.
 GROWTH = 1.5
+# Largest number of steps of LSODA between two rows.
 LSODA_STEPS = 20_000
-# Events closer to the end of a piece are neglected: no solver can step over the rest
+# Events closer to the end of a piece are neglected: no solver can step over this time
 # [spacings of floating-point numbers].
 NEGLECTED = 100.0
 # Largest number of evaluations before an integration is given up.
 MAX_EVALUATIONS = 500_000
 # Number of evaluations between checks of the deadline.
 WATCH = 256
-# LSODA of SciPy before 1.17 has one state for all threads.
+# LSODA of SciPy before 1.17 and the filters of warnings have one state for all threads.
 AT_WORK = threading.Lock()
 # Position or velocity beyond which an integration has failed.
 MAX_STATE = 1e6
@@ -67,7 +68,8 @@ class Replay(Record):
 
     Attributes:
         joint_names: Names of the joints, in column order.
-        t: Times [s], at most a millisecond apart, all nodes included, shape (m,).
+        t: Times [s], all nodes included, at most a millisecond apart unless the motion
+            is longer than some minutes, see MOST_ROWS, shape (m,).
         q: Positions [rad or m], shape (m, n).
         v: Velocities [rad/s or m/s], shape (m, n).
         u: Torques [N m or N], at a jump the torques just after it, shape (m, n).
@@ -116,12 +118,13 @@ def planned(
 
     Args:
         trajectory: The motion.
-        time_step: Largest time between two rows [s].
+        time_step: Largest time between two rows [s]; a longer time if the rows were
+            more than MOST_ROWS.
         torque: Torques of the motion, whose jumps have rows like those of a replay;
             None for rows at the nodes only.
     """
     nodes = trajectory.t if torque is None else torque.t
-    t = cut(nodes, max(time_step, trajectory.duration / MOST_ROWS))
+    t = subdivided(nodes, max(time_step, trajectory.duration / MOST_ROWS))
     state = trajectory(t)
     return Replay(
         trajectory.joint_names,
@@ -136,7 +139,7 @@ def planned(
     )
 
 
-def cut(nodes: Array, time_step: float) -> Array:
+def subdivided(nodes: Array, time_step: float) -> Array:
     """Subdivide the intervals between nodes into equal parts.
 
     Args:
@@ -222,7 +225,7 @@ class Integration:
         x = start
         for k in range(pieces.count):
             check()
-            ticks = cut(pieces.t[k : k + 2], time_step)
+            ticks = subdivided(pieces.t[k : k + 2], time_step)
             rows, way = self._piece(k, x, ticks)
             times.append(ticks[1 : len(rows) + 1])
             states.append(rows)
@@ -274,7 +277,7 @@ class Integration:
             check()
             x = nodes[k]
             for piece in np.flatnonzero(interval == k).tolist():
-                ticks = cut(pieces.t[piece : piece + 2], TIME_STEP)
+                ticks = subdivided(pieces.t[piece : piece + 2], TIME_STEP)
                 rows, _ = self._piece(piece, x, ticks)
                 x = rows[-1] if len(rows) else np.full_like(x, np.nan)
             out[k] = x - nodes[k + 1]

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from tominpmp.problem.problem import Problem
 
 # Largest number of instants at which ends of recorded segments are searched for.
-MOST_LOOKS = 20_000
+MOST_SAMPLES = 20_000
 # Residual below which a goal counts as met, as a share of the tolerance.
 MET = 1e-3
 
@@ -165,7 +165,7 @@ def _segment_ends(
         recorded: Recorded end times, at nodes [s], shape (k,); None if not recorded.
     """
     plain, T = replace(motion, inverse_dynamics=None), motion.duration
-    step = max(TIME_STEP, T / MOST_LOOKS)
+    step = max(TIME_STEP, T / MOST_SAMPLES)
     times = np.unique(np.concatenate([np.arange(0.0, T, step), motion.t]))
     ends: list[float] = []
     first, last = 0, times.size - 1

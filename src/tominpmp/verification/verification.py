@@ -37,7 +37,7 @@ from tominpmp.verification.feedback import (
     feedback_rate,
 )
 from tominpmp.verification.limit_violations import LimitViolation, limit_violations
-from tominpmp.verification.nearest import Touch, closest, never_touching
+from tominpmp.verification.nearest import Touch, nearest_pair, never_touching
 from tominpmp.verification.plant import Plant
 from tominpmp.verification.polynomials import Pieces
 from tominpmp.verification.replay import (
@@ -72,12 +72,14 @@ class Verification:
             also if it is within the tolerance.
         violations: Violations beyond the tolerances, violations of the goal included.
         min_clearance: Smallest measured distance to obstacles and between links during
-            the motion [m]; infinite without pairs.
+            the motion [m]; infinite without pairs, minus infinity for a motion that is
+            too long to be replayed.
         deviation: Largest distance of each joint from the plan, shape (n,) [rad or m].
         defect: Largest distance in position by which the integration of an interval
             from its first node misses its last node [rad or m]; None for a motion
-            without violations. If the defect is small and the goal is missed, the
-            motion is unstable, or errors add up.
+            without violations, and for a motion that is too long to be replayed. If the
+            defect is small and the goal is missed, the motion is unstable, or errors
+            add up.
         integrator: Name of the integrator.
         complete: Whether the replay reached the end of the motion.
         tolerances: The tolerances.
@@ -108,7 +110,7 @@ class Verification:
     feedback: Array | None = None
 
     def __bool__(self) -> bool:
-        """Whether the motion has no violation beyond the tolerances."""
+        """Whether the replay reaches the goal and keeps all limits."""
         return self.ok
 
     def __repr__(self) -> str:
@@ -159,15 +161,18 @@ def verify(
             may jump. Samples, for example from a file, are joined into a motion first.
         tolerances: The tolerances; None for the defaults.
         geometry: "convex" represents links by the convex pieces with which motions are
-            planned; "mesh" by their triangles, which is slow.
-        checker: Collision checker that replaces the checker of the geometry.
+            planned; "hull" by one convex hull each; "mesh" by their triangles, which is
+            slow.
+        checker: Collision checker that replaces the checker of the geometry, for a
+            motion of one segment: segments of several have their own checkers.
         integrator: See :class:`~tominpmp.verification.replay.Integration`.
 
     Returns:
         The result of the replay.
 
     Raises:
-        ProblemError: If the motion has other joints than the robot.
+        ProblemError: If the motion has other joints than the robot or values that are
+            not finite, or another argument is invalid.
         ScenarioError: If the samples have other joints than the robot.
     """
     begin = time.perf_counter()
@@ -326,7 +331,7 @@ def judge(
             ends.append(stage.named(LimitViolation("goal", "the arm", *lost)))
             continue
         worst = limit_violations(problem, section, pieces, tolerances.limits)
-        nearest = closest(problem, section, checker, tolerances.contact)
+        nearest = nearest_pair(problem, section, checker, tolerances.contact)
         if nearest is not None:
             worst.append(nearest[0])
             distance = min(distance, nearest[1].distance)

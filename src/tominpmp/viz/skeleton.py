@@ -16,7 +16,7 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array
 from tominpmp.checks import instance
-from tominpmp.collision.placements import Placements
+from tominpmp.collision.placements import JointPlacements
 from tominpmp.exceptions import ProblemError
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
@@ -157,7 +157,7 @@ def skeleton(robot: Robot, q: Array, frame: str) -> Skeleton:
         FrameNotFound: If the frame is unknown.
     """
     model, index = robot.model, robot.frame_id(frame)
-    rotation, origin = Placements(model).joints(robot.expand(q))
+    rotation, origin = JointPlacements(model).joints(robot.expand(q))
     placements = transform(origin, rotation)
 
     def points_of(number: int) -> Array:

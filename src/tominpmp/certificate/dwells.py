@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tominpmp.certificate.motion import Motion
+from tominpmp.certificate.motion import GridMotion
 from tominpmp.exceptions import ProblemError
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
@@ -24,7 +24,7 @@ from tominpmp.problem.segments import spans_of
 SAME = 1e-9
 
 
-def dwells_among_motion(problem: Problem) -> bool:
+def dwells_among_moving_obstacles(problem: Problem) -> bool:
     """Whether a problem has dwells while obstacles move."""
     dwells = any(segment.dwell for segment in problem.segments)
     return dwells and any(phase.scene.moving for phase in problem.phases)
@@ -53,7 +53,8 @@ def without_dwells(problem: Problem, motion: Trajectory) -> tuple[Problem, Traje
         The problem with the dwells of the motion, and the motion without dwells.
 
     Raises:
-        ProblemError: If the motion has a dwell, and obstacles move.
+        ProblemError: If the motion has a dwell and moves before or after it, and
+            obstacles move.
     """
     _, arrivals, ends = np.array(spans_of(motion, problem.segments)).T
     dwells = ends - arrivals
@@ -73,7 +74,7 @@ def without_dwells(problem: Problem, motion: Trajectory) -> tuple[Problem, Traje
         # The interval before a node that is left out goes with it.
         a = a[keep] if len(a) == t.size else a[keep[1:]]
     t = t[keep]
-    if t[-1] and dwells_among_motion(problem):
+    if t[-1] and dwells_among_moving_obstacles(problem):
         raise ProblemError(
             "segments: the motion dwells while obstacles move, expected no dwell: "
             "there is no certificate for dwells among moving obstacles",
@@ -85,7 +86,7 @@ def without_dwells(problem: Problem, motion: Trajectory) -> tuple[Problem, Traje
     return with_dwells(problem, dwells.tolist()), moving
 
 
-def rest_nodes(motion: Motion) -> list[int]:
+def rest_nodes(motion: GridMotion) -> list[int]:
     """Nodes at which accelerations that must not jump are zero.
 
     They are both ends of the motion, and the nodes of dwells. If accelerations belong
@@ -95,7 +96,7 @@ def rest_nodes(motion: Motion) -> list[int]:
         motion: The motion, without its dwells.
     """
 
-    def smooth(part: Motion) -> bool:
+    def smooth(part: GridMotion) -> bool:
         return part.system.motion_limits.continuous
 
     parts = motion.segments
