@@ -28,7 +28,7 @@ from tominpmp.blas_threads import on_one_thread
 from tominpmp.bounds.energy import energy_bounds
 from tominpmp.bounds.frames import frame_bounds, tool_speed_bounds
 from tominpmp.bounds.joints import joint_bounds, joints_of, reach_of, tightest_limits
-from tominpmp.bounds.least_time import OFF, SHARE
+from tominpmp.bounds.least_time import SHARE, TOLERANCE
 from tominpmp.bounds.result import LowerBound
 from tominpmp.checks import instance, number
 from tominpmp.exceptions import warn_caller
@@ -154,7 +154,7 @@ def _without_room(problem: Problem) -> str:
             limit = np.where(way > 0.0, limits.position_upper, limits.position_lower)
             room = np.abs(limit - place)
             needed = 0.5 * np.where(returns, speed, 0.0) ** 2 / np.maximum(most, 1e-9)
-            lacking = needed * (1.0 - SHARE) > room + OFF
+            lacking = needed * (1.0 - SHARE) > room + TOLERANCE
             for i in np.flatnonzero(lacking).tolist():
                 unit = "m" if prismatic_joints(phase.robot)[i] else "rad"
                 return (
