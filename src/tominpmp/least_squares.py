@@ -9,7 +9,7 @@ the shortest step.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -32,24 +32,22 @@ PATIENCE = 12
 CROSSING = 1e-12
 
 
-def row_by_row(function: Callable[[int, Array], tuple[Array, Array]]) -> Residual:
-    """Make a residual of many rows from a residual function of a single row.
+def padded(rows: Iterable[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """Stack residuals of several lengths, padded with zeros.
 
     Args:
-        function: Function of the index of a row and its configuration, shape (n,), that
-            returns the residuals, shape (k,), and their Jacobian, shape (k, n); k may
+        rows: Residuals of each row, shape (k,), and their Jacobian, shape (k, n); k may
             vary.
+
+    Returns:
+        Residuals, shape (m, k), and their Jacobians, shape (m, k, n).
     """
-
-    def residual(q: Array, rows: IntArray) -> tuple[Array, Array]:
-        results = [function(*row) for row in zip(rows.tolist(), q, strict=True)]
-        most = max(value.size for value, _ in results)
-        value, slope = np.zeros((len(q), most)), np.zeros((len(q), most, q.shape[1]))
-        for row, (one, by_q) in enumerate(results):
-            value[row, : one.size], slope[row, : one.size] = one, by_q
-        return value, slope
-
-    return residual
+    values, slopes = zip(*rows, strict=True)
+    shape = len(values), max(map(len, values))
+    value, slope = np.zeros(shape), np.zeros((*shape, slopes[0].shape[1]))
+    for row, (one, by_q) in enumerate(zip(values, slopes, strict=True)):
+        value[row, : len(one)], slope[row, : len(one)] = one, by_q
+    return value, slope
 
 
 def least_squares(

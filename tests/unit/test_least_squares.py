@@ -5,14 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tominpmp.least_squares import least_squares, row_by_row
+from tominpmp.least_squares import least_squares, padded
 
 LIMITS = np.full(3, -2.0), np.full(3, 2.0)
 ONE = np.ones(3)
 SETTINGS = {"reached": 1e-9, "steps": 40}
 
 
-def on_spheres(row: int, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def on_spheres(q: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return padded(on_sphere(*each) for each in zip(rows.tolist(), q, strict=True))
+
+
+def on_sphere(row: int, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """On a sphere of radius 1 or 2, and in a plane besides where the row is odd."""
     value, slope = [q @ q - (1.0 + row % 2) ** 2], [2.0 * q]
     if row % 2:
@@ -21,16 +25,20 @@ def on_spheres(row: int, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.array(value), np.array(slope)
 
 
+def plane_at(total: float):
+    """The first two joints add up to a total."""
+    normal = np.array([[1.0, 1.0, 0.0]])
+    return lambda q, _: (q @ normal.T - total, np.tile(normal, (len(q), 1, 1)))
+
+
 def test_rows_of_several_lengths_are_led_to_roots_as_if_each_were_alone():
     starts = np.random.default_rng(0).uniform(-1.5, 1.5, (8, 3))
-    found, left = least_squares(
-        row_by_row(on_spheres), starts, LIMITS, ONE, 0.5 * ONE, **SETTINGS
-    )
+    found, left = least_squares(on_spheres, starts, LIMITS, ONE, 0.5 * ONE, **SETTINGS)
     assert left.max() < 1e-9
     np.testing.assert_allclose(np.linalg.norm(found, axis=1), [1.0, 2.0] * 4)
     for row, start in enumerate(starts):
         alone, _ = least_squares(
-            row_by_row(lambda _, q, row=row: on_spheres(row, q)),
+            lambda q, _, row=row: on_spheres(q, np.array([row])),
             start[None],
             LIMITS,
             ONE,
@@ -41,7 +49,7 @@ def test_rows_of_several_lengths_are_led_to_roots_as_if_each_were_alone():
 
 
 def test_the_step_is_least_in_the_units_that_count_alike():
-    plane = row_by_row(lambda _, q: (q[:1] + q[1:2] - 1.0, np.array([[1.0, 1.0, 0.0]])))
+    plane = plane_at(1.0)
     scale = np.array([2.0, 1.0, 1.0])
     found, _ = least_squares(
         plane, np.zeros((1, 3)), LIMITS, scale, 9.0 * ONE, **SETTINGS
@@ -50,7 +58,7 @@ def test_the_step_is_least_in_the_units_that_count_alike():
 
 
 def test_joints_at_bounds_leave_the_way_to_the_others():
-    plane = row_by_row(lambda _, q: (q[:1] + q[1:2] - 3.0, np.array([[1.0, 1.0, 0.0]])))
+    plane = plane_at(3.0)
     found, left = least_squares(
         plane, np.array([[2.0, 0.0, 0.0]]), LIMITS, ONE, 9.0 * ONE, **SETTINGS
     )
@@ -59,7 +67,9 @@ def test_joints_at_bounds_leave_the_way_to_the_others():
 
 
 def test_what_no_joint_can_change_is_left():
-    beyond = row_by_row(lambda _, q: (q - 50.0, np.eye(3)))
+    def beyond(q, _):
+        return q - 50.0, np.tile(np.eye(3), (len(q), 1, 1))
+
     found, left = least_squares(
         beyond, np.zeros((2, 3)), LIMITS, ONE, 9.0 * ONE, **SETTINGS
     )

@@ -55,6 +55,24 @@ def test_rows_have_the_sign_of_the_excess(item, ur5):
 
 
 @pytest.mark.parametrize("item", ITEMS, ids=lambda item: type(item).__name__)
+def test_excesses_of_many_configurations_are_those_of_each(item, ur5):
+    item, every = item.on(ur5), np.random.default_rng(7).uniform(-2, 2, (3, 5, 6))
+    excess, slope = item.excess_at_rest(every)
+    for place in np.ndindex(3, 5):
+        alone, by_q = item.excess_at_rest(every[place])
+        np.testing.assert_allclose(excess[place], alone, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(slope[place], by_q, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("turn", [0.7, 3.0, 5.5])
+@pytest.mark.parametrize("height", [0.0, 0.2])
+def test_points_on_the_axis_of_an_arc_are_as_far_as_its_points(height, turn):
+    arc = tm.ToolArc("tip", (0, 0, 1), (2, 0, 1), angle=turn)
+    apart, _ = arc.from_curve(np.array([0.0, 0.0, 1.0 + height]))
+    assert np.linalg.norm(apart) == pytest.approx(math.hypot(2.0, height))
+
+
+@pytest.mark.parametrize("item", ITEMS, ids=lambda item: type(item).__name__)
 def test_scenario_files_hold_them(item, ur5, tmp_path):
     free = item if item.order > 1 else None
     start, goal = np.full(6, 0.5), tm.JointGoal(np.full(6, 0.6))

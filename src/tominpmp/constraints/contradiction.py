@@ -9,9 +9,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.path import PathConstraint
-from tominpmp.least_squares import least_squares, row_by_row
+from tominpmp.least_squares import least_squares
 from tominpmp.robot.robot import Robot
 
 # Number of starts, largest number of steps from each start, and residual below which a
@@ -80,13 +80,13 @@ def nearest(
     high = np.minimum(limits.position_upper, q + np.pi)
     unit = np.ones(q.size)
 
-    def excess(_: int, q: Array) -> tuple[Array, Array]:
+    def excess(q: Array, _: IntArray) -> tuple[Array, Array]:
         values, slopes = zip(*(item.excess_at_rest(q) for item in items), strict=True)
-        return np.concatenate(values), np.concatenate(slopes)
+        return np.concatenate(values, axis=1), np.concatenate(slopes, axis=1)
 
     starts = np.vstack([q, rng.uniform(low, high, (STARTS - 1, q.size))])
     found, norms = least_squares(
-        row_by_row(excess), starts, (low, high), unit, unit, reached=KEPT, steps=STEPS
+        excess, starts, (low, high), unit, unit, reached=KEPT, steps=STEPS
     )
     best = int(np.argmin(norms))
     return found[best], float(norms[best])

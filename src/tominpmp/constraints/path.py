@@ -380,24 +380,27 @@ class PathConstraint(Record, Constraint):
         return states.q, v, a
 
     def excess_at_rest(self, q: Array) -> tuple[Array, Array]:
-        """Excess over the limit at a configuration at rest, and its Jacobian.
+        """Excess over the limit at configurations at rest, and its Jacobian.
 
         Args:
-            q: Positions, shape (n,) [rad or m].
+            q: Positions, shape (..., n) [rad or m].
 
         Returns:
-            Excess in units of the scale, zero if the limit is kept, shape (count,), and
-            its derivative, shape (count, n).
+            Excess in units of the scale, zero if the limit is kept, shape (..., count),
+            and its derivative, shape (..., count, n).
         """
-        q = array(q, "q", (self.kinematics.robot.n,), JOINTS)
-        v = np.zeros(q.size if self.order >= 1 else 0)
-        a = np.zeros(q.size if self.order >= 2 else 0)
-        values, by_q, *_ = self.terms(q, v, a)
-        lower, upper = (bound[0] for bound in self.bounds(1))
+        q = array(q, "q", (..., self.kinematics.robot.n), JOINTS)
+        rows = q.reshape(-1, q.shape[-1])
+        rest = np.zeros_like(rows)
+        at = States(np.zeros(len(rows)), rows, rest, rest)
+        values, by_q, *_ = self.term_rows(*self._parts(at))
+        lower, upper = self.bounds(len(rows))
         excess = values - np.clip(values, lower, upper)
         outside = (excess != 0.0) | (lower == upper)
-        by_q = by_q if by_q.size else np.zeros((values.size, q.size))
-        return excess, np.where(outside[:, None], by_q, 0.0)
+        slope = np.zeros((*values.shape, q.shape[-1]))
+        slope[outside] = by_q[outside] if by_q.size else 0.0
+        shape = (*q.shape[:-1], self.count)
+        return excess.reshape(shape), slope.reshape(*shape, q.shape[-1])
 
     def lack(self, q: Array, v: Array, slack: float) -> str:
         """Violation at a state, as a clause; empty if it is within a slack."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from functools import cached_property, partial
-from itertools import pairwise
 from typing import Annotated, TypeAlias
 
 import numpy as np
@@ -35,19 +34,31 @@ class Tube(FrameRows):
     unit = "m"
 
     @abstractmethod
+    def _nearest(self, points: Array) -> tuple[Array, Array, Array]:
+        """The points of the curve nearest to points in the world, shape (m, 3) [m].
+
+        Returns:
+            Their parameters, shape (m,), the vectors from them to the points, shape (m,
+            3) [m], and their derivatives by the points, shape (m, 3, 3).
+        """
+
     def from_curve(self, point: Array) -> tuple[Array, Array]:
         """Vector from the nearest point of the curve, and its derivative.
 
         Args:
-            point: A point in the world, shape (3,) [m].
+            point: Points in the world, shape (..., 3) [m].
 
         Returns:
-            Vector [m], shape (3,), and its derivative by the point, shape (3, 3).
+            Vectors [m], shape (..., 3), and their derivatives by the points, shape
+            (..., 3, 3).
         """
+        point = array(point, "point", (..., 3), POINT)
+        _, out, slope = self._nearest(point.reshape(-1, 3))
+        return out.reshape(point.shape), (np.eye(3) - slope).reshape(*point.shape, 3)
 
-    @abstractmethod
     def progress(self, point: Array) -> float:
         """Parameter of the point of the curve nearest to a point, shape (3,)."""
+        return float(self._nearest(array(point, "point", (3,), POINT)[None])[0][0])
 
     @abstractmethod
     def at(self, progress: float) -> Array:
@@ -66,16 +77,13 @@ class Tube(FrameRows):
 
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
         """Distances [m]."""
-        points = self.motions.placements(q).origin
-        return np.array([np.linalg.norm(self.from_curve(point)[0]) for point in points])
+        found, _ = self.from_curve(self.motions.placements(q).origin)
+        return np.asarray(np.linalg.norm(found, axis=1))
 
     def vector_rows(self, q: Array, v: Array, a: Array) -> Linear:
         """Vectors from the nearest points of the curve [m]."""
-        every = [self.from_curve(point) for point in self.motions.placements(q).origin]
-        found = np.array([vector for vector, _ in every])
-        by_point = np.array([slope for _, slope in every])
-        jacobian = self.motions.jacobians(q)[:, :3]
-        return found, by_point @ jacobian, EMPTY, EMPTY
+        found, by_point = self.from_curve(self.motions.placements(q).origin)
+        return found, by_point @ self.motions.jacobians(q)[:, :3], EMPTY, EMPTY
 
 
 @record
@@ -96,18 +104,14 @@ class ToolLine(Tube):
     end: Point
     radius: Metres = 1e-3
 
-    def progress(self, point: Array) -> float:
-        """Share of the line at its nearest point."""
-        return _share_of_segment(point, self.start, self.end)
+    def _nearest(self, points: Array) -> tuple[Array, Array, Array]:
+        """The nearest points of the line, by shares of it."""
+        return _nearest(points, np.stack([self.start, self.end]), np.arange(2.0))
 
     def at(self, progress: float) -> Array:
         """Point at a share of the line."""
         share = number(progress, "progress")
         return np.asarray(self.start + share * (self.end - self.start))
-
-    def from_curve(self, point: Array) -> tuple[Array, Array]:
-        """Vector from the nearest point of the line."""
-        return _from_segment(point, self.start, self.end)
 
 
 def _checked_corners(value: ArrayLike, name: str) -> Array:
@@ -143,24 +147,15 @@ class ToolPolyline(Tube):
         pieces = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
         return np.concatenate([[0.0], np.cumsum(pieces)])
 
-    def progress(self, point: Array) -> float:
-        """Arc length of the nearest point [m]."""
-        pairs = list(pairwise(self.points))
-        apart = [np.linalg.norm(_from_segment(point, *pair)[0]) for pair in pairs]
-        k, lengths = int(np.argmin(apart)), self._lengths
-        share = _share_of_segment(point, *pairs[k])
-        return float(lengths[k] + share * (lengths[k + 1] - lengths[k]))
+    def _nearest(self, points: Array) -> tuple[Array, Array, Array]:
+        """The nearest points of the polyline, by arc lengths [m]."""
+        return _nearest(points, self.points, self._lengths)
 
     def at(self, progress: float) -> Array:
         """Point at an arc length [m]."""
         length, lengths = number(progress, "progress"), self._lengths
         each = [np.interp(length, lengths, column) for column in self.points.T]
         return np.array(each)
-
-    def from_curve(self, point: Array) -> tuple[Array, Array]:
-        """Vector from the nearest point of the polyline."""
-        found = [_from_segment(point, *ends) for ends in pairwise(self.points)]
-        return min(found, key=lambda pair: float(pair[0] @ pair[0]))
 
 
 @record
@@ -207,14 +202,19 @@ class ToolArc(Tube):
         size = float(np.linalg.norm(spoke))
         return size, spoke / size, np.cross(axis, spoke / size)
 
-    def progress(self, point: Array) -> float:
-        """Angle from the start to the nearest point of the arc [rad]."""
-        _, first, second = self._plane
-        out = array(point, "point", (3,), POINT) - self.center
-        turn = float(np.arctan2(out @ second, out @ first)) % (2.0 * np.pi)
-        if turn > self.angle:  # beyond the arc: take the nearer end
-            return self.angle if turn - self.angle < 2.0 * np.pi - turn else 0.0
-        return turn
+    def _nearest(self, points: Array) -> tuple[Array, Array, Array]:
+        """The nearest points of the arc, by angles from the start [rad]."""
+        size, first, second = self._plane
+        out = points - self.center
+        x, y = out @ first, out @ second
+        turn = np.arctan2(y, x) % (2.0 * np.pi)
+        beyond = turn > self.angle
+        nearer = np.where(turn - self.angle < 2.0 * np.pi - turn, self.angle, 0.0)
+        turn = np.where(beyond, nearer, turn)
+        spoke = np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second
+        along = np.cos(turn)[:, None] * second - np.sin(turn)[:, None] * first
+        rate = np.where(beyond, 0.0, size / np.maximum(np.hypot(x, y), 1e-12))
+        return turn, out - size * spoke, _squares(along, rate)
 
     def at(self, progress: float) -> Array:
         """Point at an angle from the start [rad]."""
@@ -223,42 +223,29 @@ class ToolArc(Tube):
         spoke = np.cos(angle) * first + np.sin(angle) * second
         return np.asarray(self.center + size * spoke)
 
-    def from_curve(self, point: Array) -> tuple[Array, Array]:
-        """Vector from the nearest point of the arc."""
-        size, first, second = self._plane
-        out = array(point, "point", (3,), POINT) - self.center
-        x, y = float(out @ first), float(out @ second)
-        turn = float(np.arctan2(y, x)) % (2.0 * np.pi)
-        if turn > self.angle:
-            return point - self.at(self.progress(point)), np.eye(3)
-        flat = max(float(np.hypot(x, y)), 1e-12)
-        along = (x * first + y * second) / flat
-        across = (x * second - y * first) / flat
-        return out - size * along, np.eye(3) - (size / flat) * np.outer(across, across)
 
-
-def _from_segment(point: Array, start: Array, end: Array) -> tuple[Array, Array]:
-    """Vector from the nearest point of a straight line, and its derivative.
+def _nearest(
+    points: Array, corners: Array, progress: Array
+) -> tuple[Array, Array, Array]:
+    """The points of a polyline nearest to points; see :class:`Tube`.
 
     Args:
-        point: The point, shape (3,).
-        start: One end of the line, shape (3,).
-        end: The other end, shape (3,); may be equal to the start.
-
-    Returns:
-        Vector, shape (3,), and its derivative by the point, shape (3, 3).
+        points: The points, shape (m, 3).
+        corners: Corners of the polyline, shape (k, 3); neighbours may be equal.
+        progress: Parameters of the corners, shape (k,).
     """
-    point = array(point, "point", (3,), POINT)
-    along, out = end - start, point - start
-    square, share = float(along @ along), _share_of_segment(point, start, end)
-    if not 0.0 < share < 1.0:
-        return point - (end if share >= 1.0 else start), np.eye(3)
-    return out - share * along, np.eye(3) - np.outer(along, along) / square
+    along, out = np.diff(corners, axis=0), points[:, None] - corners[:-1]
+    square = np.sum(along * along, axis=1)
+    square[square == 0.0] = 1.0
+    share = np.clip(np.sum(out * along, axis=2) / square, 0.0, 1.0)
+    out -= share[:, :, None] * along
+    rows, piece = np.arange(len(points)), np.argmin(np.sum(out * out, axis=2), axis=1)
+    share = share[rows, piece]
+    rate = np.where((share > 0.0) & (share < 1.0), 1.0 / square[piece], 0.0)
+    at = progress[piece] + share * np.diff(progress)[piece]
+    return at, out[rows, piece], _squares(along[piece], rate)
 
 
-def _share_of_segment(point: Array, start: Array, end: Array) -> float:
-    """Share of a straight line at its point nearest to a given point, from 0 to 1."""
-    point, along = array(point, "point", (3,), POINT), end - start
-    square = float(along @ along)
-    share = float((point - start) @ along) / square if square > 0.0 else 0.0
-    return min(max(share, 0.0), 1.0)
+def _squares(rows: Array, factors: Array) -> Array:
+    """Matrices f r r^T for vectors r, shape (m, 3), and factors f, shape (m,)."""
+    return np.asarray(factors[:, None, None] * rows[:, :, None] * rows[:, None, :])

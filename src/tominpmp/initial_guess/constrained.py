@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.base import States
 from tominpmp.constraints.path import PathConstraint
-from tominpmp.least_squares import least_squares, row_by_row
+from tominpmp.kinematics import FrameMotions
+from tominpmp.least_squares import least_squares
 from tominpmp.problem.joint_limits import joint_limits
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -51,8 +52,7 @@ def path_speeds(system: ProblemFunctions, q: Array, first: Array) -> Array:
     top = np.full(len(q), np.inf)
     for constraint in system.problem.ready_constraints:
         if constraint.order == 1 and constraint.curable:
-            speeds = [_speed(constraint, *row) for row in zip(q, first, strict=True)]
-            top = np.minimum(top, speeds)
+            top = np.minimum(top, _speeds(constraint, q, first))
     return top
 
 
@@ -98,22 +98,24 @@ def largest_excess(system: ProblemFunctions, T: float, at: States) -> float:
     return max(worst)
 
 
-def _speed(constraint: PathConstraint, q: Array, first: Array) -> float:
-    """Speed along a path at which a constraint becomes active at one configuration."""
-    empty = np.zeros(0)
-    most = constraint.largest
-    unit = constraint.measure(q, first, empty)
-    if not unit > 0.0:
-        return np.inf
-    high = most / unit
-    if abs(constraint.measure(q, high * first, empty) - most) <= 1e-6 * abs(most):
-        return high  # the measure is proportional to the speed along the path
-    low = 0.0
-    for _ in range(BISECTIONS):
+def _speeds(constraint: PathConstraint, q: Array, first: Array) -> Array:
+    """Speeds along a path at which a constraint becomes active, shape (m,)."""
+    most, empty = constraint.largest, np.zeros((len(q), 0))
+    unit = constraint.measure_rows(q, first, empty)
+    moving = unit > 0.0
+    high = most / np.where(moving, unit, 1.0)
+
+    def excess(speed: Array) -> Array:
+        return constraint.measure_rows(q, speed[:, None] * first, empty) - most
+
+    # Most measures are proportional to the speed along the path.
+    bent = moving & (np.abs(excess(high)) > 1e-6 * abs(most))
+    low = np.where(bent, 0.0, high)
+    for _ in range(BISECTIONS if np.any(bent) else 0):
         middle = 0.5 * (low + high)
-        over = constraint.measure(q, middle * first, empty) > most
-        low, high = (low, middle) if over else (middle, high)
-    return low
+        over = excess(middle) > 0.0
+        low, high = np.where(over, low, middle), np.where(over, middle, high)
+    return np.where(moving, low, np.inf)
 
 
 def position_constraints(problem: Problem) -> list[PathConstraint]:
@@ -134,12 +136,11 @@ def feasible_path(system: ProblemFunctions, q_end: Array) -> tuple[bool, Array |
         the path, shape (m, n); None if no path was found, or if the straight line
         satisfies these constraints and no frame has to follow a curve.
     """
-    held, empty = position_constraints(system.problem), np.zeros(0)
+    held, empty = position_constraints(system.problem), np.zeros((PLACES + 1, 0))
     line = np.linspace(system.problem.q_start, q_end, PLACES + 1)
     keeps = all(
-        item.measure(q, empty, empty) <= item.largest + CLOSE * item.scale
+        item.measure_rows(line, empty, empty).max() <= item.largest + CLOSE * item.scale
         for item in held
-        for q in line
     )
     guided = _guided(system, line, held)
     moves = bool(guided) or not keeps
@@ -179,31 +180,31 @@ def _shifted(
         The shifted line; None if a configuration does not converge, or jumps away from
         its neighbour.
     """
-    kinematics, reach, empty = system.kinematics, system.reach, np.zeros(0)
+    robot, reach = system.problem.robot, system.reach
+    guided = [(FrameMotions(robot, frame), points[frame]) for frame in points]
 
-    def residual(row: int, q: Array) -> tuple[Array, Array]:
+    def residual(q: Array, rows: IntArray) -> tuple[Array, Array]:
         """Distances of frames from their points, as shares of the reach; violations.
 
         Constraints are tightened by a small margin. Value and Jacobian of a satisfied
         constraint are zero.
         """
-        values, slopes = [empty], [np.zeros((0, q.size))]
-        for frame, target in points.items():
-            place = np.asarray(kinematics.placement(q, frame).translation)
-            values.append((place - target[row + 1]) / reach)
-            slopes.append(kinematics.jacobian(q, frame)[:3] / reach)
+        values, slopes, empty = list[Array](), list[Array](), np.zeros((len(q), 0))
+        for motions, target in guided:
+            values.append((motions.placements(q).origin - target[rows + 1]) / reach)
+            slopes.append(motions.jacobians(q)[:, :3] / reach)
         for item in held:
-            value, by_q, _, _ = item.terms(q, empty, empty)
-            lower, upper = (bound[0] for bound in item.bounds(1))
+            value, by_q, _, _ = item.term_rows(q, empty, empty)
+            lower, upper = item.bounds(len(q))
             room = np.minimum(INSIDE, 0.25 * (upper - lower))
             excess = value - np.clip(value, lower + room, upper - room)
             values.append(excess)
-            slopes.append(np.where((excess != 0.0)[:, None], by_q, 0.0))
-        return np.concatenate(values), np.vstack(slopes)
+            slopes.append(np.where((excess != 0.0)[:, :, None], by_q, 0.0))
+        return np.concatenate(values, axis=1), np.concatenate(slopes, axis=1)
 
-    limits = system.problem.robot.limits
+    limits = robot.limits
     inner, error = least_squares(
-        row_by_row(residual),
+        residual,
         line[1:-1],
         (limits.position_lower, limits.position_upper),
         system.step_scale,

@@ -19,7 +19,7 @@ from tominpmp.goals.place import Scales
 from tominpmp.goals.turns import TURN
 from tominpmp.initial_guess.path import speed_weights
 from tominpmp.initial_guess.rrt import is_free
-from tominpmp.least_squares import damped_step, least_squares, row_by_row
+from tominpmp.least_squares import damped_step, least_squares, padded
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Most least-squares steps from a start.
@@ -93,25 +93,32 @@ class Target:
         )
 
     def residual(self, q: Array) -> tuple[Array, Array]:
-        """Residual of all conditions at a configuration, and its Jacobian.
+        """Residuals of all conditions at configurations, and their Jacobians.
+
+        Args:
+            q: Configurations, shape (m, n) [rad or m].
 
         Returns:
-            Shapes (k,) and (k, n), with lengths of the goal in units of their scale;
-            zero for conditions that are met.
+            Shapes (m, k) and (m, k, n), with lengths of the goal in units of their
+            scale; zero for conditions that are met.
         """
+        terms = [padded(self._to_goal(row) for row in q)]
+        terms += [item.excess_at_rest(q) for item in self.constraints]
+        if self.keep_clear and self.system.clearance is not None:
+            terms.append(self._overlaps(self.system.clearance, q))
+        values, slopes = zip(*terms, strict=True)
+        return np.concatenate(values, axis=1), np.concatenate(slopes, axis=1)
+
+    def _to_goal(self, q: Array) -> tuple[Array, Array]:
+        """Residual of the goal at a configuration, shape (n,), and its Jacobian."""
         place = self.goal.place(self.system.kinematics, q)
         value, by_q = place.residual()
         share = np.where(place.lengths, 1.0 / self.scales.lengths, 1.0)
-        terms = [(share * value, share[:, None] * by_q)]
-        terms += [item.excess_at_rest(q) for item in self.constraints]
-        if self.keep_clear and self.system.clearance is not None:
-            terms.append(self._overlap(self.system.clearance, q))
-        values, slopes = zip(*terms, strict=True)
-        return np.concatenate(values), np.concatenate(slopes)
+        return share * value, share[:, None] * by_q
 
     def violation(self, q: Array) -> float:
         """Norm of the violation of all conditions at a configuration [m, rad]."""
-        value, _ = self.residual(q)
+        ((value,), _) = self.residual(q[None])
         place = self.goal.place(self.system.kinematics, q)
         value[: place.value.size] = place.excess
         return float(np.linalg.norm(value))
@@ -128,13 +135,16 @@ class Target:
         (q,), _ = _descend(self, q[None])
         return q, self.violation(q)
 
-    def _overlap(self, clearance: ClearanceConstraint, q: Array) -> tuple[Array, Array]:
-        """Missing clearances of collision pairs that are too close [m]; Jacobian."""
-        lack = clearance.length * clearance.values(q[None])[0] + EXTRA_CLEARANCE
-        near = np.flatnonzero(lack > 0.0)
-        first = np.zeros(near.size, dtype=np.int64)
-        partials = clearance.derivatives_at(q[None], first, near)
-        return lack[near], clearance.length * partials.gradients
+    def _overlaps(
+        self, clearance: ClearanceConstraint, q: Array
+    ) -> tuple[Array, Array]:
+        """Missing clearances of collision pairs that are too close [m]; Jacobians."""
+        lack = clearance.length * clearance.values(q) + EXTRA_CLEARANCE
+        at, near = np.nonzero(lack > 0.0)
+        slopes = clearance.length * clearance.derivatives_at(q, at, near).gradients
+        every = np.searchsorted(at, np.arange(1, len(q)))
+        parts = np.split(lack[at, near], every), np.split(slopes, every)
+        return padded(zip(*parts, strict=True))
 
 
 class GoalSearch(NamedTuple):
@@ -161,7 +171,7 @@ def _descend(target: Target, q: Array) -> tuple[Array, Array]:
     """Configurations after least squares, shape (m, n), and norms of residuals."""
     limits = target.system.problem.robot.limits
     return least_squares(
-        row_by_row(lambda _, q: target.residual(q)),
+        lambda q, _: target.residual(q),
         q,
         (limits.position_lower, limits.position_upper),
         target.scales.joints,
@@ -258,12 +268,11 @@ def moved_nearer(target: Target, solutions: Sequence[Array]) -> list[Array]:
     low, high = limits.position_lower, limits.position_upper
     weights, scale = speed_weights(limits.velocity), target.scales.joints
     out, rows = np.array(solutions), np.arange(len(solutions))
-    residual = row_by_row(lambda _, q: target.residual(q))
     for _ in range(STEPS_NEARER):
         if not rows.size:
             break
         q = out[rows]
-        value, slope = residual(q, rows)
+        value, slope = target.residual(q)
         share = weights * np.abs(q - start)
         largest = np.maximum(share.max(axis=1, keepdims=True), 1e-12)
         share = np.maximum(share / largest, LEAST_SHARE)
