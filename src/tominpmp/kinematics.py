@@ -185,12 +185,11 @@ class FrameMotions:
         """Placements of the frame at positions, shape (m, n) [rad or m]."""
         model, data, index = self.robot.model, self._data, self._index
         (rows,) = self._expanded(q)
-        found = Placements(np.empty((len(rows), 3, 3)), np.empty((len(rows), 3)))
+        found = np.empty((len(rows), 4, 4))
         for k, row in enumerate(rows):
             pin.forwardKinematics(model, data, row)
-            place = pin.updateFramePlacement(model, data, index)
-            found.rotation[k], found.origin[k] = place.rotation, place.translation
-        return found
+            found[k] = pin.updateFramePlacement(model, data, index).homogeneous
+        return Placements(found[:, :3, :3], found[:, :3, 3])
 
     def jacobians(self, q: Array, *, local: bool = False) -> Array:
         """Jacobians at positions: linear parts above angular ones, shape (m, 6, n).
