@@ -57,7 +57,7 @@ def stop_if_hopeless(duration: float, small: float = FAR) -> Rule:
 
     def rule(loop: Loop) -> Status | None:
         excess = [record.violation for record in loop.history]
-        late = len(excess) >= PATIENCE and excess[-1] > small
+        late = len(excess) >= PATIENCE and min(excess) > small
         stagnates = late and min(excess[-RECENT:]) > PROGRESS * min(excess[:-RECENT])
         slower = loop.history[-1].duration > MUCH_SLOWER * duration
         return loop.drop() if stagnates or (slower and excess[-1] > FAR) else None
