@@ -182,6 +182,9 @@ def _shifted(
     """
     robot, reach = system.problem.robot, system.reach
     guided = [(FrameMotions(robot, frame), points[frame]) for frame in points]
+    # The points keep the constraints that give their curves. Distances from an arc
+    # would lead away from them: its chord may pass its centre, where they have a kink.
+    others = [item for item in held if item.guide is None]
 
     def residual(q: Array, rows: IntArray) -> tuple[Array, Array]:
         """Distances of frames from their points, as shares of the reach; violations.
@@ -193,7 +196,7 @@ def _shifted(
         for motions, target in guided:
             values.append((motions.placements(q).origin - target[rows + 1]) / reach)
             slopes.append(motions.jacobians(q)[:, :3] / reach)
-        for item in held:
+        for item in others:
             value, by_q, _, _ = item.term_rows(q, empty, empty)
             lower, upper = item.bounds(len(q))
             room = np.minimum(INSIDE, 0.25 * (upper - lower))
