@@ -91,6 +91,8 @@ def test_where_speeds_rule_a_neighbour_leads_to_as_fast_a_motion() -> None:
         ([0.3] * (PATIENCE - 1), False),
         ([0.3 * 0.7**k for k in range(PATIENCE)], False),
         ([0.3, *[1e-3] * PATIENCE], False),
+        # Missing rows have joined a nearly feasible program.
+        ([*[0.3 * 0.5**k for k in range(PATIENCE)], *[0.1] * 5], False),
     ],
 )
 def test_starts_that_come_to_no_motion_are_given_up(

@@ -39,8 +39,8 @@ MANY_INTERVALS = 24
 # its speed limit. They rule the guess if they are active at SPEED_SHARE of its samples;
 # otherwise torques rule it.
 SPEED_SHARE, AT_LIMIT = 0.6, 0.97
-# Stop rule: after PATIENCE iterations the violation exceeds the threshold, and its
-# minimum over the RECENT iterations is more than PROGRESS times the earlier minimum.
+# Stop rule: over the last PATIENCE iterations the violation exceeds the threshold, and
+# its minimum over the RECENT ones is more than PROGRESS times the earlier minimum.
 PATIENCE, RECENT, PROGRESS = 10, 5, 0.9
 # Or T has grown by the factor MUCH_SLOWER, and the violation exceeds FAR.
 MUCH_SLOWER, FAR = 10.0, 1e-3
@@ -57,7 +57,7 @@ def stop_if_hopeless(duration: float, small: float = FAR) -> Rule:
 
     def rule(loop: Loop) -> Status | None:
         excess = [record.violation for record in loop.history]
-        late = len(excess) >= PATIENCE and min(excess) > small
+        late = len(excess) >= PATIENCE and min(excess[-PATIENCE:]) > small
         stagnates = late and min(excess[-RECENT:]) > PROGRESS * min(excess[:-RECENT])
         slower = loop.history[-1].duration > MUCH_SLOWER * duration
         return loop.drop() if stagnates or (slower and excess[-1] > FAR) else None
