@@ -21,6 +21,7 @@ from tominpmp.initial_guess.inverse_kinematics import (
 from tominpmp.initial_guess.path import RoundedPath
 from tominpmp.initial_guess.rrt import is_free
 from tominpmp.initial_guess.timing import time_path
+from tominpmp.kinematics import RobotKinematics
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 SLIDER = """<robot name="slider"><link name="base"/>
@@ -143,6 +144,22 @@ def test_guesses_for_a_frame_are_lines_to_the_goal_then_one_at_rest():
 
 # Near the point that the tip is to reach.
 BALL = tm.Sphere("ball", radius=0.3, position=(3.5, 1.2, 0))
+
+
+def test_guesses_along_half_a_circle_follow_it_at_the_speed_of_the_tool():
+    """The straight line between its ends passes the centre, the farthest point."""
+    start = np.array([-0.4, -1.6, 1.9, -1.9, -1.57, 0.0])
+    robot = tm.load_robot("ur5", limits="urdf")
+    begin = np.array(RobotKinematics(robot).placement(start, "tool0").translation)
+    arc = tm.ToolArc("tool0", begin + np.array([0.0, 0.12, 0.0]), begin, angle=np.pi)
+    goal = tm.PositionGoal("tool0", arc.at(np.pi))
+    along = arc, tm.ToolSpeed("tool0", 0.25)
+    system = ProblemFunctions.of(tm.Problem(robot, start, goal, constraints=along))
+    guess = next(initial_guesses(system, GuessRequest(1, np.random.default_rng(0))))
+    t = np.linspace(0.0, guess.duration, 400)
+    q, empty = guess.position(t), np.zeros((t.size, 0))
+    assert np.max(arc.on(robot).measure_rows(q, empty, empty)) < arc.radius
+    assert guess.duration == pytest.approx(0.12 * np.pi / 0.25, rel=0.05)
 
 
 def test_a_path_that_has_to_slow_down_at_once_is_timed():

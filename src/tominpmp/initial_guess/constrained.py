@@ -205,11 +205,10 @@ def _shifted(
             slopes.append(np.where((excess != 0.0)[:, :, None], by_q, 0.0))
         return np.concatenate(values, axis=1), np.concatenate(slopes, axis=1)
 
-    limits = robot.limits
     inner, error = least_squares(
         residual,
         line[1:-1],
-        (limits.position_lower, limits.position_upper),
+        (robot.limits.position_lower, robot.limits.position_upper),
         system.step_scale,
         STEP * system.step_scale,
         reached=CLOSE,

@@ -105,7 +105,7 @@ class Target:
         terms = [padded(self._to_goal(row) for row in q)]
         terms += [item.excess_at_rest(q) for item in self.constraints]
         if self.keep_clear and self.system.clearance is not None:
-            terms.append(self._overlaps(self.system.clearance, q))
+            terms.append(self._overlap(self.system.clearance, q))
         values, slopes = zip(*terms, strict=True)
         return np.concatenate(values, axis=1), np.concatenate(slopes, axis=1)
 
@@ -135,9 +135,7 @@ class Target:
         (q,), _ = _descend(self, q[None])
         return q, self.violation(q)
 
-    def _overlaps(
-        self, clearance: ClearanceConstraint, q: Array
-    ) -> tuple[Array, Array]:
+    def _overlap(self, clearance: ClearanceConstraint, q: Array) -> tuple[Array, Array]:
         """Missing clearances of collision pairs that are too close [m]; Jacobians."""
         lack = clearance.length * clearance.values(q) + EXTRA_CLEARANCE
         at, near = np.nonzero(lack > 0.0)
