@@ -26,7 +26,8 @@ PIQP_ITERATIONS = 60
 # If rounding prevents convergence to the last digits, PIQP stalls at the solution. It
 # is accepted up to these residuals of rows and of multipliers.
 NEARLY_ROWS, NEARLY_DUALS = 1e-6, 1e-3
-# Requested residual of rows and of multipliers, in units of the limits.
+# Requested residual of rows and of multipliers, in units of the limits, up to which the
+# linear systems are refined: without it, certificates of several segments fail.
 RESIDUAL = 1e-7
 # Passes of equilibration by PIQP: equations are scaled here already, and other rows are
 # in units of their limits. Two passes took 4 % more iterations for the same T (128
@@ -204,20 +205,20 @@ class PiqpSolver(LpSolver):
             self._set_up(program)
             spent += self._try(begin, self._termination.residual)
             self._stages_fail = self._solved
-        if not self._solved and (self._exact or program.cost.size > MANY_COLUMNS):
-            spent += self._try(begin, RESIDUAL, refined=True)
+        rough = self._termination.residual > RESIDUAL and not self._solved
+        if rough and (self._exact or program.cost.size > MANY_COLUMNS):
+            spent += self._try(begin, RESIDUAL)
         result = self._solver.result
         duals = np.zeros(self._equal.size)
         duals[self._equal] = self._scale * result.y
         duals[~self._equal] = result.z_u - result.z_l
-        x = np.array(result.x)
-        return LpSolution(self._solved, x, duals, spent, curved=True)
+        return LpSolution(self._solved, np.array(result.x), duals, spent, curved=True)
 
-    def _try(self, begin: float, residual: float, *, refined: bool = False) -> int:
+    def _try(self, begin: float, residual: float) -> int:
         """Run PIQP; returns the number of iterations."""
         settings = self._solver.settings
         settings.eps_abs = settings.eps_rel = residual
-        settings.iterative_refinement_always_enabled = refined
+        settings.iterative_refinement_always_enabled = residual <= RESIDUAL
         self._limit()
         self._solver.solve()
         count = int(self._solver.result.info.iter)
