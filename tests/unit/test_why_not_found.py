@@ -99,20 +99,25 @@ def test_enough_room_is_not_disputed(ends: tuple[float, ...]) -> None:
     assert tm.plan(problem).success
 
 
-def test_joint_and_obstacle_without_a_path_are_named() -> None:
+@pytest.mark.parametrize("segment", ["", "on segment 2, "], ids=["one", "second"])
+def test_joint_and_obstacle_without_a_path_are_named(segment: str) -> None:
     """Torques of a guess were named that no iteration had improved."""
     room = {"position_lower": [-3.0, -0.1, -0.1], "position_upper": [3.0, 0.1, 0.1]}
     arm = tm.load_robot("planar3r", **room)
     post = tm.Sphere("post", radius=0.3, position=(0.0, 5.0, 0.0))
-    goal = tm.JointGoal([2.5, 0.0, 0.0], wrap=False)
+    near, goal = (tm.JointGoal([q, 0.0, 0.0], wrap=False) for q in (0.5, 2.5))
     problem = tm.Problem(arm, [0.6, 0.0, 0.0], goal, [post])
+    if segment:
+        both = [tm.Segment(near, stop=True), tm.Segment(goal)]
+        problem = tm.Problem(arm, [0.6, 0.0, 0.0], scene=[post], segments=both)
 
-    solution = tm.plan(problem, intervals=8, starts=1, max_iterations=5)
+    few = {"intervals": 8, "starts": 1, "max_iterations": 2}
+    solution = tm.plan(problem, max_planning_time=np.inf, **few)
 
     assert not solution.success
-    assert ": no path around the obstacles was found: from the " in solution.message
-    assert "joint 'joint1' came no farther than 0.9" in solution.message
-    assert " of 1.9 rad towards the " in solution.message
+    assert f": {segment}no path around the obstacles was found: " in solution.message
+    assert "joint 'joint1' came no farther than " in solution.message
+    assert " rad towards the " in solution.message
     assert "link 'link2' and obstacle 'post'" in solution.message
     assert "N m" not in solution.message
 

@@ -48,22 +48,17 @@ def segmented_guesses(
 def _guess(system: ProblemFunctions, request: GuessRequest) -> Guess | None:
     """The guess of number ``request.count``; None if a goal cannot be reached."""
     pieces: list[Guess] = []
-    request.impasses.clear()
     q, v = system.problem.q_start, system.v_start
     for place, part in enumerate(system.parts):
         single = _alone(part, q, v).passing(q[None])
         make = waiting_guesses if part.problem.scene.moving else initial_guesses
         ahead = _constraints_after(system, place)
         # A guess at rest at the start does not lead to the start of the next segment.
-        alone = list[str]()
-        one_more = replace(
-            request, count=request.count + 1, beyond=ahead, impasses=alone
-        )
+        count = request.count + 1
+        one_more = replace(request, count=count, beyond=ahead, impasses=[])
         guesses = make(single, one_more)
         moving = (g for g in guesses if g.name != REST_GUESS or len(system.parts) == 1)
         first = [*itertools.islice(moving, request.count)]
-        if any(alone[:1]):
-            request.impasses.append(f"on segment {place + 1}, {alone[0]}")
         if not first:
             return None
         pieces.append(first[-1])

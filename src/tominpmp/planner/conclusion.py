@@ -223,7 +223,8 @@ def _saturated(problem: Problem, motion: Trajectory) -> str:
     robot = problem.robot
     middle, half = effort_range(robot, problem.motion_limits)
     strength = half - np.abs(middle)
-    weak = robot.friction >= MOST_FRICTION * strength
+    share = robot.friction / np.maximum(strength, 1e-12)
+    weak = (share >= MOST_FRICTION) & (share <= 1.0)
     often = np.where(weak, np.mean(np.abs(motion.u) >= SATURATED * strength, axis=0), 0)
     most = int(np.argmax(often))
     if often[most] < MOSTLY:
