@@ -234,9 +234,6 @@ class CertifiedDescent:
         program = NonlinearProgram.of(transcription).at(z)
         program, z = with_active_rows(with_rows_at(program, z, best.row_times), z)
         warm = warm_start_options(self.state.options, RADIUS, ITERATIONS)
-        # The search has settled at the usual tolerance already, however much a slow
-        # iteration could still gain: this one goes on to what programs resolve.
-        warm = replace(warm, tolerance=ACCURACY * warm.tolerance)
         result = solve(
             program,
             MinimumTime.of(warm, warm.smoothing or 0.0),
@@ -246,9 +243,11 @@ class CertifiedDescent:
             callback=self._show,
             keep=self.state.keep,
         )
+        if result.best is None:
+            return best
         faster = Candidate.of(best.name, best.initial, result)
         faster = replace(faster, remark=best.remark, history=())
-        if result.best is None or faster.trajectory.duration >= best.duration:
+        if faster.trajectory.duration >= best.duration:
             return best
         faster = faster.verified(self.system.problem, self.state.options)
         return faster if faster.confirmed else best
