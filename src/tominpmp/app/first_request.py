@@ -37,15 +37,7 @@ ARMS: dict[str, tuple[tuple[str, float], ...]] = {
     "planar3r": (),
 }
 # Names of group states for the start, in order of preference.
-START_STATES = (
-    "ready",
-    "default",
-    "home",
-    "start",
-    "neutral",
-    "half_sitting",
-    "arm_up",
-)
+START_NAMES = ("ready", "default", "home", "start", "neutral", "half_sitting", "arm_up")
 # Suffixes of the names of tool frames, in order of preference.
 TOOLS = ("hand_tcp", "tcp", "tool0", "tip", "tool_link", "eef", "ee_link", "hand")
 # Displacement of a joint from the start to a default goal [rad or m].
@@ -95,7 +87,7 @@ def _starts(robot: Robot) -> Iterator[Array]:
     states = {} if robot.srdf is None else robot.srdf.group_states
     middle = np.clip(np.zeros(robot.n), 0.9 * low + 0.1 * high, 0.1 * low + 0.9 * high)
     middle = np.where(np.isfinite(middle), middle, np.clip(0.0, low, high))
-    for name in START_STATES:
+    for name in START_NAMES:
         if name in states:
             state = [states[name].get(joint, np.nan) for joint in robot.joint_names]
             yield np.where(np.isfinite(state), state, middle)

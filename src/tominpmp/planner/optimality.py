@@ -79,10 +79,8 @@ def certified(state: PlanState) -> Schedule[None]:
     tolerance = tolerance_of(options)
     if best is None:
         return
-    converged, dwell = (
-        best.status is Status.CONVERGED,
-        dwells_among_moving_obstacles(problem),
-    )
+    converged = best.status is Status.CONVERGED
+    dwell = dwells_among_moving_obstacles(problem)
     if converged and not dwell:
         if last_step_suffices(problem, options, best, tolerance):
             return
