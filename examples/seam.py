@@ -110,7 +110,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("out"))
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
-    # Five segments along narrow tubes take longer than the usual limit.
+    # Five segments along narrow tubes may take longer than the usual limit.
     options = tm.Options(intervals=60, seed=arguments.seed, max_planning_time=120.0)
     solution = tm.plan(problem(), options)
     print(solution.message)
