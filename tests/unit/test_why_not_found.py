@@ -164,3 +164,39 @@ def test_how_far_a_tool_can_follow_its_path_is_told() -> None:
     hit = told(-4.0, ball)
     assert "frame 'tip' can be led along its path as far as [0.7731, 4.222" in hit
     assert "beyond which link 'link3' and obstacle 'ball' collide" in hit
+
+
+@pytest.mark.parametrize(
+    "limits", [None, tm.MotionLimits(acceleration=8.0, jerk=200.0)]
+)
+def test_pieces_of_a_motion_are_never_proved_impossible(
+    limits: tm.MotionLimits | None,
+) -> None:
+    """A piece has velocities at both ends, and meets its goals just in time."""
+    robot = tm.load_robot("ur5", limits="urdf")
+    start = (-0.96, -1.19, 1.49, -1.87, 1.57, -0.61)
+    goal = tm.JointGoal((1.1, -0.6, 0.9, -2.2, 0.5, 2.0), wrap=False)
+    whole = tm.Problem(robot, start, goal, motion_limits=limits)
+    motion = tm.plan(whole, effort="quick").trajectory
+    assert motion is not None
+    most = robot.limits.velocity
+    rng = np.random.default_rng(5)
+    for begin, end in np.sort(rng.uniform(0.0, motion.duration, (40, 2))).tolist():
+        times = [begin, 0.5 * (begin + end), end]
+        states = motion(np.array(times))
+        speeds = np.clip(states.v, -most, most)
+        segments = [
+            tm.Segment(
+                tm.JointGoal(states.q[k], speeds[k], wrap=False),
+                arrival=(0.0, times[k] - begin),
+            )
+            for k in (1, 2)
+        ]
+        piece = tm.Problem(
+            robot,
+            states.q[0],
+            segments=segments,
+            v_start=speeds[0],
+            motion_limits=limits,
+        )
+        assert not why_impossible(piece, TOLERANCE)
