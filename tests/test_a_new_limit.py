@@ -20,19 +20,16 @@ MOST = 3.0
 
 
 @record
-class PlaceTimesSpeed(tm.PathConstraint):
-    """The first position times the second velocity stays within a limit: |q1 v2|.
+class LimitOfTwoJoints(tm.PathConstraint):
+    """A limit on the first two joints together.
 
     Attributes:
-        most: The limit [rad^2/s].
+        most: The limit.
     """
 
     most: float
 
-    name = "place times speed"
     subject = "joints 1 and 2"
-    unit = "rad^2/s"
-    order = 1
     curable = True
 
     @property
@@ -43,6 +40,15 @@ class PlaceTimesSpeed(tm.PathConstraint):
     def validate(self, robot: tm.Robot) -> None:
         """Check that there are two joints."""
         assert robot.n >= 2
+
+
+@record
+class PlaceTimesSpeed(LimitOfTwoJoints):
+    """The first position times the second velocity stays within a limit: |q1 v2|."""
+
+    name = "place times speed"
+    unit = "rad^2/s"
+    order = 1
 
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
         """|q1 v2|."""
@@ -220,29 +226,12 @@ def test_a_limit_of_motors_is_one_class(free: tm.Solution, tmp_path: Path) -> No
 
 
 @record
-class SummedPower(tm.PathConstraint):
-    """The power of the first two motors together stays within a limit.
-
-    Attributes:
-        most: The limit [W].
-    """
-
-    most: float
+class SummedPower(LimitOfTwoJoints):
+    """The power of the first two motors together stays within a limit."""
 
     name = "summed power"
-    subject = "joints 1 and 2"
     unit = "W"
     order = 2
-    curable = True
-
-    @property
-    def largest(self) -> float:
-        """The limit."""
-        return self.most
-
-    def validate(self, robot: tm.Robot) -> None:
-        """Check that there are two joints."""
-        assert robot.n >= 2
 
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
         """|u1 v1 + u2 v2|."""

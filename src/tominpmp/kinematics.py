@@ -15,6 +15,7 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array, BoolArray
 from tominpmp.checks import JOINTS, array
+from tominpmp.motion_limits import POSITION, LimitKind
 
 if TYPE_CHECKING:
     from tominpmp.robot.robot import Robot
@@ -115,6 +116,11 @@ def prismatic_joints(robot: Robot) -> BoolArray:
     """Which of the joints of a robot are prismatic, shape (n,)."""
     model = robot.model
     return np.array([_prismatic(model, model.getJointId(j)) for j in robot.joint_names])
+
+
+def unit_of(robot: Robot, joint: int, kind: LimitKind = POSITION) -> str:
+    """Unit of the bounds of a joint: of its positions, or of another kind of limit."""
+    return kind.units[int(prismatic_joints(robot)[joint])]
 
 
 def endless_joints(robot: Robot) -> BoolArray:

@@ -92,9 +92,8 @@ class EffortCurve(Record):
         # Neighbouring tangents meet at the harmonic mean of the speeds they touch at.
         corners = touched[:-1] * touched[1:] / mean
         speed = np.concatenate([[0.0, knee], corners, [top_speed]])
-        return cls(
-            speed, np.concatenate([[effort] * 2, power / np.append(mean, top_speed)])
-        )
+        torque = np.concatenate([[effort, effort], power / mean, [power / top_speed]])
+        return cls(speed, torque)
 
     def __call__(self, speed: Array) -> tuple[Array, Array]:
         """Largest torques and their slopes over |speed|, for speeds of any shape."""

@@ -19,6 +19,7 @@ Motions that use the tolerances of the verification can be correspondingly short
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -33,8 +34,9 @@ from tominpmp.bounds.result import LowerBound
 from tominpmp.checks import instance, number
 from tominpmp.exceptions import warn_caller
 from tominpmp.goals.base import Goal
-from tominpmp.kinematics import prismatic_joints
+from tominpmp.kinematics import unit_of
 from tominpmp.problem.problem import Problem
+from tominpmp.problem.segments import arrival_window
 
 
 @on_one_thread
@@ -71,7 +73,7 @@ def _of_segments(problem: Problem) -> LowerBound:
 
     The latter counts if the robot and its limits are the same on all segments.
     """
-    bound = _arrival_bounds(problem)[-1]
+    *_, bound = _arrival_bounds(problem)
     total = bound.T + problem.segments[-1].dwell
     same = all(phase.robot is problem.robot for phase in problem.phases) and all(
         segment.motion_limits is None for segment in problem.segments
@@ -82,24 +84,23 @@ def _of_segments(problem: Problem) -> LowerBound:
     return LowerBound(total, "the limits of the joints on each segment, and all dwells")
 
 
-def _arrival_bounds(problem: Problem) -> list[LowerBound]:
+def _arrival_bounds(problem: Problem) -> Iterator[LowerBound]:
     """Bounds on the arrival at the goal of each segment, from the start of the motion.
 
     They are the sums of the bounds of segments with a known start, and of the dwells
     before. Velocities at ends of segments are free unless the goal fixes them.
     """
-    bounds, begin = list[LowerBound](), 0.0
-    start, known = problem.v_start, True
+    begin, start, known = 0.0, problem.v_start, True
     for phase, segment in zip(problem.phases, problem.segments, strict=True):
         bound = LowerBound(0.0, "")
         if known:
             bound = _of_goal(phase, phase.goal, start, smooth_ends=False)
-        earliest, _ = segment.arrival or (0.0, math.inf)
-        bounds.append(replace(bound, T=max(begin + bound.T, earliest)))
-        begin = bounds[-1].T + segment.dwell
+        earliest, _ = arrival_window(segment)
+        arrival = max(begin + bound.T, earliest)
+        yield replace(bound, T=arrival)
+        begin = arrival + segment.dwell
         known = phase.goal.configuration is not None
         start = _end_velocity(phase, phase.goal)
-    return bounds
 
 
 def why_impossible(problem: Problem, tolerance: float) -> str:
@@ -118,11 +119,11 @@ def why_impossible(problem: Problem, tolerance: float) -> str:
 
 def _late_arrival(problem: Problem, tolerance: float) -> str:
     """The first segment whose latest arrival no motion can meet; or empty."""
-    limits = [segment.arrival or (0.0, math.inf) for segment in problem.segments]
-    if all(math.isinf(latest) for _, latest in limits):
+    ends = [arrival_window(segment)[1] for segment in problem.segments]
+    if all(map(math.isinf, ends)):
         return ""
-    each = zip(limits, _arrival_bounds(problem), strict=True)
-    for k, ((_, latest), bound) in enumerate(each, 1):
+    each = zip(ends, _arrival_bounds(problem), strict=True)
+    for k, (latest, bound) in enumerate(each, 1):
         if bound.T > (1.0 + 2.0 * tolerance) * latest:
             why = f": {bound.reason}" if k == 1 else ", by its joint limits and dwells"
             return (
@@ -156,7 +157,7 @@ def _without_room(problem: Problem) -> str:
             needed = 0.5 * np.where(returns, speed, 0.0) ** 2 / np.maximum(most, 1e-9)
             lacking = needed * (1.0 - SHARE) > room + TOLERANCE
             for i in np.flatnonzero(lacking).tolist():
-                unit = "m" if prismatic_joints(phase.robot)[i] else "rad"
+                unit = unit_of(phase.robot, i)
                 return (
                     f"joint {phase.robot.joint_names[i]!r} has {abs(speed[i]):.4g} "
                     f"{unit}/s at the {end}{f' of segment {k}' * many}, {room[i]:.4g} "

@@ -12,7 +12,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.exceptions import ProblemError
-from tominpmp.kinematics import prismatic_joints
+from tominpmp.kinematics import unit_of
 from tominpmp.problem.controls import control_bounds, control_kind
 from tominpmp.problem.joint_limits import joint_limits
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -105,7 +105,7 @@ def _unlimited(
 ) -> ProblemError:
     """Error for a joint that no limit keeps from moving arbitrarily fast."""
     robot = system.problem.robot
-    unit = "m" if prismatic_joints(robot)[joint] else "rad"
+    unit = unit_of(robot, joint)
     limits = robot.limits
     bounds = control_bounds(robot, system.problem.motion_limits)
     effort = max(abs(bound[joint]) for bound in bounds)

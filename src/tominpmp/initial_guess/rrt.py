@@ -21,7 +21,7 @@ from itertools import takewhile
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.kinematics import prismatic_joints
+from tominpmp.kinematics import unit_of
 from tominpmp.transcription.problem_functions import PADDING, ProblemFunctions
 
 # Longest branches of the trees [rad of a joint of median speed].
@@ -232,10 +232,6 @@ class _Space:
         points = corners[piece] + share[:, None] * steps[piece]
         return all(self.each_free(points[_bisection_order(len(points))]))
 
-    def allow(self, checks: int) -> None:
-        """Allow this many collision checks from now on."""
-        self.budget = checks
-
 
 @lru_cache(maxsize=1024)
 def _bisection_order(count: int) -> IntArray:
@@ -316,7 +312,7 @@ def _impasse(system: ProblemFunctions, trees: Sequence[Array]) -> str:
         if len(free) < BATCH and hit is not None:
             pairs[hit.pair] += 1
     here, there = ("start", "goal")[:: 1 - 2 * root]
-    unit = "m" if prismatic_joints(robot)[j] else "rad"
+    unit = unit_of(robot, j)
     bodies = " or ".join(pair for pair, _ in pairs.most_common(2))
     before = f" before {bodies} collide; room there may open a way" if pairs else ""
     return (
@@ -387,7 +383,7 @@ def _length(corners: Array) -> float:
 def _shortened(space: _Space, path: Array, rng: np.random.Generator) -> Array:
     """Shortcuts of a path in all joints, or in one (Geraerts and Overmars, 2007)."""
     n = path.shape[1]
-    space.allow(CHECKS)
+    space.budget = CHECKS
     try:
         for _ in range(SHORTCUTS):
             steps = np.max(np.abs(np.diff(path, axis=0)), axis=1)

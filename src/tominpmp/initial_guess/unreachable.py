@@ -58,10 +58,9 @@ def hindrance(problem: Problem) -> str:
     robot, goal, system = problem.robot, problem.goal, ProblemFunctions.of(problem)
     if problem.segments or goal.alternatives[1:]:
         return ""
-    if lost := _lost_path(system):
+    lost = _lost_path(system)
+    if lost or goal.configuration is not None:
         return lost
-    if goal.configuration is not None:
-        return ""
     target = Target(system, goal)
     ik = find_configurations(target, KINEMATIC_STARTS, np.random.default_rng(0))
     if not ik.free:

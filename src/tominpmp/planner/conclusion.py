@@ -10,7 +10,7 @@ import numpy as np
 
 from tominpmp.bounds.result import LowerBound
 from tominpmp.initial_guess.unreachable import hindrance
-from tominpmp.kinematics import prismatic_joints
+from tominpmp.kinematics import unit_of
 from tominpmp.motion.measures import acceleration_remark
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import EFFORT
@@ -54,10 +54,9 @@ def conclude(state: PlanState, options: Options, status: Status | None) -> Solut
     best = best_of(candidates)
     if best is None:
         return without_motion(state, options, status or Status.INFEASIBLE)
-    reason = ""
+    reason = "" if best.confirmed else _reason(state)
     if not best.confirmed:
         history = tuple(state.shown)  # of all that was tried in vain
-        reason = _reason(state)
     ended = best.status
     if status in STOPPED:
         ended = status
@@ -230,7 +229,7 @@ def _saturated(problem: Problem, motion: Trajectory) -> str:
     if often[most] < MOSTLY:
         return ""
     name = robot.joint_names[most]
-    unit = EFFORT.units[int(prismatic_joints(robot)[most])]
+    unit = unit_of(robot, most, EFFORT)
     return (
         f" Joint {name} is at its effort limit of {strength[most]:.3g} {unit} for "
         f"{often[most]:.0%} of the motion, {robot.friction[most]:.3g} {unit} of which "

@@ -31,7 +31,7 @@ from tominpmp.planner.first_program import with_active_rows
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import NUMERICAL, Work, make_and_repair
 from tominpmp.problem.problem import Problem
-from tominpmp.problem.segments import Segment, Span, spans_of
+from tominpmp.problem.segments import Segment, Span, arrival_window, spans_of
 from tominpmp.solution import Solution
 from tominpmp.solvers.exchange import FAR, RowExchange
 from tominpmp.solvers.loop import Callback, Loop, Rule, solve
@@ -314,7 +314,7 @@ class ClockTrial:
         rounded = with_dwells(problem.alternative_of(motion), dwells)
         trial = cls(ProblemFunctions.of(rounded), motion, spans, period, ())
         for span, segment in zip(spans, trial.segments, strict=True):
-            earliest = 0.0 if segment.arrival is None else segment.arrival[0]
+            earliest, _ = arrival_window(segment)
             waits = span.arrival <= (1.0 + TRACE) * earliest
             counts.append(ticks_of(0.0 if waits else span.arrival - span.begin, period))
         return replace(trial, periods=trial.within_windows(counts))
@@ -346,11 +346,10 @@ class ClockTrial:
         now = since = 0
         for count, segment in zip(periods, self.segments, strict=True):
             tick, rests = now + count, len(counts) == len(periods) - 1 or segment.stop
-            if segment.arrival is not None:
-                earliest, latest = segment.arrival
-                tick = max(tick, ticks_of(earliest, self.period))
-                if latest < np.inf:
-                    tick = min(tick, -ticks_of(-latest, self.period))
+            earliest, latest = arrival_window(segment)
+            tick = max(tick, ticks_of(earliest, self.period))
+            if latest < np.inf:
+                tick = min(tick, -ticks_of(-latest, self.period))
             # A segment whose goal is passed may take a single period, but a motion from
             # rest to rest takes FEWEST_PERIODS.
             fewest = max(FEWEST_PERIODS - since, 1) if rests else 1

@@ -17,7 +17,7 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.planner.conclusion import STANDS, without_search
 from tominpmp.problem.problem import Problem
-from tominpmp.problem.segments import Segment
+from tominpmp.problem.segments import Segment, arrival_window
 from tominpmp.solution import Solution
 from tominpmp.transcription.grid import at_ticks, whole_periods
 
@@ -59,7 +59,7 @@ def _motion(problem: Problem, options: Options) -> Trajectory | None:
         misses = phase.goal.misses(RobotKinematics(phase.robot), q, v)
         if any(miss.amount > tolerance for miss in misses):
             return None
-        earliest, latest = segment.arrival or (0.0, np.inf)
+        earliest, latest = arrival_window(segment)
         arrival = max(now, whole_periods(earliest, period))
         if arrival > latest:
             return None

@@ -158,6 +158,11 @@ class Segment(Record):
         return robot if self.payload is None else robot.with_payload(self.payload)
 
 
+def arrival_window(segment: Segment) -> tuple[float, float]:
+    """Earliest and latest arrival at the goal of a segment [s]; 0 and inf if free."""
+    return segment.arrival or (0.0, np.inf)
+
+
 def _check_arrivals(segments: Sequence[Segment]) -> None:
     """Check that no latest arrival precedes the earliest end of an earlier segment.
 
@@ -166,7 +171,7 @@ def _check_arrivals(segments: Sequence[Segment]) -> None:
     """
     reached, first = 0.0, 0
     for k, segment in enumerate(segments):
-        earliest, latest = segment.arrival or (0.0, np.inf)
+        earliest, latest = arrival_window(segment)
         if latest < reached:
             raise ProblemError(
                 f"segment {k + 1} is to be reached by {latest:g} s, and segment "
@@ -301,7 +306,7 @@ def _arrival(motion: Trajectory, segment: Segment, begin: float, end: float) -> 
     t, off = motion.t[rows], np.abs(motion.q[rows] - motion.q[last])
     moves = np.any(np.maximum(off, np.abs(motion.v[rows])) > SAME, axis=1)
     rests = np.logical_and.accumulate(~moves[::-1])[::-1]
-    earliest = 0.0 if segment.arrival is None else segment.arrival[0]
+    earliest, _ = arrival_window(segment)
     latest = max(end - segment.dwell, begin)
     arrived = rests & (t >= earliest - SAME) & (t <= latest + SAME)
     return float(t[arrived][0]) if np.any(arrived) else latest

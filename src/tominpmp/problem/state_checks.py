@@ -20,8 +20,8 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals.base import Goal
 from tominpmp.goals.sets import restricted
-from tominpmp.kinematics import RobotKinematics, prismatic_joints
-from tominpmp.motion_limits import joint_kinds
+from tominpmp.kinematics import RobotKinematics, unit_of
+from tominpmp.motion_limits import EFFORT, joint_kinds
 from tominpmp.robot.robot import Robot
 from tominpmp.scene.scene import Scene
 
@@ -297,7 +297,7 @@ def unheld(robot: Robot, q: Array) -> str:
         dry = " (its dry friction is not counted on)" if robot.friction[i] else ""
         return (
             f"joint {robot.joint_names[i]!r} cannot hold the arm against gravity "
-            f"there: {tau[0, i]:.4g} {_unit(robot, 'effort', i)} needed, "
+            f"there: {tau[0, i]:.4g} {unit_of(robot, i, EFFORT)} needed, "
             f"[{low:.4g}, {high:.4g}] allowed{dry}"
         )
     return ""
@@ -328,7 +328,7 @@ def onto_limits(
     clipped = np.clip(values, lower, upper)
     excess = np.abs(clipped - values)
     for i in np.flatnonzero(excess > 0.0).tolist():
-        unit = _unit(robot, quantity, i)
+        unit = unit_of(robot, i, joint_kinds()[quantity])
         beyond = (
             f"{name}: joint {robot.joint_names[i]!r} is {values[i]:.10g} {unit}, "
             f"outside its {quantity} limits [{lower[i]:.10g}, {upper[i]:.10g}] {unit}"
@@ -339,10 +339,6 @@ def onto_limits(
             raise ProblemError(beyond + (IN_RADIANS if degrees else ""), field)
         snapped.append(f"{beyond}, by {excess[i]:.1e}, and was set to the limit")
     return np.asarray(clipped), snapped
-
-
-def _unit(robot: Robot, quantity: str, joint: int) -> str:
-    return joint_kinds()[quantity].units[int(prismatic_joints(robot)[joint])]
 
 
 def joint_vector(robot: Robot, value: object, name: str) -> Array:

@@ -206,10 +206,8 @@ class Sensitivities(Record):
             raise wrong(T, "T", f"at least {total:.4g} s, and at least one motion")
         if len(goals) != len(items):
             raise wrong(names, "names", "a name for each motion")
-        scaled, longest = (
-            [],
-            whole or 1.0,
-        )  # all values of motions without duration are 0
+        scaled = []
+        longest = whole or 1.0  # all values of motions without duration are 0
         for part, goal in zip(items, goals, strict=True):
             for record in part:
                 on_goal = record.kind == "goal" and record.joint is None

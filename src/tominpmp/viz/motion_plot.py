@@ -258,8 +258,9 @@ def _handles(edges: set[str], segments: bool, goal: bool) -> list[Any]:
     if segments:
         handles.append(figures.line_key("end of a segment", **END_LOOK))
     obstacles = (surroundings.HAZARD_COLOR, surroundings.FURNITURE_COLOR)
-    for edge in [edge for edge in obstacles if edge in edges][:1]:
-        handles.append(figures.area_key("obstacle", **_outline_look(edge)))
+    drawn = [edge for edge in obstacles if edge in edges]
+    if drawn:
+        handles.append(figures.area_key("obstacle", **_outline_look(drawn[0])))
     if LOAD_COLOR in edges:
         handles.append(figures.area_key("load", facecolor="none", edgecolor=LOAD_COLOR))
     return handles
