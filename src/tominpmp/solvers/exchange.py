@@ -108,6 +108,8 @@ class RowExchange:
         given_up = loop.dropped or loop.callback_status is Status.STALLED
         if status in STOPPED or given_up or state.duration > self.longest:
             return False
+        if status is Status.INFEASIBLE and loop.best is None:
+            return False
         if status is not None:
             return loop.best is not None or state.violation <= FAR
         # Without an accepted step a check would find the same violations again.
@@ -166,7 +168,6 @@ class RowExchange:
             loop.extended_limit = len(loop.history) + ITERATIONS
         if status is None:
             return exchange, None
-        loop.state = replace(loop.state, raises=0)
         # Slowing down replaces further iterations if violations are small, or if any
         # feasible motion will do.
         slower, objective = None, loop.objective

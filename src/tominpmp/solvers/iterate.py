@@ -70,7 +70,6 @@ class Iterate:
         weights: Weight mu of each kind of row [s], shape (kinds,).
         multipliers: Multipliers of all rows, from the last program.
         radius: Trust-region radius, as a share of the initial one.
-        raises: How often weights were raised as violations remained.
         gains: Reductions of the merit in the last iterations [s], the newest last.
     """
 
@@ -81,7 +80,6 @@ class Iterate:
     weights: Array
     multipliers: Array
     radius: float = 1.0
-    raises: int = 0
     gains: tuple[float, ...] = ()
 
     @classmethod

@@ -21,16 +21,16 @@ from tominpmp.arrays import Array
 from tominpmp.options import Options
 from tominpmp.solvers.iterate import StepOutcome, TrialPoint
 from tominpmp.solvers.loop import Loop, Rule
-from tominpmp.solvers.stop import first_of, iterations, raises, settled
+from tominpmp.solvers.stop import first_of, iterations, settled, weights_exceed
 from tominpmp.stopping import check
 from tominpmp.transcription.adjoint import AdjointTranscription
 
 # The first weight K, as a multiple of T, and its growth from round to round. With a
 # smaller first weight T is up to 7 % shorter on the paper's example, and planning takes
-# twice as long.
+# twice as long. The weight that ends the rounds, as a multiple of T.
 FIRST_WEIGHT = 30.0
 WEIGHT_GROWTH = 10.0
-ROUNDS = 11
+LARGEST_WEIGHT = 1e12
 # Most quasi-Newton iterations of a round, and of all rounds for each iteration of
 # ``options.max_iterations``: one of them costs about a tenth of an iteration with a
 # linear program. A round that ends early is completed by the next one, which has
@@ -51,7 +51,7 @@ def penalty_rounds(options: Options, z: Array) -> tuple[PenaltyRound, Rule]:
         z: The initial iterate.
     """
     most = ITERATION_FACTOR * options.max_iterations
-    stop = first_of(settled, raises(ROUNDS - 1), iterations(most))
+    stop = first_of(settled, weights_exceed(LARGEST_WEIGHT), iterations(most))
     return PenaltyRound(z, most), stop
 
 
@@ -70,8 +70,8 @@ class PenaltyRound:
     most: int
 
     def first_weights(self, value: float, kinds: tuple[str, ...]) -> Array:
-        """Zeros: the weight of the violations follows from the initial iterate."""
-        return np.zeros(len(kinds))
+        """Equal weights K of all kinds of violations."""
+        return np.full(len(kinds), FIRST_WEIGHT * value)
 
     def __call__(self, loop: Loop) -> None:
         """Minimise for the present weight, and raise it for the next round."""
@@ -79,8 +79,9 @@ class PenaltyRound:
         settled = loop.state.violation <= loop.objective.feasibility
         if loop.outcome is not None:
             loop.outcome = replace(loop.outcome, settled=settled)
-        raises = 0 if settled else loop.state.raises + 1
-        loop.state = replace(loop.state, raises=raises)
+        if not settled:
+            weights = WEIGHT_GROWTH * loop.state.weights
+            loop.state = replace(loop.state, weights=weights)
 
     def minimise(self, loop: Loop) -> None:
         """Minimise the duration plus the penalty, within the limits of a round."""
@@ -88,8 +89,7 @@ class PenaltyRound:
         torques = nlp.transcription
         assert isinstance(torques, AdjointTranscription)  # noqa: S101
         scale, lower, upper = _scaled(torques, self.first)
-        weight = FIRST_WEIGHT * float(nlp.cost @ self.first)
-        weight *= WEIGHT_GROWTH**loop.state.raises
+        weight = float(loop.state.weights[0])
         # The mean over the instants stands for the integral over tau.
         goal = rows.kind == rows.kinds.index("goal")
         share = np.where(goal, 1.0, 1.0 / np.bincount(rows.group)[rows.group])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from tominpmp.solvers.iterate import SMALLEST_RADIUS
 from tominpmp.solvers.loop import Loop, Rule
 from tominpmp.status import Status
@@ -30,11 +32,22 @@ def collapsed(loop: Loop) -> Status | None:
     return Status.NUMERICAL_FAILURE if loop.outcome is None else Status.STALLED
 
 
-def raises(most: int) -> Rule:
-    """Stop rule: INFEASIBLE if violations remain after ``most`` raises of weights."""
+def weights_exceed(most: float) -> Rule:
+    """Stop rule: INFEASIBLE once violations cost too much for any multiplier.
+
+    The weight of a violation is raised until it exceeds the multiplier of the
+    constraint. If violations remain with a weight far above all multipliers, no small
+    change removes them.
+
+    Args:
+        most: Largest weight of a violation of 100 %, in multiples of the objective.
+    """
 
     def rule(loop: Loop) -> Status | None:
-        return Status.INFEASIBLE if loop.state.raises > most else None
+        state = loop.state
+        value = loop.objective.value(loop.program, state.z, state.values)
+        heavy = np.max(state.weights, initial=0.0) > most * value
+        return Status.INFEASIBLE if heavy else None
 
     return rule
 

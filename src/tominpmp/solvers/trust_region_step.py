@@ -39,7 +39,13 @@ from tominpmp.solvers.iterate import (
 from tominpmp.solvers.loop import Loop, Rule
 from tominpmp.solvers.model import Model
 from tominpmp.solvers.objective import RESTORABLE
-from tominpmp.solvers.stop import collapsed, first_of, iterations, raises, settled
+from tominpmp.solvers.stop import (
+    collapsed,
+    first_of,
+    iterations,
+    settled,
+    weights_exceed,
+)
 from tominpmp.solvers.subproblem import Subproblem, build_subproblem
 from tominpmp.stopping import check
 
@@ -49,9 +55,11 @@ from tominpmp.stopping import check
 FIRST_WEIGHTS = {"torque": 0.7, "acceleration": 0.7, "velocity": 2.0, "speed": 2.0}
 OTHER_WEIGHT = 10.0
 # Factor by which the weights are raised if the iteration settles on a violated
-# constraint, and most raises.
+# constraint, and the weight that ends the iteration, in multiples of the objective. In
+# descents of the golden set that led to a feasible motion weights were at most 4e4, in
+# the others up to 1e16.
 WEIGHT_GROWTH = 10.0
-WEIGHT_RAISES = 4
+LARGEST_WEIGHT = 1e6
 # Duality gap below which a program counts as solved, as a share of the tolerance. With
 # half of it programs take more iterations; with twice as much, warm starts on a clock
 # took a period more.
@@ -98,7 +106,11 @@ def trust_regions(
             the objective; None for a gap that fits the tolerance of the objective.
     """
     lp = make_solver(options.lp_solver) if lp is None else lp
-    limits = raises(WEIGHT_RAISES), collapsed, iterations(options.max_iterations)
+    limits = (
+        weights_exceed(LARGEST_WEIGHT),
+        collapsed,
+        iterations(options.max_iterations),
+    )
     step = TrustRegionStep(lp, options.trust_region, accuracy)
     return step, first_of(settled, *limits)
 
@@ -179,7 +191,7 @@ class TrustRegionStep:
         if settled and not done:
             # The weight of the violated constraint may be below its multiplier.
             weights = WEIGHT_GROWTH * state.weights
-            state = replace(state, weights=weights, raises=state.raises + 1, gains=())
+            state = replace(state, weights=weights, gains=())
         loop.advance(state, replace(outcome, settled=done))
 
     def _propose(self, loop: Loop) -> _Proposal | None:
