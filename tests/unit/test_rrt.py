@@ -10,6 +10,7 @@ from guess_samples import END, START, fine, maze, wall
 
 import tominpmp as tm
 from tominpmp.initial_guess.rrt import (
+    PathSearches,
     alike,
     is_free,
     is_free_line,
@@ -71,30 +72,41 @@ def test_joints_may_have_next_to_no_room():
 
 def test_no_path_through_a_closed_wall(tmp_path):
     system = maze(tmp_path, wall("closed", 0.0, -3.0, 3.0))
-    assert sample_path(system, np.array(END), 1, checks=2000) is None
-    rng, said = np.random.default_rng(0), list[str]()
-    ends = [np.array(END)]
-    assert not list(sample_paths(system, ends, rng, checks=500, impasses=said))
-    assert len(said) > 1
-    assert "no path around the obstacles was found: from the " in said[0]
-    assert "joint 'x' came no farther than " in said[0]
-    assert "and obstacle 'closed' collide; room there may open a way" in said[0]
+    rng, searches = np.random.default_rng(0), PathSearches(checks=500)
+    assert not list(sample_paths(system, [np.array(END)], rng, searches=searches))
+    assert not searches.found
+    assert "no path around the obstacles was found: from the " in searches.impasse
+    assert "joint 'x' came no farther than " in searches.impasse
+    closed = "and obstacle 'closed' collide; room there may open a way"
+    assert closed in searches.impasse
+
+
+def test_searches_without_a_path_are_followed_by_longer_ones(tmp_path):
+    """Searches of equal length failed one after the other."""
+    system, searches = zigzag(tmp_path), PathSearches(checks=50)
+    rng, ends, failed = np.random.default_rng(0), [np.array(END)], 0
+    while (
+        path := next(sample_paths(system, ends, rng, searches=searches), None)
+    ) is None:
+        failed += 1
+    assert failed and searches.found and path is not None
+    assert searches.checks > 50
 
 
 def test_no_path_once_the_time_is_up(tmp_path):
     past = time.perf_counter() - 1.0
     system = zigzag(tmp_path)
     assert sample_path(system, np.array(END), 1, deadline=past) is None
-    rng, said = np.random.default_rng(0), list[str]()
-    ends = [np.array(END)]
-    assert not list(sample_paths(system, ends, rng, deadline=past, impasses=said))
-    assert not said  # a search that was cut short says nothing about the obstacles
+    rng, searches = np.random.default_rng(0), PathSearches()
+    paths = sample_paths(system, [np.array(END)], rng, searches=searches, deadline=past)
+    # A search that was cut short says nothing about the obstacles.
+    assert not list(paths) and not searches.impasse
 
 
 def test_no_path_to_an_end_in_collision(tmp_path):
     system = zigzag(tmp_path)
     inside = np.array([0.6, 0.0])
-    assert sample_path(system, inside, 1, checks=500) is None
+    assert sample_path(system, inside, 1) is None
     ends = [inside, np.array(END)]
     path = next(sample_paths(system, ends, np.random.default_rng(0)))
     np.testing.assert_array_equal(path[-1], END)
@@ -151,8 +163,8 @@ def test_paths_are_alike_if_they_shift_into_each_other(tmp_path):
 
 def test_searches_for_further_paths_say_nothing(tmp_path):
     """One path was known, and the message was that none was found."""
-    system, said = maze(tmp_path, wall("closed", 0.0, -3.0, 3.0)), list[str]()
+    system = maze(tmp_path, wall("closed", 0.0, -3.0, 3.0))
     ends, known = [np.array(END)], [np.array([START, END])]
-    rng = np.random.default_rng(0)
-    paths = sample_paths(system, ends, rng, known=known, checks=500, impasses=said)
-    assert not list(paths) and not said
+    rng, searches = np.random.default_rng(0), PathSearches(checks=500)
+    paths = sample_paths(system, ends, rng, known=known, searches=searches)
+    assert not list(paths) and not searches.impasse

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
@@ -21,7 +21,7 @@ from tominpmp.initial_guess.inverse_kinematics import (
 )
 from tominpmp.initial_guess.pace import load_time_scale, time_scale
 from tominpmp.initial_guess.path import RoundedPath
-from tominpmp.initial_guess.rrt import is_free, is_free_line, sample_paths
+from tominpmp.initial_guess.rrt import PathSearches, is_free, is_free_line, sample_paths
 from tominpmp.initial_guess.timing import between_velocities, time_path
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -58,6 +58,9 @@ SAMPLES = 200
 # takes a tenth of the time of a descent, and the fastest path leads to the best
 # optimum: in a cage, paths of 1.6 s and 2.6 s became motions of 1.2 s and 1.9 s.
 BATCH = 2
+# Number of guesses through via points between searches for a path, while no path is
+# known. In narrow shelves a descent from the fourth found a motion before a search did.
+VIA_GUESSES = 4
 # A sampled path is not compared with others if its duration exceeds the duration of the
 # straight line by at most this share.
 NEAR = 0.2
@@ -147,8 +150,7 @@ class GuessRequest:
             fastest line, of those that satisfy the constraints if there are any.
         deadline: When to stop sampling, as a value of :func:`time.perf_counter` [s].
         beyond: Constraints on positions that hold from the goal on.
-        impasses: Receives clauses on searches for paths that found none; the first is
-            empty once a path was found.
+        searches: Success of the searches for paths, which further ones update.
     """
 
     count: int
@@ -156,7 +158,7 @@ class GuessRequest:
     duration: float | None = None
     deadline: float = np.inf
     beyond: Sequence[PathConstraint] = ()
-    impasses: list[str] = field(default_factory=list)
+    searches: PathSearches = field(default_factory=PathSearches)
 
 
 def straight_guess(system: ProblemFunctions, q_end: Array) -> Guess:
@@ -312,7 +314,8 @@ def initial_guesses(system: ProblemFunctions, request: GuessRequest) -> Iterator
     The generator is lazy. The first guesses may collide: in most cases the optimiser
     moves them out of the obstacles faster than a path around these is found. Sampled
     paths follow if there are obstacles, or if the arm collides with itself on the
-    fastest line; then paths through random via points.
+    fastest line; then paths through random via points. While no path is known, longer
+    searches for one come between these.
 
     Args:
         system: Functions of the problem.
@@ -372,25 +375,31 @@ def _guesses(
         yield from direct[FEW_LINES:]
     else:
         yield from [direct[0], rest] if final is None else direct
-    if system.clearance is not None:
-        line = np.stack([problem.q_start, ends[0]])
-        clear = is_free_line(system, *line)
-        # In free space sampled paths are needed only if the arm collides with itself on
-        # the straight line.
-        if not (system.in_free_space and clear):
-            known = [line] if clear else []
-            enough = (1.0 + NEAR) * straight[0].duration
-            yield from sampled_guesses(
-                system, ends, request, known=known, enough=enough
-            )
+    line = np.stack([problem.q_start, ends[0]])
+    clear = system.clearance is None or is_free_line(system, *line)
+    sampled = partial(
+        sampled_guesses,
+        system,
+        ends,
+        request,
+        known=[line] if clear else [],
+        enough=(1.0 + NEAR) * straight[0].duration,
+    )
+    # In free space sampled paths are needed only if the arm collides with itself on the
+    # straight line.
+    if not (system.in_free_space and clear):
+        yield from sampled()
     if not system.in_free_space and final is None:
         yield from direct[1:]
     limits = problem.robot.limits
     low = np.maximum(limits.position_lower, problem.q_start - np.pi)
     high = np.minimum(limits.position_upper, problem.q_start + np.pi)
     while True:
-        end = ends[int(rng.integers(len(ends)))]
-        yield _via_guess(system, rng.uniform(low, high), end)
+        for _ in range(VIA_GUESSES):
+            end = ends[int(rng.integers(len(ends)))]
+            yield _via_guess(system, rng.uniform(low, high), end)
+        if not (clear or request.searches.found):
+            yield from sampled()
 
 
 def sampled_guesses(
@@ -409,13 +418,12 @@ def sampled_guesses(
     """
     rng, deadline = request.rng, request.deadline
     paths = sample_paths(
-        system, ends, rng, known=known, deadline=deadline, impasses=request.impasses
+        system, ends, rng, known=known, searches=request.searches, deadline=deadline
     )
     guesses: Iterator[Guess] = (path_guess(system, path) for path in paths)
     first = next(guesses, None)
     if first is None:
         return
-    request.impasses[:] = [""]
     if first.timed and first.duration <= enough:
         yield first
     else:

@@ -15,6 +15,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import takewhile
 
@@ -32,7 +33,7 @@ BATCH = 16
 # Spacing of collision checks on a branch, and on a shortcut, which cuts corners as far
 # as the checks allow [rad].
 RESOLUTION, FINE = 0.05, 0.0125
-# Most collision checks of the search for a path, and of its shortening.
+# Most collision checks of the first search for a path, and of the shortening of a path.
 CHECKS = 80_000
 # Distances beyond both ends to which joints without narrow limits are sampled, in turn
 # [rad]: most ways out of narrow ends are close to these.
@@ -57,6 +58,22 @@ FreeCheck = Callable[[Array], Iterator[bool]]
 
 class _BudgetSpent(Exception):
     """Raised once the collision checks of a path, or the time, are used up."""
+
+
+@dataclass
+class PathSearches:
+    """Success of the searches for a path among the obstacles of a problem.
+
+    Attributes:
+        found: Whether a path is known.
+        impasse: A clause on the first search without a path; may be empty.
+        checks: Most collision checks of each search. They are doubled if none of
+            several searches has found a path.
+    """
+
+    found: bool = False
+    impasse: str = ""
+    checks: int = CHECKS
 
 
 def is_free(system: ProblemFunctions, q: Array) -> bool:
@@ -88,9 +105,8 @@ def sample_paths(
     rng: np.random.Generator,
     *,
     known: Sequence[Array] = (),
-    checks: int = CHECKS,
+    searches: PathSearches | None = None,
     deadline: float = np.inf,
-    impasses: list[str] | None = None,
 ) -> Iterator[Array]:
     """Distinct paths from the start of a problem to given free ends in turn.
 
@@ -103,14 +119,15 @@ def sample_paths(
             are left out.
         rng: Random numbers; the paths depend only on them unless time runs out.
         known: Known free paths, each of shape (m, n); paths alike to them are left out.
-        checks: Most collision checks for each path.
+        searches: Success of the searches so far, which these ones update.
         deadline: When to stop, as a value of :func:`time.perf_counter` [s].
-        impasses: Receives clauses on searches without a path, until one is found.
 
     Yields:
         Corners of a path, shape (m, n). The search is lazy.
     """
     paths = list(known)
+    searches = PathSearches() if searches is None else searches
+    searches.found |= bool(paths)
     ends = [q for q in ends if is_free(system, q)]
     failures = number = 0
     while ends and failures < TRIES + len(ends):
@@ -119,23 +136,23 @@ def sample_paths(
         end = ends[number % len(ends)]
         number += 1
         seed = int(rng.integers(1, 2**31))
-        told = None if paths else impasses
-        path = sample_path(system, end, seed, checks, deadline, told)
+        path = sample_path(system, end, seed, searches, deadline)
         failures += FAILED if path is None else 1
         if path is None or any(alike(system, path, other) for other in paths):
             continue
         failures = 0
         paths.append(path)
         yield path
+    if not searches.found:
+        searches.checks *= 2
 
 
 def sample_path(
     system: ProblemFunctions,
     q_end: Array,
     seed: int,
-    checks: int = CHECKS,
+    searches: PathSearches | None = None,
     deadline: float = np.inf,
-    impasses: list[str] | None = None,
 ) -> Array | None:
     """A collision-free path, shortened.
 
@@ -143,9 +160,8 @@ def sample_path(
         system: Start, limits and clearance.
         q_end: Final configuration, shape (n,) [rad or m].
         seed: Seed of the random numbers.
-        checks: Most collision checks before the path is shortened.
+        searches: Success of the searches so far, which this one updates.
         deadline: When to stop, as a value of :func:`time.perf_counter` [s].
-        impasses: Receives a clause on a search without a path.
 
     Returns:
         Corners, shape (m, n); None if no path was found.
@@ -153,16 +169,18 @@ def sample_path(
     q_start, rng = system.problem.q_start, np.random.default_rng(seed)
     if not (is_free(system, q_start) and is_free(system, q_end)):
         return None
-    space = _Space(system, q_end, checks, deadline)
+    searches = PathSearches() if searches is None else searches
+    space = _Space(system, q_end, searches.checks, deadline)
     trees = [_Tree(end) for end in space.ends]
     try:
         path = _connected(space, trees, rng)
     except _BudgetSpent:
         # A search that was cut short early says nothing about the obstacles.
-        if impasses is not None and space.budget < checks // 2:
+        if not searches.found and space.budget < searches.checks // 2:
             grown = [tree.q * space.unit for tree in trees]
-            impasses.append(_impasse(system, grown))
+            searches.impasse = searches.impasse or _impasse(system, grown)
         return None
+    searches.found = True
     corners = _shortened(space, path, rng) * space.unit
     corners[0], corners[-1] = q_start, q_end
     return corners

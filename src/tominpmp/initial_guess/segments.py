@@ -26,6 +26,7 @@ from tominpmp.initial_guess.guess import (
 )
 from tominpmp.initial_guess.inverse_kinematics import Target
 from tominpmp.initial_guess.path_velocity import waiting_guesses
+from tominpmp.initial_guess.rrt import PathSearches
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 
@@ -55,7 +56,7 @@ def _guess(system: ProblemFunctions, request: GuessRequest) -> Guess | None:
         ahead = _constraints_after(system, place)
         # A guess at rest at the start does not lead to the start of the next segment.
         count = request.count + 1
-        one_more = replace(request, count=count, beyond=ahead, impasses=[])
+        one_more = replace(request, count=count, beyond=ahead, searches=PathSearches())
         guesses = make(single, one_more)
         moving = (g for g in guesses if g.name != REST_GUESS or len(system.parts) == 1)
         first = [*itertools.islice(moving, request.count)]

@@ -286,7 +286,9 @@ def _message(
 def _reason(state: PlanState) -> str:
     """What stood in the way of a plan without a motion, in a clause; or empty."""
     with contextlib.suppress(Stop), state.saving():
-        return "".join(state.impasses[:1]) or hindrance(state.problem)
+        searches = state.searches
+        impasse = "" if searches.found else searches.impasse
+        return impasse or hindrance(state.problem)
     return ""
 
 

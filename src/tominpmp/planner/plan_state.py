@@ -14,6 +14,7 @@ import numpy as np
 from tominpmp.bounds.lower_bound import lower_bound
 from tominpmp.bounds.result import LowerBound
 from tominpmp.goals.base import Goal
+from tominpmp.initial_guess.rrt import PathSearches
 from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate, Fallback, KeptIterate, best_of
 from tominpmp.problem.problem import Problem
@@ -69,8 +70,7 @@ class PlanState:
         callback_error: Error that the callback has raised; None without one.
         failures: Errors of candidates that have led to no motion.
         shown: Records of all iterations, with the numbers of their candidates.
-        impasses: Clauses on searches for paths that found none; the first is empty once
-            a path was found.
+        searches: Success of the searches for paths around obstacles.
     """
 
     def __init__(
@@ -94,7 +94,7 @@ class PlanState:
         self.callback_error: Exception | None = None
         self.failures: list[Exception] = []
         self.shown: list[IterationRecord] = []
-        self.impasses: list[str] = []
+        self.searches = PathSearches()
         self._bounds: list[tuple[list[Goal], LowerBound]] = []
         self._begin = time.perf_counter()
         self._limit = self._until = options.time_limit

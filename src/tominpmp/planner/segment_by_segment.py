@@ -96,9 +96,8 @@ def _planned_alone(
         seconds = state.remaining_time / (len(system.parts) - k)
         candidate = _alone(problem, state, schedule, others, seconds)
         if candidate is None:
-            state.impasses[:1] = [
-                item and f"on segment {k + 1}, {item}" for item in state.impasses[:1]
-            ]
+            if state.searches.impasse:
+                state.searches.impasse = f"on segment {k + 1}, {state.searches.impasse}"
             return []
         found.append(candidate)
         q = candidate.trajectory.q[-1]
@@ -147,7 +146,7 @@ def _alone(
             pass
         except Stop as stop:
             alone.stopped(stop)
-    state.impasses[:] = alone.impasses
+    state.searches = alone.searches
     return alone.incumbent
 
 

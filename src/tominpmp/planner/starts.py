@@ -142,7 +142,7 @@ def starts(
         most = max(most, usual + MOST_PATHS)
     make = segmented_guesses if system.parts else guesses_of
     request = GuessRequest(
-        most, rng, options.initial_duration, state.end_time, impasses=state.impasses
+        most, rng, options.initial_duration, state.end_time, searches=state.searches
     )
     guesses = make(system, request)
     first = next(guesses, None)
