@@ -6,7 +6,6 @@ import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from operator import attrgetter
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
@@ -137,9 +136,6 @@ class Guess:
         return CubicHermiteSpline(t, q, slopes, axis=0)
 
 
-_duration = attrgetter("duration")
-
-
 @dataclass(frozen=True, eq=False)
 class GuessRequest:
     """A request for guesses: their number, and the means to make them.
@@ -180,7 +176,11 @@ def _line_guess(system: ProblemFunctions, q_end: Array) -> Guess:
         guesses.append(replace(straight_guess(system, q_end), keeps=keeps))
     if path is not None:
         guesses.append(_along_corners(system, path, WITHIN_CONSTRAINTS))
-    return min(guesses, key=_duration)
+    return min(guesses, key=_pace)
+
+
+def _pace(guess: Guess) -> float:
+    return guess.duration if guess.timed else np.inf
 
 
 def _along_corners(system: ProblemFunctions, corners: Array, name: str) -> Guess:
@@ -259,7 +259,7 @@ def _paced(
     """A path over time, slowed down for limits of accelerations, jerks and loads."""
     factor = time_scale(system, q, float(times[-1]))
     slower = load_time_scale(system, factor * times, q)
-    return Guess(name, slower * factor * times, q, timed and factor == 1.0)
+    return Guess(name, slower * factor * times, q, timed)
 
 
 def _via_guess(system: ProblemFunctions, via: Array, q_end: Array) -> Guess:
@@ -357,10 +357,10 @@ def _guesses(
     problem, rng = system.problem, request.rng
     final = problem.goal.configuration
     lines = [(_line_guess(system, q), q) for q in ends]
-    lines.sort(key=lambda line: (not line[0].keeps, line[0].duration))
+    lines.sort(key=lambda line: (not line[0].keeps, _pace(line[0])))
     straight, ends = zip(*lines, strict=True)
     moving = filter(None, (_moving_guess(system, q) for q in ends))
-    direct = (*sorted(moving, key=_duration), *straight)
+    direct = (*sorted(moving, key=_pace), *straight)
     # A guess at rest at the start, with the given duration or that of the fastest line.
     times = np.array([0.0, request.duration or straight[0].duration])
     rest = Guess(REST_GUESS, times, np.tile(problem.q_start, (2, 1)), False)
@@ -421,4 +421,4 @@ def sampled_guesses(
     else:
         guesses = itertools.chain([first], guesses)
     while batch := list(itertools.islice(guesses, BATCH)):
-        yield from sorted(batch, key=_duration)
+        yield from sorted(batch, key=lambda guess: (not guess.timed, guess.duration))
