@@ -76,6 +76,8 @@ _positive = partial(_number, expected="a positive number", above=0.0)
 _share = partial(_number, expected="a number >= 0, or None")
 _weight = partial(_number, expected="a number >= 0 [1/(N^2 m^2) or s/J]")
 _solver = partial(checks.text, expected="the name of a solver")
+# Longest period of a controller [s].
+LONGEST_PERIOD = 1.0
 # Types of the options with their checks. Larger values are taken for a mistake, before
 # they fill the memory or start too many processes.
 Intervals: TypeAlias = Annotated[int, partial(checks.whole, least=4, most=10_000)]
@@ -88,8 +90,9 @@ StartsOrNone: TypeAlias = Annotated[
 Positive: TypeAlias = Annotated[float, _positive]
 PositiveOrNone: TypeAlias = Annotated[float | None, checks.optional(_positive)]
 TimeOrNone: TypeAlias = Annotated[float | None, checks.optional(_time_limit)]
+_period = partial(_number, expected="a positive number [s]", above=0.0)
 PeriodOrNone: TypeAlias = Annotated[
-    float | None, checks.optional(partial(_positive, most=1.0))
+    float | None, checks.optional(partial(_period, most=LONGEST_PERIOD))
 ]
 ShareOrNone: TypeAlias = Annotated[float | None, checks.optional(_share)]
 SlackOrNone: TypeAlias = Annotated[

@@ -127,6 +127,19 @@ def test_samples_that_cut_corners_are_told_of_with_what_would_hold(
         assert check_export(solution, solution.export(path, dt=dt), dt=dt).ok
 
 
+def test_a_period_that_no_option_allows_is_not_recommended(
+    planar3r: Robot, tmp_path: Path
+) -> None:
+    motion = on_a_clock(planar3r, 0.002)
+    slow = replace(planar3r.limits, velocity=np.full(3, 0.01))
+    robot = replace(planar3r, limits=slow)
+    problem = Problem(robot, motion.q[0], JointGoal(motion.q[-1]))
+    solution = replace(solved(planar3r, motion), problem=problem)
+    with pytest.warns(TominpmpWarning, match="does not pass") as warned:
+        solution.export(tmp_path / "m.yaml", dt=8)  # meant as milliseconds
+    assert "control_period" not in str(warned[0].message)
+
+
 def test_advice_was_measured(planar3r: Robot, tmp_path: Path) -> None:
     """Periods that are named hold, and those that were tried before do not."""
     solution = solved(planar3r, later(on_a_clock(planar3r, 0.004), 0.0013))

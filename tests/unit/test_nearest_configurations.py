@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 
 import tominpmp as tm
 from tests.sample_arms import make_arm, rod
-from tominpmp.initial_guess.guess import straight_guess
+from tominpmp.initial_guess.guess import (
+    GuessRequest,
+    initial_guesses,
+    straight_guess,
+)
 from tominpmp.initial_guess.inverse_kinematics import (
     Target,
     find_configurations,
@@ -51,3 +56,16 @@ def test_a_posture_that_no_random_start_leads_to_is_found():
         Target(system, problem.goal), 20, np.random.default_rng(0)
     )
     assert min(straight_guess(system, q).duration for q in found.free[:10]) < 0.85
+
+
+def test_a_line_slowed_by_accelerations_comes_before_a_longer_one():
+    down = np.diag([1.0, -1.0, -1.0])
+    # 5 rad/s^2 slow the line of 15 cm, but not the line to the other side of the arm.
+    problem = tm.Problem(
+        tm.load_robot("ur10"),
+        np.array([0.428, -1.299, 1.464, -1.735, -1.571, -1.142]),
+        tm.PoseGoal("tool0", pin.SE3(down, np.array([0.7, 0.5, 0.381]))),
+    )
+    system, rng = ProblemFunctions.of(problem), np.random.default_rng(0)
+    lines = list(initial_guesses(system, GuessRequest(3, rng)))
+    assert lines[0].duration == min(line.duration for line in lines) < 0.6

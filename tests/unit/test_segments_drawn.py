@@ -12,7 +12,7 @@ from tests.sample_arms import make_arm, slide
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.viz.meshcat_scene import Recorder, draw
 from tominpmp.viz.motion_plot import plot_motion
-from tominpmp.viz.surroundings import frame_placements, scene_items
+from tominpmp.viz.surroundings import frame_placements, path_times, scene_items
 
 meshcat = pytest.importorskip("meshcat")
 
@@ -172,3 +172,16 @@ def test_a_load_that_another_hand_takes_is_one_body():
         box[:3, 3] = at
         place = frame_placements(robot, q[row : row + 1], frame)[0] @ box
         np.testing.assert_allclose(load.placements[row], place, atol=1e-9)
+
+
+def test_the_path_of_many_segments_has_no_corners():
+    # 25 circles, each of them a segment; with 300 points they had twelve corners each.
+    t = np.linspace(0.0, 25.0, 2501)
+    angle = 2.0 * np.pi * t
+    q = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    v = 2.0 * np.pi * np.stack([-q[:, 1], q[:, 0]], axis=1)
+    ends = np.arange(1.0, 26.0)
+    motion = Trajectory(("x", "y"), t, q, v, np.zeros_like(q), segment_ends=ends)
+    drawn = motion(path_times(motion)).q
+    between = np.linalg.norm(0.5 * (drawn[1:] + drawn[:-1]), axis=1)
+    assert between.min() > 0.99

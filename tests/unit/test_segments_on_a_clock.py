@@ -212,3 +212,14 @@ def test_the_command_line_says_how_long_it_stays(tmp_path):
     assert first["stay"] == pytest.approx(0.02)
     text = report_text(data)
     assert f"arrives at {first['arrival']:.4f} s, stays 0.02 s" in text
+
+
+def test_many_goals_that_are_passed_within_a_few_periods():
+    """Rounding gave one segment every further period: its neighbours were too fast."""
+    robot = make_arm(slide(1.0), effort=100.0)
+    segments = [to(0.1 * k) for k in range(1, 9)]
+    limits = tm.MotionLimits(acceleration=5.0)
+    problem = tm.Problem(robot, [0.0], segments=segments, motion_limits=limits)
+    solution = tm.plan(problem, control_period=0.008)
+    assert solution.success, solution.message
+    assert solution.T < 1.15 * 2.0 * np.sqrt(0.8 / 5.0)

@@ -17,7 +17,9 @@ from tominpmp.goals.sets import AllGoals, AnyGoal
 from tominpmp.options import Options, Tolerances
 from tominpmp.planner.planning import plan
 from tominpmp.problem.problem import Problem
+from tominpmp.problem.segments import Segment
 from tominpmp.problem.workcell import Workcell
+from tominpmp.robot.payload import Payload
 from tominpmp.robot.robot import Robot, load_robot
 from tominpmp.scene.obstacles import Sphere
 from tominpmp.scene.scene import Scene
@@ -156,6 +158,20 @@ def test_split_motion_with_constant_torque(cell: Workcell) -> None:
         task = Problem(cell.alone(name), START, JointGoal(ENDS[name]))
         assert motion.inverse_dynamics is None
         assert verify(task, motion, Tolerances()).ok, name
+
+
+def test_a_load_of_a_segment_counts_in_the_motion_of_its_robot(cell: Workcell) -> None:
+    start, end = cell.stack(dict.fromkeys(ENDS, START)), cell.stack(ENDS)
+    load = Payload(0.1, "a/tip")
+    segments = [Segment(JointGoal(end), payload=load, stop=True)]
+    segments.append(Segment(JointGoal(start)))
+    whole = plan(Problem(cell.robot, start, segments=segments), QUICK).trajectory
+    times = np.linspace(0.0, whole.duration, 57)
+    for name, motion in cell.split(whole).items():
+        columns = [cell.robot.joint_names.index(f"{name}/joint{i}") for i in (1, 2, 3)]
+        expected = whole(times).u[:, columns]
+        np.testing.assert_allclose(motion(times).u, expected, atol=1e-9)
+        assert motion.segment_ends is not None and len(motion.segment_ends) == 2
 
 
 # Room between them

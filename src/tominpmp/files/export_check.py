@@ -28,7 +28,7 @@ from tominpmp.files.tables import known_quantities
 from tominpmp.motion.joining import Joined, join, with_controls
 from tominpmp.motion.samples import Interpolation, Samples
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.options import Tolerances
+from tominpmp.options import LONGEST_PERIOD, Tolerances
 from tominpmp.problem.controls import control_bounds
 from tominpmp.problem.problem import Problem
 from tominpmp.solution import Solution
@@ -264,7 +264,8 @@ def _replan(solution: Solution, path: Path, dt: float | None) -> float | None:
         return None
     if dt is None:
         return DEFAULT_PERIOD if is_message(path) else None
-    return None if dt == solution.options.control_period else dt
+    known = dt == solution.options.control_period
+    return None if known or dt > LONGEST_PERIOD else dt
 
 
 def _alternative_steps(dt: float | None) -> list[float | None]:

@@ -680,7 +680,8 @@ def _grouped_robot(
         return load_limited_robot(limits, source, **more)
     if limits is not None:
         raise ProblemError(
-            "joint_limits is given, expected None for a robot that is loaded",
+            "joint_limits is given, expected None for a robot that is loaded: "
+            "load_joint_limits reads them for load_robot and motion_limits",
             "joint_limits",
         )
     if kinematic and not robot.kinematic:

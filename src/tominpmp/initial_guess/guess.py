@@ -261,7 +261,7 @@ def _paced(
     """A path over time, slowed down for limits of accelerations, jerks and loads."""
     factor = time_scale(system, q, float(times[-1]))
     slower = load_time_scale(system, factor * times, q)
-    return Guess(name, slower * factor * times, q, timed and factor == 1.0)
+    return Guess(name, slower * factor * times, q, timed)
 
 
 def _via_guess(system: ProblemFunctions, via: Array, q_end: Array) -> Guess:

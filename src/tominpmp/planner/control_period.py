@@ -434,20 +434,26 @@ class ClockTrial:
                 finer = replace(slower, halvings=1, finer=True)
                 if finer.layout.shares.size > self.layout.shares.size:
                     return finer
-            return replace(slower, periods=self._longer(needed))
+            return replace(slower, periods=self._longer(needed, each=False))
         longer = LONGER[min(self.halvings, len(LONGER) - 1)]
-        periods = self._longer(self.count + 1 + int(longer * self.count))
+        count = self.count + 1 + int(longer * self.count)
+        periods = self._longer(count, each=True)
         return replace(self, periods=periods, halvings=self.halvings + 1)
 
-    def _longer(self, count: int) -> tuple[int, ...]:
-        """Periods of the segments in proportion to the present ones.
+    def _longer(self, count: int, *, each: bool) -> tuple[int, ...]:
+        """Periods of the segments in proportion to their durations in the motion.
 
         Args:
-            count: Total number of periods.
+            count: Least total number of periods.
+            each: Whether each segment is rounded up. If ends are rounded to the nearest
+                tick, one of a few periods may have to be much faster than the next.
         """
-        ends = np.rint(np.cumsum(self.periods) * (count / self.count))
-        longer = np.maximum(np.diff(ends, prepend=0.0), self.periods)
-        return self.within_windows(longer.astype(np.int64).tolist())
+        least = self.period
+        lengths = [max(span.arrival - span.begin, least) for span in self.spans]
+        periods = np.array(lengths) * (count / sum(lengths))
+        if not each:
+            periods = np.diff(np.rint(np.cumsum(periods)), prepend=0.0)
+        return self.within_windows([ticks_of(number, 1.0) for number in periods])
 
 
 def reaches_tick(duration: float, feasibility: float) -> Rule:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import field
+from functools import partial
 from types import MappingProxyType, NoneType
 from typing import Any
 
@@ -25,7 +26,7 @@ from tominpmp.exceptions import ProblemError, brief, naming
 from tominpmp.goals.base import Goal
 from tominpmp.goals.joints import JointGoal
 from tominpmp.goals.sets import AllGoals, AnyGoal
-from tominpmp.motion.trajectory import Trajectory
+from tominpmp.motion.trajectory import InverseDynamics, Trajectory
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.state_checks import joint_vector
 from tominpmp.robot.robot import Robot
@@ -288,5 +289,30 @@ class Workcell(Record):
                 trajectory.u[:, rows],
                 None if trajectory.a is None else trajectory.a[:, rows],
                 inverse,
+                segment_ends=trajectory.segment_ends,
+                segment_dynamics=tuple(
+                    partial(_torques_of_some, dynamics, rows, trajectory.n)
+                    for dynamics in trajectory.segment_dynamics
+                ),
             )
         return motions
+
+
+def _torques_of_some(
+    dynamics: InverseDynamics, joints: Sequence[int], n: int, *rows: Array
+) -> Array:
+    """Torques of the joints of one robot, on which the other robots have no effect.
+
+    Args:
+        dynamics: Inverse dynamics of all robots, which may carry loads.
+        joints: Columns of the joints of the robot.
+        n: Number of joints of all robots.
+        rows: Positions, velocities and accelerations of the robot, each of shape (m,
+            len(joints)).
+
+    Returns:
+        Torques, shape (m, len(joints)) [N m or N].
+    """
+    whole = np.zeros((len(rows), len(rows[0]), n))
+    whole[:, :, joints] = rows
+    return dynamics(*whole)[:, joints]

@@ -61,7 +61,6 @@ GOAL_RADIUS = 0.012
 END_RADIUS = 0.006
 TRIAD_LENGTH = 0.06
 
-TRAIL_POINTS = 240
 FIELD_OF_VIEW = 40.0  # vertical [deg]
 ASPECT = 1.3  # aspect ratio of the window that the camera is placed for
 MARGIN = 1.06  # factor of the least distance at which the camera sees all points
@@ -251,7 +250,7 @@ def _marks(
             turn = transform(np.zeros(3), np.roll(np.eye(3), axis + 1, axis=0))
             put_body(node["xyz"[axis]], rod.copy().apply_transform(turn), (*color, 1.0))
         node.set_transform(np.array(target.homogeneous))
-    times = np.linspace(0.0, trajectory.duration, TRAIL_POINTS)
+    times = surroundings.path_times(trajectory)
     points = _poses(problem.robot, trajectory, times, frame).end
     line = path_tube(points, TRAIL_RADIUS, size)
     if line is not None:

@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from matplotlib.patches import Patch
 
 INSTANTS = 15
-PATH_POINTS = 300
 PANELS_IN_ROW = 3
 ARM_COLOR = "#12375f"
 # Colours of the arms of a workcell; the first arm has the colour of a single arm.
@@ -112,7 +111,7 @@ def plot_motion(
             for outline in shown:
                 panel.add_patch(outline)
             _draw_arm(panel, view, pose)
-            times = np.linspace(0.0, motion.duration, PATH_POINTS)
+            times = surroundings.path_times(motion)
             path_ends = skeleton(problem.robot, motion(times).q, frame).end
             panel.plot(*view.project(path_ends).T, **PATH_LOOK, zorder=2.4)
             times = surroundings.inner_segment_ends(motion)

@@ -28,6 +28,8 @@ from tominpmp.viz.surfaces import obstacle_surface, transform
 
 # Least ratio of width to thickness of a board, in both directions.
 BOARD = 3.0
+# Points of the path of a frame; and more of them for each further segment.
+PATH_POINTS, SEGMENT_POINTS = 300, 60
 
 FURNITURE_COLOR = "#8d98a5"
 HAZARD_COLOR = "#d6453a"
@@ -159,6 +161,12 @@ def frame_placements(robot: Robot, q: Array, frame: str) -> Array:
     """Homogeneous placements of a frame, shape (m, 4, 4), at positions q, (m, n)."""
     frames = FrameMotions(robot, frame).placements(q)
     return transform(frames.origin, frames.rotation)
+
+
+def path_times(trajectory: Trajectory) -> Array:
+    """Times at which the path of a frame is drawn [s], more for more segments."""
+    count = PATH_POINTS + SEGMENT_POINTS * inner_segment_ends(trajectory).size
+    return np.linspace(0.0, trajectory.duration, count)
 
 
 def inner_segment_ends(trajectory: Trajectory) -> Array:
