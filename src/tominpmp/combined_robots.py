@@ -26,7 +26,7 @@ from tominpmp.collision.selection import link_bodies
 from tominpmp.description.joint_table import JointTable, Linkage, check_gravity
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.tree import joined_descriptions
-from tominpmp.exceptions import ProblemError, SceneError, brief
+from tominpmp.exceptions import ProblemError, brief
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.robot.robot import Robot, assembled
 from tominpmp.scene.rotations import rotation_matrix
@@ -122,7 +122,7 @@ def base_placement(name: str, base: object, field: str = "robots") -> pin.SE3:
     try:
         place = vector(position, "position", "three coordinates [m]", 3)
         turn = rotation_matrix(array_or_nan(rotation))
-    except (ProblemError, SceneError) as error:
+    except ProblemError as error:
         raise ProblemError(
             f"{field}: the base of {brief(name)} is {brief(base)}, expected a "
             "pinocchio.SE3, another pose or three finite coordinates [m]",

@@ -38,7 +38,7 @@ from tominpmp.checks import (
     vector,
     wrong,
 )
-from tominpmp.exceptions import ProblemError, SceneError
+from tominpmp.exceptions import ProblemError, naming
 from tominpmp.goals.base import Goal, goal_tolerance, joint_row
 from tominpmp.goals.direction import across, deviations
 from tominpmp.goals.place import Ball, Label, Place
@@ -75,10 +75,8 @@ def checked_pose(pose: object, name: str = "goal.pose") -> pin.SE3:
         raise wrong(pose, name, POSE)
     if not (np.all(np.isfinite(position)) and np.all(np.isfinite(turn))):
         raise ProblemError(f"{name} is not finite", field=name)
-    try:
-        turn = rotation_matrix(turn)
-    except SceneError as error:
-        raise ProblemError(f"{name}: {error}", name) from error
+    with naming(name, name):
+        turn = rotation_matrix(turn, name)
     return pin.SE3(np.array(turn), np.array(position))
 
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from tominpmp.arrays import Array, array_or_nan, frozen_array
 from tominpmp.checks import RotationLike, plain_rotation
-from tominpmp.exceptions import SceneError, brief
+from tominpmp.exceptions import ProblemError, brief
 
 
 def is_rotation(matrix: Array) -> bool:
@@ -22,18 +22,19 @@ def is_rotation(matrix: Array) -> bool:
     return bool(orthonormal and np.linalg.det(matrix) > 0.0)
 
 
-def rotation_matrix(rotation: RotationLike | None) -> Array:
-    """Convert a rotation from a caller to a matrix.
+def rotation_matrix(rotation: RotationLike | None, name: str = "rotation") -> Array:
+    """Check a rotation from a caller, and convert it to a matrix.
 
     Args:
         rotation: None for the identity, a 3x3 matrix, a quaternion (x, y, z, w), which
             is normalised, or a ``Rotation`` of SciPy.
+        name: Name of the argument that holds it.
 
     Returns:
         Rotation matrix, shape (3, 3).
 
     Raises:
-        SceneError: If the rotation is neither a rotation matrix nor a quaternion.
+        ProblemError: If the rotation is neither a rotation matrix nor a quaternion.
     """
     if rotation is None:
         return frozen_array(np.eye(3))
@@ -58,4 +59,4 @@ def rotation_matrix(rotation: RotationLike | None) -> Array:
     else:
         # Division by the largest component, so that no square overflows.
         return frozen_array(Rotation.from_quat(value / largest).as_matrix())
-    raise SceneError(wrong)
+    raise ProblemError(wrong, name)
