@@ -17,7 +17,9 @@ from tominpmp.goals.sets import AllGoals, AnyGoal
 from tominpmp.options import Options, Tolerances
 from tominpmp.planner.planning import plan
 from tominpmp.problem.problem import Problem
+from tominpmp.problem.segments import Segment
 from tominpmp.problem.workcell import Workcell
+from tominpmp.robot.payload import Payload
 from tominpmp.robot.robot import Robot, load_robot
 from tominpmp.scene.obstacles import Sphere
 from tominpmp.scene.scene import Scene
@@ -152,10 +154,34 @@ def test_split_motion_with_constant_torque(cell: Workcell) -> None:
     options = Options(intervals=24, method="collocation")
     solution = plan(cell.problem(start, goal), options)
     assert solution.success
-    for name, motion in cell.split(solution.trajectory).items():
+    after = solution.T + 1.0
+    held = solution.trajectory(after, hold=True).u.reshape(2, -1)
+    for own, (name, motion) in zip(
+        held, cell.split(solution.trajectory).items(), strict=True
+    ):
         task = Problem(cell.alone(name), START, JointGoal(ENDS[name]))
         assert motion.inverse_dynamics is None
         assert verify(task, motion, Tolerances()).ok, name
+        np.testing.assert_allclose(motion(after, hold=True).u, own, atol=1e-9)
+
+
+def test_split_motions_have_the_segments_and_loads_of_the_whole(cell: Workcell) -> None:
+    goals = (
+        cell.goal({k: JointGoal(end) for k, end in ENDS.items()}),
+        cell.goal(dict.fromkeys(ENDS, JointGoal(START))),
+    )
+    load = Payload(0.05, "a/tip")
+    segments = [Segment(goals[0], stop=True), Segment(goals[1], payload=load)]
+    start = cell.stack(dict.fromkeys(ENDS, START))
+    solution = plan(Problem(cell.robot, start, segments=segments), QUICK)
+    assert solution.success
+    whole, motions = solution.trajectory, cell.split(solution.trajectory)
+    times = np.linspace(0.0, whole.duration, 57)
+    for own, motion in zip(
+        np.split(whole(times).u, 2, axis=1), motions.values(), strict=True
+    ):
+        np.testing.assert_array_equal(motion.segment_ends, whole.segment_ends)
+        np.testing.assert_allclose(motion(times).u, own, atol=1e-9)
 
 
 # Room between them

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import field
+from dataclasses import field, replace
+from functools import partial
 from types import MappingProxyType, NoneType
 from typing import Any
 
@@ -20,7 +21,7 @@ from tominpmp.arrays import Array, Converted, Record, default, record
 from tominpmp.checks import VectorLike, instance, of_kind
 from tominpmp.combined_robots import base_placement, combine_robots
 from tominpmp.description.joint_table import stack_parts
-from tominpmp.dynamics import torques_of
+from tominpmp.dynamics import RobotDynamics, torques_of
 from tominpmp.exceptions import ProblemError, brief, naming
 from tominpmp.goals.base import Goal
 from tominpmp.goals.joints import JointGoal
@@ -276,17 +277,30 @@ class Workcell(Record):
         for name, (robot, _) in self.robots.items():
             own = [f"{name}/{joint}" for joint in robot.joint_names]
             rows = [trajectory.joint_names.index(joint) for joint in own]
-            inverse = trajectory.inverse_dynamics
-            if inverse is not None:
-                # The combined inverse dynamics needs the states of all robots.
-                inverse = torques_of(self.alone(name))
-            motions[name] = Trajectory(
-                robot.joint_names,
-                trajectory.t,
-                trajectory.q[:, rows],
-                trajectory.v[:, rows],
-                trajectory.u[:, rows],
-                None if trajectory.a is None else trajectory.a[:, rows],
-                inverse,
+            torques = partial(self._own_torques, name)
+            motions[name] = replace(
+                trajectory,
+                joint_names=robot.joint_names,
+                q=trajectory.q[:, rows],
+                v=trajectory.v[:, rows],
+                u=trajectory.u[:, rows],
+                a=None if trajectory.a is None else trajectory.a[:, rows],
+                inverse_dynamics=torques(trajectory.inverse_dynamics),
+                holding=torques(trajectory.holding),
+                segment_dynamics=tuple(map(torques, trajectory.segment_dynamics)),
             )
         return motions
+
+    def _own_torques(self, name: str, dynamics: Any) -> Any:
+        """Inverse dynamics of a robot in place of that of all, which needs all states.
+
+        Payloads of a segment are those of the combined robot whose dynamics is given.
+        """
+        if dynamics is None:
+            return None
+        robot, loaded = self.alone(name), getattr(dynamics, "__self__", None)
+        for load in loaded.robot.payloads if isinstance(loaded, RobotDynamics) else ():
+            carrier, _, frame = load.frame.partition("/")
+            if carrier == name:
+                robot = robot.with_payload(replace(load, frame=frame))
+        return torques_of(robot)
