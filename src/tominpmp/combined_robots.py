@@ -18,18 +18,18 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, array_or_nan
-from tominpmp.checks import of_kind, split_pose, vector
+from tominpmp.arrays import Array
+from tominpmp.checks import of_kind, split_pose
 from tominpmp.collision.checker import CollisionChecker
 from tominpmp.collision.query import PairDistances
 from tominpmp.collision.selection import link_bodies
 from tominpmp.description.joint_table import JointTable, Linkage, check_gravity
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.tree import joined_descriptions
-from tominpmp.exceptions import ProblemError, SceneError, brief
+from tominpmp.exceptions import ProblemError, brief
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.robot.robot import Robot, assembled
-from tominpmp.scene.rotations import rotation_matrix
+from tominpmp.scene.rotations import checked_pose
 from tominpmp.scene.scene import Scene
 
 # Name of a robot, the robot, and the placement base_to_world or position of its base.
@@ -117,18 +117,15 @@ def base_placement(name: str, base: object, field: str = "robots") -> pin.SE3:
     Raises:
         ProblemError: If it is neither a placement nor a position.
     """
-    pose = split_pose(base)
-    position, rotation = (base, np.eye(3)) if pose is None else pose
+    pose = (base, np.eye(3)) if split_pose(base) is None else base
     try:
-        place = vector(position, "position", "three coordinates [m]", 3)
-        turn = rotation_matrix(array_or_nan(rotation))
-    except (ProblemError, SceneError) as error:
+        return checked_pose(pose, field)
+    except ProblemError as error:
         raise ProblemError(
             f"{field}: the base of {brief(name)} is {brief(base)}, expected a "
             "pinocchio.SE3, another pose or three finite coordinates [m]",
             field,
         ) from error
-    return pin.SE3(np.array(turn), np.array(place))
 
 
 def _common_gravity(robots: Mapping[str, Robot]) -> Array:

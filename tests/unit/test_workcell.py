@@ -154,24 +154,34 @@ def test_split_motion_with_constant_torque(cell: Workcell) -> None:
     options = Options(intervals=24, method="collocation")
     solution = plan(cell.problem(start, goal), options)
     assert solution.success
-    for name, motion in cell.split(solution.trajectory).items():
+    after = solution.T + 1.0
+    held = solution.trajectory(after, hold=True).u.reshape(2, -1)
+    for own, (name, motion) in zip(
+        held, cell.split(solution.trajectory).items(), strict=True
+    ):
         task = Problem(cell.alone(name), START, JointGoal(ENDS[name]))
         assert motion.inverse_dynamics is None
         assert verify(task, motion, Tolerances()).ok, name
+        np.testing.assert_allclose(motion(after, hold=True).u, own, atol=1e-9)
 
 
-def test_a_load_of_a_segment_counts_in_the_motion_of_its_robot(cell: Workcell) -> None:
-    start, end = cell.stack(dict.fromkeys(ENDS, START)), cell.stack(ENDS)
-    load = Payload(0.1, "a/tip")
-    segments = [Segment(JointGoal(end), payload=load, stop=True)]
-    segments.append(Segment(JointGoal(start)))
-    whole = plan(Problem(cell.robot, start, segments=segments), QUICK).trajectory
+def test_split_motions_have_the_segments_and_loads_of_the_whole(cell: Workcell) -> None:
+    goals = (
+        cell.goal({k: JointGoal(end) for k, end in ENDS.items()}),
+        cell.goal(dict.fromkeys(ENDS, JointGoal(START))),
+    )
+    load = Payload(0.05, "a/tip")
+    segments = [Segment(goals[0], stop=True), Segment(goals[1], payload=load)]
+    start = cell.stack(dict.fromkeys(ENDS, START))
+    solution = plan(Problem(cell.robot, start, segments=segments), QUICK)
+    assert solution.success
+    whole, motions = solution.trajectory, cell.split(solution.trajectory)
     times = np.linspace(0.0, whole.duration, 57)
-    for name, motion in cell.split(whole).items():
-        columns = [cell.robot.joint_names.index(f"{name}/joint{i}") for i in (1, 2, 3)]
-        expected = whole(times).u[:, columns]
-        np.testing.assert_allclose(motion(times).u, expected, atol=1e-9)
-        assert motion.segment_ends is not None and len(motion.segment_ends) == 2
+    for own, motion in zip(
+        np.split(whole(times).u, 2, axis=1), motions.values(), strict=True
+    ):
+        np.testing.assert_array_equal(motion.segment_ends, whole.segment_ends)
+        np.testing.assert_allclose(motion(times).u, own, atol=1e-9)
 
 
 # Room between them

@@ -8,12 +8,11 @@ from typing import Annotated, TypeAlias
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arrays import Array, Converted, default, record
-from tominpmp.checks import Direction, RotationLike, positive
+from tominpmp.arrays import Array, default, record
+from tominpmp.checks import Direction, positive
 from tominpmp.constraints.path import EMPTY, FrameRows, Linear
-from tominpmp.exceptions import ProblemError, SceneError
 from tominpmp.goals.direction import deviations
-from tominpmp.scene.rotations import rotation_matrix
+from tominpmp.scene.obstacles import Turn
 
 PositiveAngle: TypeAlias = Annotated[float, partial(positive, unit="rad", most=np.pi)]
 
@@ -88,18 +87,6 @@ class AxisFixed(KeepUpright):
     quantity = "deviation of the axis"
 
 
-def _checked_rotation(value: RotationLike, name: str) -> Array:
-    try:
-        return rotation_matrix(value)
-    except SceneError as error:
-        raise ProblemError(str(error), name) from error
-
-
-Rotation: TypeAlias = Annotated[
-    Converted[RotationLike | None, Array], _checked_rotation
-]
-
-
 @record
 class KeepOrientation(FrameAngle):
     """A frame keeps an orientation, at all times.
@@ -114,7 +101,7 @@ class KeepOrientation(FrameAngle):
         ProblemError: If the rotation is invalid, or the tolerance is not positive.
     """
 
-    rotation: Rotation = default((0.0, 0.0, 0.0, 1.0))
+    rotation: Turn = default((0.0, 0.0, 0.0, 1.0))
     tolerance: PositiveAngle = 0.01
 
     quantity = "turn"

@@ -25,6 +25,7 @@ import pinocchio as pin
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.description.fields import Field
 from tominpmp.exceptions import (
+    ProblemError,
     ScenarioError,
     SceneError,
     TominpmpError,
@@ -309,7 +310,7 @@ def _read_placement(item: Field) -> pin.SE3:
     rotation = item.get("rotation")
     try:
         matrix = rotation_matrix(rotation.value)
-    except SceneError:
+    except ProblemError:
         rotation.fail(
             f"is {brief(rotation.value)}, expected a quaternion (x, y, z, w) or a "
             "rotation matrix of 3x3 numbers"

@@ -15,14 +15,12 @@ from tominpmp.arrays import (
     Array,
     Converted,
     Record,
-    array_or_nan,
     default,
     frozen_array,
     is_single,
     record,
 )
 from tominpmp.checks import (
-    POSE,
     Corner,
     Direction,
     FrameName,
@@ -33,18 +31,17 @@ from tominpmp.checks import (
     array,
     instance,
     optional,
-    split_pose,
     text,
     vector,
     wrong,
 )
-from tominpmp.exceptions import ProblemError, SceneError
+from tominpmp.exceptions import ProblemError
 from tominpmp.goals.base import Goal, goal_tolerance, joint_row
 from tominpmp.goals.direction import across, deviations
 from tominpmp.goals.place import Ball, Label, Place
 from tominpmp.kinematics import FrameMotions, RobotKinematics
 from tominpmp.robot.robot import Robot
-from tominpmp.scene.rotations import rotation_matrix
+from tominpmp.scene.rotations import checked_pose
 
 Distance: TypeAlias = Annotated[float, partial(goal_tolerance, unit="m")]
 Angle: TypeAlias = Annotated[float, partial(goal_tolerance, unit="rad", most=np.pi)]
@@ -56,30 +53,6 @@ VelocityOrNone: TypeAlias = Annotated[
 ANGLES = "an angle >= 0 or three angles [rad]"
 # Step to which the numbers of goals are rounded when goals are compared [rad or m].
 SAME_PLACE = 1e-6
-
-
-def checked_pose(pose: object, name: str = "goal.pose") -> pin.SE3:
-    """Check a caller's pose, and copy it into a ``pinocchio.SE3``.
-
-    Args:
-        pose: The pose.
-        name: Name of the pose in messages.
-
-    Raises:
-        ProblemError: If the pose is invalid.
-    """
-    parts = split_pose(pose)
-    position = array_or_nan(None if parts is None else parts[0])
-    turn = array_or_nan(None if parts is None else parts[1])
-    if parts is None or position.shape != (3,) or turn.shape not in ((3, 3), (4,)):
-        raise wrong(pose, name, POSE)
-    if not (np.all(np.isfinite(position)) and np.all(np.isfinite(turn))):
-        raise ProblemError(f"{name} is not finite", field=name)
-    try:
-        turn = rotation_matrix(turn)
-    except SceneError as error:
-        raise ProblemError(f"{name}: {error}", name) from error
-    return pin.SE3(np.array(turn), np.array(position))
 
 
 Pose: TypeAlias = Annotated[Converted[PoseLike, pin.SE3], checked_pose]

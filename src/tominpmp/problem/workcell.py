@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import field
+from dataclasses import field, replace
 from functools import partial
 from types import MappingProxyType, NoneType
 from typing import Any
@@ -21,7 +21,6 @@ from tominpmp.arrays import Array, Converted, Record, default, record
 from tominpmp.checks import VectorLike, instance, of_kind
 from tominpmp.combined_robots import base_placement, combine_robots
 from tominpmp.description.joint_table import stack_parts
-from tominpmp.dynamics import torques_of
 from tominpmp.exceptions import ProblemError, brief, naming
 from tominpmp.goals.base import Goal
 from tominpmp.goals.joints import JointGoal
@@ -277,21 +276,19 @@ class Workcell(Record):
         for name, (robot, _) in self.robots.items():
             own = [f"{name}/{joint}" for joint in robot.joint_names]
             rows = [trajectory.joint_names.index(joint) for joint in own]
-            inverse = trajectory.inverse_dynamics
-            if inverse is not None:
-                # The combined inverse dynamics needs the states of all robots.
-                inverse = torques_of(self.alone(name))
-            motions[name] = Trajectory(
-                robot.joint_names,
-                trajectory.t,
-                trajectory.q[:, rows],
-                trajectory.v[:, rows],
-                trajectory.u[:, rows],
-                None if trajectory.a is None else trajectory.a[:, rows],
-                inverse,
-                segment_ends=trajectory.segment_ends,
+            own_torques = partial(_torques_of_some, rows, trajectory.n)
+            inverse, holding = trajectory.inverse_dynamics, trajectory.holding
+            motions[name] = replace(
+                trajectory,
+                joint_names=robot.joint_names,
+                q=trajectory.q[:, rows],
+                v=trajectory.v[:, rows],
+                u=trajectory.u[:, rows],
+                a=None if trajectory.a is None else trajectory.a[:, rows],
+                inverse_dynamics=inverse and partial(own_torques, inverse),
+                holding=holding and partial(own_torques, holding),
                 segment_dynamics=tuple(
-                    partial(_torques_of_some, dynamics, rows, trajectory.n)
+                    partial(own_torques, dynamics)
                     for dynamics in trajectory.segment_dynamics
                 ),
             )
@@ -299,14 +296,14 @@ class Workcell(Record):
 
 
 def _torques_of_some(
-    dynamics: InverseDynamics, joints: Sequence[int], n: int, *rows: Array
+    joints: Sequence[int], n: int, dynamics: InverseDynamics, *rows: Array
 ) -> Array:
     """Torques of the joints of one robot, on which the other robots have no effect.
 
     Args:
-        dynamics: Inverse dynamics of all robots, which may carry loads.
         joints: Columns of the joints of the robot.
         n: Number of joints of all robots.
+        dynamics: Inverse dynamics of all robots, which may carry loads.
         rows: Positions, velocities and accelerations of the robot, each of shape (m,
             len(joints)).
 

@@ -339,7 +339,7 @@ def _matrices(given: Array) -> Array:
     for k, value in enumerate(given):
         try:
             each.append(rotation_matrix(value))
-        except SceneError as error:
+        except ProblemError as error:
             raise SceneError(
                 f"motion: rotations: waypoint {k} (counted from 0) is "
                 f"{value.tolist()}, expected a rotation matrix or a quaternion "

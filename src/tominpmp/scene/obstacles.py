@@ -78,9 +78,7 @@ _length = partial(number, expected="a positive length [m]", above=0.0)
 Position: TypeAlias = Annotated[
     Converted[VectorLike | PoseLike, Array], partial(triple, content="coordinates [m]")
 ]
-Turn: TypeAlias = Annotated[
-    Converted[RotationLike | None, Array], lambda value, _: rotation_matrix(value)
-]
+Turn: TypeAlias = Annotated[Converted[RotationLike | None, Array], rotation_matrix]
 MotionOrNone: TypeAlias = Annotated[
     Converted[Motion | Callable[[float], Any] | None, Motion | None],
     optional(lambda value, _: as_motion(value)),

@@ -1,4 +1,4 @@
-"""Rotations in the forms that users give: checked, and converted to matrices by SciPy.
+"""Rotations and poses in the forms that users give: checked, and converted.
 
 Whether a matrix is a rotation is checked here, because SciPy's ``Rotation.from_matrix``
 silently replaces a stretched matrix by the nearest rotation.
@@ -7,11 +7,12 @@ silently replaces a stretched matrix by the nearest rotation.
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from tominpmp.arrays import Array, array_or_nan, frozen_array
-from tominpmp.checks import RotationLike, plain_rotation
-from tominpmp.exceptions import SceneError, brief
+from tominpmp.checks import POSE, RotationLike, plain_rotation, split_pose, wrong
+from tominpmp.exceptions import ProblemError, naming
 
 
 def is_rotation(matrix: Array) -> bool:
@@ -22,40 +23,62 @@ def is_rotation(matrix: Array) -> bool:
     return bool(orthonormal and np.linalg.det(matrix) > 0.0)
 
 
-def rotation_matrix(rotation: RotationLike | None) -> Array:
-    """Convert a rotation from a caller to a matrix.
+def rotation_matrix(rotation: RotationLike | None, name: str = "rotation") -> Array:
+    """Check a rotation from a caller, and convert it to a matrix.
 
     Args:
         rotation: None for the identity, a 3x3 matrix, a quaternion (x, y, z, w), which
             is normalised, or a ``Rotation`` of SciPy.
+        name: Name of the argument that holds it.
 
     Returns:
         Rotation matrix, shape (3, 3).
 
     Raises:
-        SceneError: If the rotation is neither a rotation matrix nor a quaternion.
+        ProblemError: If the rotation is neither a rotation matrix nor a quaternion.
     """
     if rotation is None:
         return frozen_array(np.eye(3))
     value = array_or_nan(plain_rotation(rotation))
     if value.shape not in ((3, 3), (4,)) or not np.all(np.isfinite(value)):
-        wrong = (
-            f"rotation is {brief(rotation)}, expected a 3x3 matrix or a quaternion "
-            "(x, y, z, w) of finite numbers"
-        )
-    elif value.size == 9 and not is_rotation(value):
-        wrong = (
+        expected = "a 3x3 matrix or a quaternion (x, y, z, w) of finite numbers"
+        raise wrong(rotation, name, expected)
+    if value.size == 9:
+        if is_rotation(value):
+            return value
+        raise ProblemError(
             "the 3x3 rotation is not a rotation matrix (orthonormal columns, "
-            "determinant 1)"
+            "determinant 1)",
+            name,
         )
-    elif value.size == 9:
-        return value
-    elif (largest := float(np.max(np.abs(value)))) < 1e-9:
-        wrong = (
+    largest = float(np.max(np.abs(value)))
+    if largest < 1e-9:
+        raise ProblemError(
             f"rotation is the quaternion (x, y, z, w) {value.tolist()}, expected a "
-            "quaternion other than zero"
+            "quaternion other than zero",
+            name,
         )
-    else:
-        # Division by the largest component, so that no square overflows.
-        return frozen_array(Rotation.from_quat(value / largest).as_matrix())
-    raise SceneError(wrong)
+    # Division by the largest component, so that no square overflows.
+    return frozen_array(Rotation.from_quat(value / largest).as_matrix())
+
+
+def checked_pose(pose: object, name: str) -> pin.SE3:
+    """Check a caller's pose, and copy it into a ``pinocchio.SE3``.
+
+    Args:
+        pose: The pose.
+        name: Name of the pose in messages.
+
+    Raises:
+        ProblemError: If the pose is invalid.
+    """
+    parts = split_pose(pose)
+    position = array_or_nan(None if parts is None else parts[0])
+    turn = array_or_nan(None if parts is None else parts[1])
+    if parts is None or position.shape != (3,) or turn.shape not in ((3, 3), (4,)):
+        raise wrong(pose, name, POSE)
+    if not (np.all(np.isfinite(position)) and np.all(np.isfinite(turn))):
+        raise ProblemError(f"{name} is not finite", field=name)
+    with naming(name, name):
+        turn = rotation_matrix(turn, name)
+    return pin.SE3(np.array(turn), np.array(position))
