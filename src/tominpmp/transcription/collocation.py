@@ -158,8 +158,30 @@ class CollocationTranscription(TorqueTranscription):
 
     @property
     def equations(self) -> HullRows[SteppedMotion]:
-        """The equations of motion, as rows of defects."""
-        return Defects(self)
+        """The equations of motion, as rows of defects.
+
+        All defects are in one group, so that a relaxed step reduces them in proportion.
+        On the paper's example this took half the iterations of one group for each
+        interval.
+        """
+        zeros = np.zeros((1, self.intervals * self.scale.size))
+        functions = self._defects, self._defects_by_unknowns
+        return HullRows("dynamics", zeros, zeros, *functions)
+
+    def _defects(self, motion: SteppedMotion) -> Array:
+        """Defects of the steps over the scale of the states; zero for a motion.
+
+        They have a large value on intervals whose inner stage was not solved for.
+        """
+        solved, defects = motion.stage.solved[:, None], motion.defects
+        return np.where(solved, defects / self.scale, NOT_INTEGRATED).ravel()
+
+    def _defects_by_unknowns(self, motion: SteppedMotion) -> sp.csr_matrix:
+        """Jacobian of the defects."""
+        entries = motion.derivatives.defects / self.scale[:, None]
+        N, size, width = entries.shape
+        interval = np.repeat(np.arange(N), size)
+        return self.interval_rows(entries.reshape(N * size, width), interval)
 
     def instants(self, order: int, field: str) -> Instants:
         """Nodes; for velocities, which have bounds at the nodes, the inner stages.
@@ -230,29 +252,3 @@ class CollocationTranscription(TorqueTranscription):
         q, v = x[:, :n], x[:, n:] / factor
         u = driving_torque(self.system, q, v, self.shares @ eta)
         return self.pack(np.hstack([q, v]), u, eta)
-
-
-class Defects(HullRows[SteppedMotion]):
-    """Defects of the steps over the scale of the states; zero for a motion.
-
-    All defects are in one group, so that a relaxed step reduces them in proportion. On
-    the paper's example this took half the iterations of one group for each interval.
-    """
-
-    name = "dynamics"
-
-    def __init__(self, of: CollocationTranscription) -> None:
-        self._scheme = of
-        self.lower = self.upper = np.zeros((1, of.intervals * of.scale.size))
-
-    def of_motion(self, motion: SteppedMotion) -> Array:
-        """Defects; a large value on intervals whose inner stage was not solved for."""
-        solved, defects = motion.stage.solved[:, None], motion.defects
-        return np.where(solved, defects / self._scheme.scale, NOT_INTEGRATED).ravel()
-
-    def by_unknowns(self, motion: SteppedMotion) -> sp.csr_matrix:
-        """Jacobian of the defects."""
-        entries, scale = motion.derivatives.defects, self._scheme.scale
-        N, size, width = entries.shape
-        entries = (entries / scale[:, None]).reshape(N * size, width)
-        return self._scheme.interval_rows(entries, np.repeat(np.arange(N), size))
