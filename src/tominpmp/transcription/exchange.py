@@ -172,19 +172,12 @@ class Inspection:
         The values of the constraint are continuous. Instants near those that have rows
         are left out.
         """
-        block, h = self.block, self.motion.h
-        known = block.instants(h)
-        if block.ignored is not None:
-            # Instants at which some values are no rows must not exclude instants near
-            # them.
-            whole = np.ones(known.size, dtype=bool)
-            whole[: len(block.ignored)] = ~np.any(block.ignored, axis=1)
-            known = known[whole]
+        h = self.motion.h
         at, excess = self._violations()
         worst = np.max(excess, axis=1, initial=-np.inf)
         found: list[tuple[int, float]] = []
         taken: dict[int, list[float]] = {}
-        for k, share in known.pairs:
+        for k, share in self.block.instants(h).pairs:
             taken.setdefault(k, []).append(share)
         for k in np.unique(at.interval).tolist():
             inside = np.flatnonzero(at.interval == k)
