@@ -31,8 +31,7 @@ import scipy.sparse as sp
 from tominpmp.arrays import Array
 from tominpmp.constraints.base import Partials
 from tominpmp.solvers.iterate import Iterate
-from tominpmp.solvers.model import Model
-from tominpmp.solvers.objective import Objective
+from tominpmp.solvers.objective import Model, Objective
 from tominpmp.transcription.base import Linearization, StepBounds, Variation
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.program import NonlinearProgram

@@ -28,8 +28,7 @@ from tominpmp.constraints.base import Partials, States
 from tominpmp.motion.measures import ENERGIES, EnergyKind
 from tominpmp.options import Options
 from tominpmp.solvers.iterate import Iterate
-from tominpmp.solvers.model import Model
-from tominpmp.solvers.objective import Objective
+from tominpmp.solvers.objective import Model, Objective
 from tominpmp.transcription.base import Linearization, Motion, StepBounds, Variation
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
