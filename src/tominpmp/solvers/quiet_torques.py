@@ -138,10 +138,9 @@ def _differences(
         matrix = sp.csr_matrix(sp.diags(each) @ jumps)
         return np.asarray(matrix @ z), matrix
     rows = np.flatnonzero(nlp.rows.kind == nlp.rows.kinds.index("torque"))
-    count = sequence.shape[0]
+    count, initial = sequence.shape
     # Torques at instants whose rows joined later are not compared.
-    later = rows.size // n - sequence.shape[1]
-    sequence = sp.hstack([sequence, sp.csr_matrix((count, later))])
+    rows = rows[: initial * n]
     # Torque rows are in shares of half their ranges.
     steps = sp.diags([-0.5, 0.5], [0, 1], shape=(count - 1, count))
     weighted = sp.diags(weights) @ steps @ sequence

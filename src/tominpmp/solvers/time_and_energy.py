@@ -119,7 +119,8 @@ class Energy:
         Roots of the weights multiply terms that are squared.
         """
         scheme, n = self.nlp.transcription, self.nlp.system.n
-        motion, exponent = scheme.motion(z), 0.5 if self.kind.squared else 1.0
+        exponent = 0.5 if self.kind.squared else 1.0
+        motion = scheme.motion(z)
         lengths = self._lengths(motion)
         values, matrices = list[Array](), list[sp.csr_matrix]()
         for part, at, states in self._segments(motion):

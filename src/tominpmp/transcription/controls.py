@@ -154,16 +154,11 @@ class TorqueTranscription(Transcription[SteppedMotion]):
 
     def variation(self, z: Array) -> Variation:
         """Jumps of the torques between intervals, in full ranges."""
-        steps = sp.diags(
-            [-0.5, 0.5], [0, 1], shape=(self.intervals - 1, self.intervals)
-        )
-        pick = sp.identity(self._n, format="csr")[driven_joints(self.system)]
-        jumps = sp.kron(steps, pick)
-        count, before = jumps.shape[0], self._torques.start
-        columns = (count, before), (count, self._m)
-        others = [sp.csr_matrix(shape) for shape in columns]
-        matrix = sp.hstack([others[0], jumps, others[1]], format="csr")
-        return Variation(matrix, np.zeros(count))
+        unknown = np.arange(self.size)[self._torques].reshape(self.intervals, self._n)
+        driven = unknown[:, driven_joints(self.system)]
+        unit = sp.identity(self.size, format="csr")
+        jumps = 0.5 * (unit[driven[1:].ravel()] - unit[driven[:-1].ravel()])
+        return Variation(jumps, np.zeros(jumps.shape[0]))
 
     def trajectory(self, z: Array) -> Trajectory:
         """The motion of an iterate, by Hermite interpolation between its nodes.
