@@ -31,7 +31,7 @@ from tominpmp.transcription.controls import (
 )
 from tominpmp.transcription.curve import PositionFunction, nodes_of
 from tominpmp.transcription.instants import Instants
-from tominpmp.transcription.integrator import NODES, SteppedMotion, stage_weights
+from tominpmp.transcription.integrator import NODES, SteppedMotion
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Clearances above this, in shares of the reach per rad of the trust region radius, are
@@ -196,17 +196,11 @@ class CollocationTranscription(TorqueTranscription):
         self, motion: SteppedMotion, at: Instants, partials: Partials
     ) -> sp.csr_matrix:
         """Derivatives by the unknowns from derivatives by the states."""
-        which, (by_x, by_u) = partials.at, self.by_states(motion, at, partials)
-        k, weights = at.interval[which], stage_weights(at.share[which])
-        parts = [weights[:, :1] * by_x, weights[:, 2:] * by_x, by_u]
-        data = np.concatenate([*parts, np.zeros((which.size, 1))], axis=1)
-        if np.any(weights[:, 1]):
-            inner = motion.derivatives.inner[k]
-            data += weights[:, 1:2] * np.einsum("kj,kji->ki", by_x, inner)
-        by_eta = np.zeros((which.size, self._m))
+        interval, data = self.by_steps(motion, at, partials)
+        by_eta = np.zeros((interval.size, self._m))
         if partials.by_t is not None:
-            by_eta += partials.by_t[:, None] * at.times(self.shares)[which]
-        return self.interval_rows(data, k, by_eta)
+            by_eta += partials.by_t[:, None] * at.times(self.shares)[partials.at]
+        return self.interval_rows(data, interval, by_eta)
 
     def attention(self, steps: StepBounds) -> float:
         """Clearance that a step of the states can use up, over the reach."""
