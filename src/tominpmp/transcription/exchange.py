@@ -328,15 +328,16 @@ class Inspection:
         For each interval and value, the pair with the largest excess; without
         repetitions.
         """
-        intervals = self.block.scheme.intervals
-        excess = self.excess(Instants.spread(intervals, RATES_INSPECTED))
-        excess = excess.reshape(intervals, len(RATES_INSPECTED) // 2, -1)
+        of, (first, end) = self.block.scheme, self.within
+        at = Instants.spread(of.intervals, RATES_INSPECTED).within(first, end)
+        excess = self.excess(at)
+        excess = excess.reshape(end - first, len(RATES_INSPECTED) // 2, -1)
         worst = np.argmax(excess, axis=1)
         interval, value = np.nonzero(np.max(excess, axis=1) > self.tolerance)
         found = np.stack([interval, worst[interval, value]], axis=1)
         interval, pair = np.unique(found, axis=0).T
         shares = np.reshape(RATES_INSPECTED, (-1, 2))[pair]
-        return Instants(np.repeat(interval, 2), shares.ravel())
+        return Instants(np.repeat(first + interval, 2), shares.ravel())
 
     def around_reversals(self, joints: BoolArray) -> Instants:
         """Instants before and after each reversal; joints may share a reversal.
