@@ -13,7 +13,9 @@ from tominpmp.planner.first_program import first_program
 from tominpmp.transcription.blocks import SampledRows
 from tominpmp.transcription.exchange import ROOM, Inspection, exchanged
 from tominpmp.transcription.instants import Instants
+from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
+from tominpmp.transcription.program import NonlinearProgram
 
 # The second joint is so strong that it never comes near its limit.
 EFFORT = (12.0, 4.0e3)
@@ -114,3 +116,27 @@ def test_nothing_is_missed_where_a_closer_look_is_spared(control, pace) -> None:
     if worst:
         largest = inspection.excess(found.at).max()
         assert largest == pytest.approx(max(worst.values()), rel=1e-12)
+
+
+def test_torque_rates_are_inspected_on_their_own_segment() -> None:
+    def reaching(first: float, second: float) -> tm.Problem:
+        there = [0.8, -1.0, 1.2, -1.6, -1.5, 0.5], [1.5, -1.3, 1.4, -1.6, -1.5, 0.5]
+        segments = [
+            tm.Segment(tm.JointGoal(q), motion_limits=tm.MotionLimits(effort_rate=most))
+            for q, most in zip(there, (first, second), strict=True)
+        ]
+        start = [0.0, -1.2, 1.5, -1.8, -1.5, 0.0]
+        return tm.Problem(tm.load_robot("ur5"), start, segments=segments)
+
+    quick = tm.plan(reaching(1e5, 1e5), effort="quick", refine=None)
+    problem = reaching(1e5, 400.0)
+    layout = Layout.of_motion(quick.trajectory, problem.segments)
+    of, z = layout.represented(ProblemFunctions.of(problem), quick.trajectory)
+    program = NonlinearProgram.of(of).at(z)
+    more = exchanged(program, z)
+    assert more is not None
+    for before, after in zip(program.blocks, more.blocks, strict=True):
+        if before.name == "torque rate on segment 2":
+            joined = after.fixed.interval[before.fixed.size :]
+            assert joined.size
+            assert joined.min() >= of.segment_ends[0]

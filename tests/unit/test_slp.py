@@ -14,8 +14,7 @@ from tominpmp.options import Options
 from tominpmp.solvers import trust_region_step
 from tominpmp.solvers.iterate import LARGEST_RADIUS, Iterate, next_radius
 from tominpmp.solvers.loop import solve
-from tominpmp.solvers.model import Model
-from tominpmp.solvers.objective import MinimumTime
+from tominpmp.solvers.objective import MinimumTime, Model
 from tominpmp.solvers.stop import first_of, iterations
 from tominpmp.solvers.subproblem import LEAST_ROOM, build_subproblem
 from tominpmp.solvers.trust_region_step import trust_regions

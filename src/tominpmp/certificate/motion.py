@@ -154,9 +154,8 @@ class Perturbations:
         matrix = Compressed.of_table(data, places, self.size).rows()
         matrix.sum_duplicates()
         if partials.by_t is not None:
-            before = np.where(interval[:, None] > np.arange(N), 1.0, 0.0)
-            before[np.arange(which.size), interval] = share
-            later = sp.csr_matrix(partials.by_t[:, None] * before)
+            by_lengths = at.times(np.eye(N))[which]
+            later = sp.csr_matrix(partials.by_t[:, None] * by_lengths)
             matrix += sp.hstack([sp.csr_matrix((which.size, lengths)), later])
         if partials.row is not None:
             terms = partials.row, np.arange(which.size)

@@ -31,8 +31,7 @@ import scipy.sparse as sp
 from tominpmp.arrays import Array
 from tominpmp.constraints.base import Partials
 from tominpmp.solvers.iterate import Iterate
-from tominpmp.solvers.model import Model
-from tominpmp.solvers.objective import Objective
+from tominpmp.solvers.objective import Model, Objective
 from tominpmp.transcription.base import Linearization, StepBounds, Variation
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.program import NonlinearProgram
@@ -139,10 +138,9 @@ def _differences(
         matrix = sp.csr_matrix(sp.diags(each) @ jumps)
         return np.asarray(matrix @ z), matrix
     rows = np.flatnonzero(nlp.rows.kind == nlp.rows.kinds.index("torque"))
-    count = sequence.shape[0]
+    count, initial = sequence.shape
     # Torques at instants whose rows joined later are not compared.
-    later = rows.size // n - sequence.shape[1]
-    sequence = sp.hstack([sequence, sp.csr_matrix((count, later))])
+    rows = rows[: initial * n]
     # Torque rows are in shares of half their ranges.
     steps = sp.diags([-0.5, 0.5], [0, 1], shape=(count - 1, count))
     weighted = sp.diags(weights) @ steps @ sequence

@@ -23,7 +23,7 @@ from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.linear_programs.compressed import Compressed, sorted_in
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.solvers.iterate import NEGLIGIBLE, Iterate
-from tominpmp.solvers.model import Model
+from tominpmp.solvers.objective import Model
 from tominpmp.transcription.base import Linearization
 
 # Keys of rows and columns that do not come from the transcription begin here.

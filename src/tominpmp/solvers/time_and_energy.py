@@ -28,8 +28,7 @@ from tominpmp.constraints.base import Partials, States
 from tominpmp.motion.measures import ENERGIES, EnergyKind
 from tominpmp.options import Options
 from tominpmp.solvers.iterate import Iterate
-from tominpmp.solvers.model import Model
-from tominpmp.solvers.objective import Objective
+from tominpmp.solvers.objective import Model, Objective
 from tominpmp.transcription.base import Linearization, Motion, StepBounds, Variation
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -63,12 +62,15 @@ class Energy:
     def __call__(self, z: Array) -> float:
         """The energy at an iterate, in the unit of its kind."""
         motion = self.nlp.transcription.motion(z)
-        states = self._points(motion)[1]
-        power = self.kind.integrand(self._torques(states), states.v)
-        moving = float(np.sum(power.reshape(motion.h.size, -1) @ WEIGHTS * motion.h))
+        powers = [
+            self.kind.integrand(self._torques(part, states), states.v)
+            for part, _, states in self._segments(motion)
+        ]
+        power = np.concatenate(powers).reshape(motion.h.size, -1)
+        moving = float(np.sum(power @ WEIGHTS * motion.h))
         return moving + sum(
-            dwell * float(self.kind.integrand(u, v)[0])
-            for dwell, u, v, _ in self._holding(motion)
+            dwell * float(self.kind.integrand(part.motors.torque(states), states.v)[0])
+            for dwell, part, _, states in self._holding(motion)
         )
 
     def model(self, z: Array, steps: StepBounds) -> Model:
@@ -116,81 +118,61 @@ class Energy:
 
         Roots of the weights multiply terms that are squared.
         """
-        scheme = self.nlp.transcription
-        motion = scheme.motion(z)
-        at, states = self._points(motion)
-        h, n = motion.h, states.v.shape[1]
+        scheme, n = self.nlp.transcription, self.nlp.system.n
         exponent = 0.5 if self.kind.squared else 1.0
-        length = np.repeat(h[at.interval], n)
-        size = (np.repeat(np.tile(WEIGHTS, h.size), n) * length) ** exponent
-        by_length = self._lengths(motion)[np.repeat(at.interval, n)]
-        found = self.kind.term(self._torques(states), states.v)
-        term, by_u, by_v = (part.ravel() for part in found)
-        direct = np.tile(np.eye(n), (h.size * len(SHARES), 1)) * by_v[:, None]
-        parts = [
-            scheme.pull_back(motion, at, _plus(partials, by_u[rows], direct[rows]))
-            for rows, partials in self._torque_partials(states)
-        ]
-        jacobian = sp.diags(size) @ sp.vstack(parts, format="csr")
-        jacobian = jacobian + sp.diags(exponent * size * term / length) @ by_length
-        values, matrices = [size * term], [jacobian]
-        for dwell, u, v, by in self._holding(motion):
-            held, by_u, _ = (part[0] for part in self.kind.term(u, v))
-            values.append(dwell**exponent * held)
-            matrices.append(sp.diags(dwell**exponent * by_u) @ by)
+        motion = scheme.motion(z)
+        lengths = self._lengths(motion)
+        values, matrices = list[Array](), list[sp.csr_matrix]()
+        for part, at, states in self._segments(motion):
+            interval = np.repeat(at.interval, n)
+            weight = np.repeat(np.tile(WEIGHTS, at.size // WEIGHTS.size), n)
+            size = (weight * motion.h[interval]) ** exponent
+            found = self.kind.term(self._torques(part, states), states.v)
+            term, by_u, by_v = (each.ravel() for each in found)
+            direct = np.tile(np.eye(n), (at.size, 1)) * by_v[:, None]
+            by = _by_states(part, states).times(by_u[:, None])
+            by = by._replace(by_v=direct if by.by_v is None else by.by_v + direct)
+            longer = sp.diags(exponent * size * term / motion.h[interval])
+            values.append(size * term)
+            matrices.append(
+                sp.diags(size) @ scheme.pull_back(motion, at, by)
+                + longer @ lengths[interval]
+            )
+        for dwell, part, at, states in self._holding(motion):
+            found = self.kind.term(part.motors.torque(states), states.v)
+            term, by_u, _ = (each[0] for each in found)
+            by = Partials(np.zeros(n, dtype=int), _by_states(part, states).by_q)
+            values.append(dwell**exponent * term)
+            held = sp.diags(dwell**exponent * by_u)
+            matrices.append(held @ scheme.pull_back(motion, at, by))
         return np.concatenate(values), sp.vstack(matrices, format="csr")
 
-    def _points(self, motion: Motion) -> tuple[Instants, States]:
-        """The Gauss points of all intervals, and the states there."""
+    def _segments(
+        self, motion: Motion
+    ) -> Iterator[tuple[ProblemFunctions, Instants, States]]:
+        """The functions of each segment, its Gauss points, and the states there."""
         scheme = self.nlp.transcription
-        at = Instants.spread(scheme.intervals, SHARES)
-        return at, scheme.states(motion, at, 2)
-
-    def _segments(self) -> Iterator[tuple[ProblemFunctions, slice]]:
-        """The functions of each segment, and the slice of its Gauss points."""
-        scheme, count = self.nlp.transcription, len(SHARES)
-        for part, (i, j) in zip(scheme.system.segments, scheme.segments, strict=True):
-            yield part, slice(count * i, count * j)
-
-    def _torques(self, states: States) -> Array:
-        """Torques of the motors, including dry friction, shape (m, n)."""
-        torques = np.empty_like(states.v)
-        for part, points in self._segments():
-            torques[points] = part.motors.torque(_states_at(states, points))
-        return torques + self.nlp.system.problem.robot.friction * np.sign(states.v)
-
-    def _torque_partials(self, states: States) -> Iterator[tuple[slice, Partials]]:
-        """Derivatives of the torques by the states, with their rows, by segment."""
-        n = states.v.shape[1]
-        for part, points in self._segments():
-            every = np.arange(points.start, points.stop)
-            at, joints = np.repeat(every, n), np.tile(np.arange(n), every.size)
-            partials = part.motors.differentiate(states, at, joints)
-            rows = slice(points.start * n, points.stop * n)
-            yield rows, partials.times(part.motors.half[joints][:, None])
+        every = Instants.spread(scheme.intervals, SHARES)
+        for part, span in zip(scheme.system.segments, scheme.segments, strict=True):
+            at = every.within(*span)
+            yield part, at, scheme.states(motion, at, 2)
 
     def _holding(
         self, motion: Motion
-    ) -> Iterator[tuple[float, Array, Array, sp.csr_matrix]]:
-        """Dwells [s], with the torques that hold the arm, its velocities, (1, n) each.
-
-        The last item is the Jacobian of these torques, shape (n, size).
-        """
+    ) -> Iterator[tuple[float, ProblemFunctions, Instants, States]]:
+        """Dwells [s], with the instants and the states at which the arm is held."""
         scheme = self.nlp.transcription
-        parts = scheme.system.segments
-        dwells = [segment.dwell for segment in scheme.system.problem.segments]
-        for part, (_, end), dwell in zip(parts, scheme.segments, dwells, strict=False):
-            if dwell == 0.0:
-                continue
-            at = Instants.end(end)
-            states = scheme.states(motion, at, 0)
-            still = np.zeros_like(states.q)
-            states = States(states.t, states.q, still, still)
-            joints = np.arange(still.size)
-            partials = part.motors.differentiate(states, 0 * joints, joints)
-            by_q = partials.times(part.motors.half[:, None]).by_q
-            by = scheme.pull_back(motion, at, Partials(partials.at, by_q=by_q))
-            yield dwell, part.motors.torque(states), still, by
+        parts, segments = scheme.system.segments, scheme.system.problem.segments
+        for part, span, segment in zip(parts, scheme.segments, segments, strict=False):
+            if segment.dwell > 0.0:
+                at = Instants.end(span[1])
+                t, q, *_ = scheme.states(motion, at, 0)
+                yield segment.dwell, part, at, States(t, q, 0.0 * q, 0.0 * q)
+
+    def _torques(self, part: ProblemFunctions, states: States) -> Array:
+        """Torques of the motors, including dry friction, shape (m, n)."""
+        friction = self.nlp.system.problem.robot.friction
+        return part.motors.torque(states) + friction * np.sign(states.v)
 
     def _lengths(self, motion: Motion) -> sp.csr_matrix:
         """Derivatives of the lengths of the intervals, shape (N, size)."""
@@ -239,17 +221,12 @@ class Energy:
             yield pace
 
 
-def _states_at(states: States, which: slice) -> States:
-    """States at the chosen instants."""
-    t, q, v, a, u = states
-    chosen_u = None if u is None else u[which]
-    return States(t[which], q[which], v[which], a[which] if len(a) else a, chosen_u)
-
-
-def _plus(partials: Partials, factor: Array, by_v: Array) -> Partials:
-    """Partial derivatives times factors, shape (k,), and more by velocities."""
-    by = partials.times(factor[:, None])
-    return by._replace(by_v=by_v if by.by_v is None else by.by_v + by_v)
+def _by_states(part: ProblemFunctions, states: States) -> Partials:
+    """Derivatives of the torques of all motors at all instants by the states."""
+    count, n = states.q.shape
+    at, joints = np.repeat(np.arange(count), n), np.tile(np.arange(n), count)
+    by = part.motors.differentiate(states, at, joints)
+    return by.times(part.motors.half[joints][:, None])
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,8 +37,7 @@ from tominpmp.solvers.iterate import (
     next_radius,
 )
 from tominpmp.solvers.loop import Loop, Rule
-from tominpmp.solvers.model import Model
-from tominpmp.solvers.objective import RESTORABLE
+from tominpmp.solvers.objective import RESTORABLE, Model
 from tominpmp.solvers.stop import (
     collapsed,
     first_of,

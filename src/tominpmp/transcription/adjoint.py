@@ -29,7 +29,6 @@ from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.integrator import (
     SteppedMotion,
     rollout,
-    stage_weights,
     sweep_adjoint,
 )
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -188,20 +187,8 @@ class AdjointTranscription(TorqueTranscription):
             rows: Index of the sum to which each value is added.
         """
         n, N, interval = self._n, self.intervals, at.interval[partials.at]
-        seeds, direct = self.by_states(motion, at, partials)
-        step, share = motion.steps(at)
-        step, weights = step[partials.at], stage_weights(share[partials.at])
-        along = np.zeros(rows.size)
-        first, last = weights[:, :1] * seeds, weights[:, 2:] * seeds
-        inside = np.flatnonzero(weights[:, 1])
-        if inside.size:
-            inner = motion.derivatives.inner[step[inside]]
-            stage = weights[inside, 1:2] * np.einsum("kj,kji->ki", seeds[inside], inner)
-            first[inside] += stage[:, : 2 * n]
-            last[inside] += stage[:, 2 * n : 4 * n]
-            direct[inside] += stage[:, 4 * n : 5 * n]
-            along[inside] += stage[:, 5 * n] / self.substeps
-        # States at the ends of the steps, torques, and lengths.
+        step, data = self.by_steps(motion, at, partials)
+        first, last, direct, along = np.split(data, [2 * n, 4 * n, 5 * n], axis=1)
         ends, by_ends = np.concatenate([step, step + 1]), np.concatenate([first, last])
         swept = sweep_adjoint(motion.sensitivities, ends, by_ends, np.tile(rows, 2))
         # All steps of an interval share its torque and have equal parts of its length.
@@ -209,7 +196,7 @@ class AdjointTranscription(TorqueTranscription):
         by_control = swept[0].reshape(*each, n).sum(axis=2)
         by_length = swept[1].reshape(each).sum(axis=2)
         np.add.at(by_control, (rows, interval), direct)
-        np.add.at(by_length, (rows, interval), along)
+        np.add.at(by_length, (rows, interval), along[:, 0] / self.substeps)
         by_share = (by_control * self.system.effort_half).reshape(len(by_control), -1)
         by_eta = by_length @ self.shares
         if partials.by_t is not None:

@@ -12,8 +12,10 @@ from __future__ import annotations
 
 import itertools
 from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Generic, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -126,7 +128,8 @@ class Motion(Protocol):
 M = TypeVar("M", bound=Motion)
 
 
-class HullRows(ABC, Generic[M]):
+@dataclass(frozen=True, eq=False)
+class HullRows(Generic[M]):
     """Rows that keep a derivative of the positions within bounds at all times.
 
     Most bound the control points of the derivative, in whose convex hull it stays. The
@@ -137,6 +140,8 @@ class HullRows(ABC, Generic[M]):
         name: Name of the kind of rows.
         lower: Lower bounds, shape (1, m).
         upper: Upper bounds, shape (1, m).
+        of_motion: Function from a motion to the row values, shape (m,).
+        by_unknowns: Function from a motion to their Jacobian, shape (m, size).
         curable: Whether a slower motion violates them less.
         gradual: Whether rows far below their bounds may be left out.
     """
@@ -144,16 +149,10 @@ class HullRows(ABC, Generic[M]):
     name: str
     lower: Array
     upper: Array
+    of_motion: Callable[[M], Array]
+    by_unknowns: Callable[[M], sp.csr_matrix]
     curable: bool = False
-    gradual: bool = False
-
-    @abstractmethod
-    def of_motion(self, motion: M) -> Array:
-        """Row values, shape (m,)."""
-
-    @abstractmethod
-    def by_unknowns(self, motion: M) -> sp.csr_matrix:
-        """Jacobian of the row values, shape (m, size)."""
+    gradual: ClassVar[bool] = False
 
     def groups(self, by_component: bool) -> IntArray:
         """Group of each row: all rows are in one group, shape (m,)."""

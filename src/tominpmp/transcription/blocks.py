@@ -230,20 +230,19 @@ def blocks_of(of: Transcription[Any]) -> list[Block]:
     Position and speed limits of the arm, and constraints that all segments have in
     common, hold on all segments; other constraints hold on a single segment.
     """
-    parts, blocks = of.system.segments, []
-    for constraint in parts[0].constraints:
-        if constraint.field in ("q", "v") or _shared(constraint, parts):
-            blocks.append(block_of(of, constraint))
+    parts = of.system.segments
+    common = (item for item in parts[0].constraints if _shared(item, parts))
+    blocks = [block_of(of, item) for item in common]
     for number, (part, within) in enumerate(zip(parts, of.segments, strict=True)):
-        for constraint in part.constraints:
-            if constraint.field not in ("q", "v") and not _shared(constraint, parts):
-                blocks.append(block_of(of, constraint, within, number))
+        own = (item for item in part.constraints if not _shared(item, parts))
+        blocks += [block_of(of, item, within, number) for item in own]
     return [block for block in blocks if block is not None]
 
 
 def _shared(constraint: Constraint, parts: Sequence[ProblemFunctions]) -> bool:
-    """Whether all segments have a constraint."""
-    return all(any(_same(constraint, c) for c in part.constraints) for part in parts)
+    """Whether a constraint is the same on all segments, as limits of the arm are."""
+    found = (any(_same(constraint, c) for c in part.constraints) for part in parts)
+    return constraint.field in ("q", "v") or all(found)
 
 
 def _same(one: Constraint, other: Constraint) -> bool:

@@ -321,8 +321,41 @@ class BSplineTranscription(Transcription[SplineMotion]):
     def hull(
         self, limit: JointLimit, name: str, within: tuple[int, int] | None = None
     ) -> HullRows[SplineMotion] | None:
-        """Derivatives are in the convex hull of their control points."""
-        return DerivativeHull(self, limit, name, within)
+        """Bounds on the control points of a derivative, in whose hull it stays.
+
+        On a segment, there are rows for the control points on which any of its
+        intervals depends. For positions, there are rows only for the points that depend
+        on velocities at the ends: all other points are unknowns, whose bounds keep the
+        limits.
+        """
+        order, scale = limit.order, limit.scale
+        first, end = within or (0, self.intervals)
+        knots = KnotVector(self.shares.sum(axis=1), self.degree, self.breaks)
+        intervals, degree = knots.first, self.degree - order
+        point = np.arange(intervals[-1] + 1 + degree)
+        begins = np.searchsorted(intervals, point - degree)
+        ends = np.searchsorted(intervals, point, side="right")
+        mine = (begins < end) & (ends > first)
+        if order == 0:
+            mine &= np.any(self.point_map.slopes.reshape(mine.size, -1), axis=1)
+        points = np.flatnonzero(mine)
+        times = 1, points.size
+        lower = np.tile(limit.lower / scale, times)
+        upper = np.tile(limit.upper / scale, times)
+
+        def of_motion(motion: SplineMotion) -> Array:
+            found = motion.derivative(order)[points]
+            return np.asarray(found[:, limit.of_joints] / scale).ravel()
+
+        def by_unknowns(motion: SplineMotion) -> sp.csr_matrix:
+            bands = motion.knots.bands(order)[points]
+            by_points, places = of_each_joint(bands, points, limit.of_joints, self._n)
+            by_points /= np.tile(scale, points.size)[:, None]
+            by_points /= motion.unit**order
+            by_durations = motion.by_durations(of_motion, order)
+            return self.by_unknowns(by_points, places, by_durations)
+
+        return HullRows(name, lower, upper, of_motion, by_unknowns, limit.curable)
 
     def attention(self, steps: StepBounds) -> float:
         """Clearance that a step of the control points can use up, over the reach."""
@@ -405,55 +438,6 @@ class BSplineTranscription(Transcription[SplineMotion]):
             a=accelerations.get(self.degree, a),
         ).with_torques(self.system.motor_dynamics.inverse)
         return _of_segments(self, whole)
-
-
-class DerivativeHull(HullRows[SplineMotion]):
-    """Bounds on the control points of a derivative.
-
-    On a segment, there are rows for the control points on which any of its intervals
-    depends. For positions, there are rows only for the points that depend on velocities
-    at the ends: all other points are unknowns, whose bounds keep the limits.
-    """
-
-    def __init__(
-        self,
-        of: BSplineTranscription,
-        limit: JointLimit,
-        name: str,
-        within: tuple[int, int] | None = None,
-    ) -> None:
-        self._scheme, self._limit = of, limit
-        self.name, self.curable = name, limit.curable
-        first, end = within or (0, of.intervals)
-        intervals = KnotVector(of.shares.sum(axis=1), of.degree, of.breaks).first
-        degree = of.degree - limit.order
-        point = np.arange(intervals[-1] + 1 + degree)
-        begins = np.searchsorted(intervals, point - degree)
-        ends = np.searchsorted(intervals, point, side="right")
-        mine = (begins < end) & (ends > first)
-        if limit.order == 0:
-            moving = of.point_map.slopes.reshape(mine.size, -1)
-            mine &= np.any(moving, axis=1)
-        self._points = np.flatnonzero(mine)
-        times = 1, self._points.size
-        self.lower = np.tile(limit.lower / limit.scale, times)
-        self.upper = np.tile(limit.upper / limit.scale, times)
-
-    def of_motion(self, motion: SplineMotion) -> Array:
-        """Control points of the derivative, over the scale of the limit."""
-        limit = self._limit
-        points = motion.derivative(limit.order)[self._points]
-        return np.asarray(points[:, limit.of_joints] / limit.scale).ravel()
-
-    def by_unknowns(self, motion: SplineMotion) -> sp.csr_matrix:
-        """Jacobian of the control points of the derivative."""
-        limit, points, of = self._limit, self._points, self._scheme
-        bands = motion.knots.bands(limit.order)[points]
-        by_points, places = of_each_joint(bands, points, limit.of_joints, of.system.n)
-        by_points /= np.tile(limit.scale, points.size)[:, None]
-        by_points /= motion.unit**limit.order
-        by_durations = motion.by_durations(self.of_motion, limit.order)
-        return of.by_unknowns(by_points, places, by_durations)
 
 
 def _reach(knots: Array, degree: int, count: int) -> Array:

@@ -31,7 +31,7 @@ from tominpmp.transcription.controls import (
 )
 from tominpmp.transcription.curve import PositionFunction, nodes_of
 from tominpmp.transcription.instants import Instants
-from tominpmp.transcription.integrator import NODES, SteppedMotion, stage_weights
+from tominpmp.transcription.integrator import NODES, SteppedMotion
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Clearances above this, in shares of the reach per rad of the trust region radius, are
@@ -158,8 +158,30 @@ class CollocationTranscription(TorqueTranscription):
 
     @property
     def equations(self) -> HullRows[SteppedMotion]:
-        """The equations of motion, as rows of defects."""
-        return Defects(self)
+        """The equations of motion, as rows of defects.
+
+        All defects are in one group, so that a relaxed step reduces them in proportion.
+        On the paper's example this took half the iterations of one group for each
+        interval.
+        """
+        zeros = np.zeros((1, self.intervals * self.scale.size))
+        functions = self._defects, self._defects_by_unknowns
+        return HullRows("dynamics", zeros, zeros, *functions)
+
+    def _defects(self, motion: SteppedMotion) -> Array:
+        """Defects of the steps over the scale of the states; zero for a motion.
+
+        They have a large value on intervals whose inner stage was not solved for.
+        """
+        solved, defects = motion.stage.solved[:, None], motion.defects
+        return np.where(solved, defects / self.scale, NOT_INTEGRATED).ravel()
+
+    def _defects_by_unknowns(self, motion: SteppedMotion) -> sp.csr_matrix:
+        """Jacobian of the defects."""
+        entries = motion.derivatives.defects / self.scale[:, None]
+        N, size, width = entries.shape
+        interval = np.repeat(np.arange(N), size)
+        return self.interval_rows(entries.reshape(N * size, width), interval)
 
     def instants(self, order: int, field: str) -> Instants:
         """Nodes; for velocities, which have bounds at the nodes, the inner stages.
@@ -174,17 +196,11 @@ class CollocationTranscription(TorqueTranscription):
         self, motion: SteppedMotion, at: Instants, partials: Partials
     ) -> sp.csr_matrix:
         """Derivatives by the unknowns from derivatives by the states."""
-        which, (by_x, by_u) = partials.at, self.by_states(motion, at, partials)
-        k, weights = at.interval[which], stage_weights(at.share[which])
-        parts = [weights[:, :1] * by_x, weights[:, 2:] * by_x, by_u]
-        data = np.concatenate([*parts, np.zeros((which.size, 1))], axis=1)
-        if np.any(weights[:, 1]):
-            inner = motion.derivatives.inner[k]
-            data += weights[:, 1:2] * np.einsum("kj,kji->ki", by_x, inner)
-        by_eta = np.zeros((which.size, self._m))
+        interval, data = self.by_steps(motion, at, partials)
+        by_eta = np.zeros((interval.size, self._m))
         if partials.by_t is not None:
-            by_eta += partials.by_t[:, None] * at.times(self.shares)[which]
-        return self.interval_rows(data, k, by_eta)
+            by_eta += partials.by_t[:, None] * at.times(self.shares)[partials.at]
+        return self.interval_rows(data, interval, by_eta)
 
     def attention(self, steps: StepBounds) -> float:
         """Clearance that a step of the states can use up, over the reach."""
@@ -230,29 +246,3 @@ class CollocationTranscription(TorqueTranscription):
         q, v = x[:, :n], x[:, n:] / factor
         u = driving_torque(self.system, q, v, self.shares @ eta)
         return self.pack(np.hstack([q, v]), u, eta)
-
-
-class Defects(HullRows[SteppedMotion]):
-    """Defects of the steps over the scale of the states; zero for a motion.
-
-    All defects are in one group, so that a relaxed step reduces them in proportion. On
-    the paper's example this took half the iterations of one group for each interval.
-    """
-
-    name = "dynamics"
-
-    def __init__(self, of: CollocationTranscription) -> None:
-        self._scheme = of
-        self.lower = self.upper = np.zeros((1, of.intervals * of.scale.size))
-
-    def of_motion(self, motion: SteppedMotion) -> Array:
-        """Defects; a large value on intervals whose inner stage was not solved for."""
-        solved, defects = motion.stage.solved[:, None], motion.defects
-        return np.where(solved, defects / self._scheme.scale, NOT_INTEGRATED).ravel()
-
-    def by_unknowns(self, motion: SteppedMotion) -> sp.csr_matrix:
-        """Jacobian of the defects."""
-        entries, scale = motion.derivatives.defects, self._scheme.scale
-        N, size, width = entries.shape
-        entries = (entries / scale[:, None]).reshape(N * size, width)
-        return self._scheme.interval_rows(entries, np.repeat(np.arange(N), size))

@@ -20,7 +20,7 @@ from tominpmp.motion.trajectory import Trajectory, reversals
 from tominpmp.problem.controls import control_bounds
 from tominpmp.transcription.base import Transcription, Variation
 from tominpmp.transcription.instants import Instants
-from tominpmp.transcription.integrator import SteppedMotion
+from tominpmp.transcription.integrator import SteppedMotion, stage_weights
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Scale of velocities, as a multiple of the scale of positions over the duration.
@@ -130,40 +130,44 @@ class TorqueTranscription(Transcription[SteppedMotion]):
         """Slopes of the polynomials: the velocities where the defects are zero."""
         return motion.rates(at)[:, : self._n]
 
-    def by_states(
+    def by_steps(
         self, motion: SteppedMotion, at: Instants, partials: Partials
-    ) -> tuple[Array, Array]:
-        """Derivatives of k values by the states and the torques at their instants.
+    ) -> tuple[IntArray, Array]:
+        """Derivatives of k values by the ends, the torque and the length of a step.
 
-        Accelerations are eliminated by the forward dynamics. Shapes (k, 2n) and (k, n).
+        Accelerations are eliminated by the forward dynamics.
+
+        Returns:
+            The step of each value, shape (k,), and the derivatives, shape (k, 5n + 1).
         """
-        n, which = self._n, partials.at
-        by_x, by_u = np.zeros((which.size, 2 * n)), np.zeros((which.size, n))
+        n, here = self._n, at[partials.at]
+        by_x, by_u = np.zeros((here.size, 2 * n)), np.zeros((here.size, n))
         parts = partials.by_q, partials.by_v, partials.by_u
         targets = by_x[:, :n], by_x[:, n:], by_u
         for part, target in zip(parts, targets, strict=True):
             if part is not None:
                 target += part
         if partials.by_a is not None:
-            here = at[which]
             x, u = motion.states(here), motion.u[here.interval]
             slopes = self.system.dynamics.forward_jacobians(x, u)
             by_x += np.einsum("kj,kji->ki", partials.by_a, slopes.f_x[:, n:])
             by_u += np.einsum("kj,kji->ki", partials.by_a, slopes.f_u[:, n:])
-        return by_x, by_u
+        step, share = motion.steps(here)
+        weights = stage_weights(share)
+        by_ends = weights[:, :1] * by_x, weights[:, 2:] * by_x
+        data = np.concatenate([*by_ends, by_u, np.zeros((here.size, 1))], axis=1)
+        if np.any(weights[:, 1]):
+            inner = motion.derivatives.inner[step]
+            data += weights[:, 1:2] * np.einsum("kj,kji->ki", by_x, inner)
+        return step, data
 
     def variation(self, z: Array) -> Variation:
         """Jumps of the torques between intervals, in full ranges."""
-        steps = sp.diags(
-            [-0.5, 0.5], [0, 1], shape=(self.intervals - 1, self.intervals)
-        )
-        pick = sp.identity(self._n, format="csr")[driven_joints(self.system)]
-        jumps = sp.kron(steps, pick)
-        count, before = jumps.shape[0], self._torques.start
-        columns = (count, before), (count, self._m)
-        others = [sp.csr_matrix(shape) for shape in columns]
-        matrix = sp.hstack([others[0], jumps, others[1]], format="csr")
-        return Variation(matrix, np.zeros(count))
+        unknown = np.arange(self.size)[self._torques].reshape(self.intervals, self._n)
+        driven = unknown[:, driven_joints(self.system)]
+        unit = sp.identity(self.size, format="csr")
+        jumps = 0.5 * (unit[driven[1:].ravel()] - unit[driven[:-1].ravel()])
+        return Variation(jumps, np.zeros(jumps.shape[0]))
 
     def trajectory(self, z: Array) -> Trajectory:
         """The motion of an iterate, by Hermite interpolation between its nodes.

@@ -54,10 +54,8 @@ def with_rows_at(
         if not isinstance(block, SampledRows) or block.name not in own:
             continue
         added = times.get(block.name, np.zeros(0))
-        known = np.sort(own[block.name])
-        place = np.searchsorted(known, added)
-        padded = np.concatenate([[-np.inf], known, [np.inf]])
-        apart = np.minimum(added - padded[place], padded[place + 1] - added)
+        away = np.abs(added[:, None] - own[block.name])
+        apart = np.min(away, axis=1, initial=np.inf)
         more = np.unique(added[apart > APART * float(h.sum())])
         if more.size:
             at = Instants.at_times(more, h, of.delays)

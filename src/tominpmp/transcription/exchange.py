@@ -172,19 +172,12 @@ class Inspection:
         The values of the constraint are continuous. Instants near those that have rows
         are left out.
         """
-        block, h = self.block, self.motion.h
-        known = block.instants(h)
-        if block.ignored is not None:
-            # Instants at which some values are no rows must not exclude instants near
-            # them.
-            whole = np.ones(known.size, dtype=bool)
-            whole[: len(block.ignored)] = ~np.any(block.ignored, axis=1)
-            known = known[whole]
+        h = self.motion.h
         at, excess = self._violations()
         worst = np.max(excess, axis=1, initial=-np.inf)
         found: list[tuple[int, float]] = []
         taken: dict[int, list[float]] = {}
-        for k, share in known.pairs:
+        for k, share in self.block.instants(h).pairs:
             taken.setdefault(k, []).append(share)
         for k in np.unique(at.interval).tolist():
             inside = np.flatnonzero(at.interval == k)
@@ -335,15 +328,16 @@ class Inspection:
         For each interval and value, the pair with the largest excess; without
         repetitions.
         """
-        intervals = self.block.scheme.intervals
-        excess = self.excess(Instants.spread(intervals, RATES_INSPECTED))
-        excess = excess.reshape(intervals, len(RATES_INSPECTED) // 2, -1)
+        of, (first, end) = self.block.scheme, self.within
+        at = Instants.spread(of.intervals, RATES_INSPECTED).within(first, end)
+        excess = self.excess(at)
+        excess = excess.reshape(end - first, len(RATES_INSPECTED) // 2, -1)
         worst = np.argmax(excess, axis=1)
         interval, value = np.nonzero(np.max(excess, axis=1) > self.tolerance)
         found = np.stack([interval, worst[interval, value]], axis=1)
         interval, pair = np.unique(found, axis=0).T
         shares = np.reshape(RATES_INSPECTED, (-1, 2))[pair]
-        return Instants(np.repeat(interval, 2), shares.ravel())
+        return Instants(np.repeat(first + interval, 2), shares.ravel())
 
     def around_reversals(self, joints: BoolArray) -> Instants:
         """Instants before and after each reversal; joints may share a reversal.

@@ -104,44 +104,43 @@ class InverseTranscription(BSplineTranscription):
     ) -> HullRows[SplineMotion] | None:
         """Bounds on control points for positions, on nodes for velocities."""
         if limit.order == 1:
-            return Speeds(self, limit, name)
+            return _speeds(self, limit, name)
         return super().hull(limit, name) if limit.order == 0 else None
 
 
-class Speeds(HullRows[SplineMotion]):
+def _speeds(
+    of: InverseTranscription, limit: JointLimit, name: str
+) -> HullRows[SplineMotion]:
     """Speed limits at the nodes with free velocities; speeds are linear between nodes.
 
     |v_k| <= v_max, multiplied by h_{k-1} + h_k, is linear in control points and
     lengths.
     """
+    free_end, n = of.system.final_velocity is None, of.system.n
+    nodes = np.arange(1, of.intervals + 1 if free_end else of.intervals)
+    # Derivatives by the durations of twice the time between neighbouring points.
+    knots = of.knots_by_durations
+    apart = (knots[3:-1] - knots[1:-3])[nodes]
+    unit = 2.0 * of.duration / of.intervals
+    shape = 1, 2 * nodes.size * limit.count
 
-    def __init__(self, of: InverseTranscription, limit: JointLimit, name: str) -> None:
-        self._scheme, self._limit, N = of, limit, of.intervals
-        self.name, self.curable = name, limit.curable
-        free_end = of.system.final_velocity is None
-        self._nodes = np.arange(1, N + 1 if free_end else N)
-        # Derivatives by the durations of twice the time between neighbouring points.
-        knots = of.knots_by_durations
-        self._apart = (knots[3:-1] - knots[1:-3])[self._nodes]
-        self._unit = 2.0 * of.duration / N
-        shape = 1, 2 * self._nodes.size * limit.count
-        self.lower, self.upper = np.full(shape, -np.inf), np.zeros(shape)
-
-    def of_motion(self, motion: SplineMotion) -> Array:
+    def excess(motion: SplineMotion) -> Array:
         """Excess of the speeds over their limits, in both directions."""
-        limit, apart = self._limit, (self._apart @ motion.eta)[:, None]
-        steps = np.diff(motion.points, axis=0)[self._nodes]
+        steps = np.diff(motion.points, axis=0)[nodes]
         ratio = 2.0 * steps[:, limit.of_joints] / limit.upper
-        return (np.stack([ratio - apart, -ratio - apart]) / self._unit).ravel()
+        lasting = (apart @ motion.eta)[:, None]
+        return (np.stack([ratio - lasting, -ratio - lasting]) / unit).ravel()
 
-    def by_unknowns(self, motion: SplineMotion) -> sp.csr_matrix:
+    def by_unknowns(motion: SplineMotion) -> sp.csr_matrix:
         """Jacobian of the excess of the speeds."""
-        limit, n, count = self._limit, self._scheme.system.n, self._nodes.size
-        slope = np.tile(2.0 / (limit.upper * self._unit), count)
+        slope = np.tile(2.0 / (limit.upper * unit), nodes.size)
         data = np.stack([-slope, slope], axis=1)
-        before = (self._nodes[:, None] * n + limit.of_joints).reshape(-1, 1)
+        before = (nodes[:, None] * n + limit.of_joints).reshape(-1, 1)
         places = np.tile(before + np.array([0, n]), (2, 1))
-        apart = np.repeat(-self._apart / self._unit, limit.count, axis=0)
-        return self._scheme.by_unknowns(
-            np.concatenate([data, -data]), places, np.tile(apart, (2, 1))
+        by_durations = np.repeat(-apart / unit, limit.count, axis=0)
+        return of.by_unknowns(
+            np.concatenate([data, -data]), places, np.tile(by_durations, (2, 1))
         )
+
+    lower, upper = np.full(shape, -np.inf), np.zeros(shape)
+    return HullRows(name, lower, upper, excess, by_unknowns, limit.curable)
