@@ -625,7 +625,9 @@ def _uniform(points: Sequence[Point]) -> Iterator[Refusal]:
 def _end(points: Sequence[Point], names: list[str]) -> Iterator[Refusal]:
     """Rule: the motion ends at rest."""
     row, last = _values(points[-1], "velocities"), len(points) - 1
-    for name, value in zip(names, row, strict=False):
+    # What is no list breaks another rule.
+    listed = row if isinstance(row, list | tuple) else ()
+    for name, value in zip(names, listed, strict=False):
         if _is_finite(value) and abs(value) > REST:
             reason = f"is {value:.3g} at the end, expected 0"
             yield Refusal(reason, "velocities", last, name)
