@@ -13,7 +13,6 @@ from motion_samples import planar_motions
 
 from tominpmp.exceptions import ScenarioError
 from tominpmp.files.export import export, load_motion
-from tominpmp.files.ros import nanoseconds
 from tominpmp.motion.trajectory import Trajectory
 
 ENDINGS = ("yaml", "yml", "json")
@@ -106,11 +105,12 @@ def test_small_numbers_are_numbers_in_yaml_1_1(tmp_path: Path) -> None:
     assert [point["positions"] for point in points] == q.tolist()
 
 
-def test_nanoseconds_increase() -> None:
-    times = np.array([0.0, 1e-10, 2e-10, 0.5, 0.5 + 1e-11, 12.345678901])
-    found = nanoseconds(times)
-    assert np.all(np.diff(found) >= 1)
-    assert found.tolist() == [0, 1, 2, 500_000_000, 500_000_001, 12_345_678_901]
+def test_nodes_that_almost_coincide_are_left_out(tmp_path: Path) -> None:
+    t = np.array([0.0, 1e-10, 2e-10, 0.5, 0.5 + 1e-11, 12.345678901])
+    q = np.arange(12.0).reshape(6, 2)
+    motion = Trajectory(("a", "b"), t, q, 0 * q, 0 * q)
+    back = load_motion(export(motion, tmp_path / "m.json"))
+    assert back.t.tolist() == [0.0, 0.5, 12.345678901]
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import itertools
 import json
 import struct
 import sys
@@ -234,9 +235,9 @@ def test_messages_with_other_values(motion: Trajectory, tmp_path: Path) -> None:
             found = controller_refusals(message | {key: value}, NAMES)
             assert found or key == "header", (key, value)
     for key in ("positions", "velocities", "time_from_start"):
-        for value in values:
+        for place, value in itertools.product((2, -1), values):
             broken = copy.deepcopy(message)
-            broken["points"][2][key] = value
+            broken["points"][place][key] = value
             assert controller_refusals(broken, NAMES), (key, value)
 
 

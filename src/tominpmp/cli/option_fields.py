@@ -276,6 +276,14 @@ def typed_values(record: Any) -> dict[str, Any]:
     return {name: None if value == NONE else value for name, value in typed}
 
 
+def number(word: str) -> float | None:
+    """Read a number that was typed; None if the word is no number."""
+    try:
+        return float(word)
+    except ValueError:
+        return None
+
+
 def _hint(kind: type[Any], item: Field[Any]) -> Any:
     """Type of a field; ``object`` if only type checkers can resolve the annotation."""
     alone = SimpleNamespace(__annotations__={item.name: item.type})

@@ -10,7 +10,7 @@ from cyclopts import App, CycloptsError, Parameter, UnusedCliTokensError
 from cyclopts.help import PlainFormatter
 
 from tominpmp.cli.front import COMMANDS, EXAMPLES, commands
-from tominpmp.cli.option_fields import SEVERAL, labelled, metavar_of
+from tominpmp.cli.option_fields import SEVERAL, labelled, metavar_of, number
 from tominpmp.cli.terminal import BAD_INPUT, complain, error_console, say
 from tominpmp.exceptions import OptionsError, brief
 
@@ -92,13 +92,8 @@ def join_lists(args: Sequence[str], options: Collection[str]) -> list[str]:
 
 def _is_value(word: str) -> bool:
     """Whether a word is ``JOINT=VALUE`` or begins with a number."""
-    if "=" in word and not word.startswith("-"):
-        return True
-    try:
-        float(word.partition(",")[0])
-    except ValueError:
-        return False
-    return True
+    named = "=" in word and not word.startswith("-")
+    return named or number(word.partition(",")[0]) is not None
 
 
 def _labels(entry: HelpEntry, metavar: str) -> str:

@@ -15,7 +15,7 @@ from typing import Any, NoReturn, cast
 import numpy as np
 
 from tominpmp.arrays import Array, field_type
-from tominpmp.cli.option_fields import typed_values
+from tominpmp.cli.option_fields import number, typed_values
 from tominpmp.cli.options import (
     PlayOptions,
     ProblemOptions,
@@ -76,14 +76,6 @@ class Typed(Field):
 def words(text: str) -> list[str]:
     """Split at commas and spaces; brackets around the whole are dropped."""
     return re.split(r"\s*,\s*|\s+", text.strip().strip("[]()").strip())
-
-
-def number(word: str) -> float | None:
-    """Read a number; None if the word is no number."""
-    try:
-        return float(word)
-    except ValueError:
-        return None
 
 
 def vector(items: Sequence[str], name: str) -> list[float]:

@@ -321,11 +321,11 @@ def _read_object(item: Field, frames: _Frames) -> list[Obstacle]:
     place = frames.to_base(item.get("header"))
     if item.get("pose").given:
         place = place * _read_pose(item.get("pose"))
-    placed: list[tuple[Field, pin.SE3]] = []
-    for kind in PLURALS:
-        shapes, poses = _shapes_and_poses(item, kind, optional="poses")
-        within = [place * _read_pose(pose) for pose in poses] or [place] * len(shapes)
-        placed += zip(shapes, within, strict=True)
+    placed = [
+        shape
+        for kind in PLURALS
+        for shape in _placed_shapes(item, kind, place, optional="poses")
+    ]
     if not placed:
         item.fail(f"the object {brief(name)} has no shapes")
     return [
@@ -334,15 +334,17 @@ def _read_object(item: Field, frames: _Frames) -> list[Obstacle]:
     ]
 
 
-def _shapes_and_poses(
-    item: Field, kind: str, *, optional: str
-) -> tuple[list[Field], list[Field]]:
-    """Shapes of one kind, and their poses.
+def _placed_shapes(
+    item: Field, kind: str, place: pin.SE3, *, optional: str
+) -> Iterator[tuple[Any, pin.SE3]]:
+    """Shapes of one kind, each with its placement shape_to_base.
 
     Args:
-        item: Table that contains the lists.
+        item: Table that contains the lists of the shapes and of their poses.
         kind: The kind, one of ``PLURALS``.
-        optional: List that may be empty: "shapes" or "poses".
+        place: Placement frame_to_base of the frame of the poses.
+        optional: List that may be empty: "shapes" (a pose without a shape comes with
+            None) or "poses" (the shapes are at the origin of the frame).
 
     Raises:
         ScenarioError: If the lists have different lengths.
@@ -352,7 +354,8 @@ def _shapes_and_poses(
     places = list(poses.items())
     if {"shapes": shapes, "poses": places}[optional] and len(shapes) != len(places):
         poses.fail(f"holds {len(places)} poses for {len(shapes)} {plural}")
-    return shapes, places
+    within = [place * _read_pose(pose) for pose in places] or [place] * len(shapes)
+    return itertools.zip_longest(shapes, within)
 
 
 def _obstacle(name: str, shape: Field, place: pin.SE3, frames: _Frames) -> Obstacle:
@@ -834,12 +837,10 @@ class _GoalReader:
         with blaming(item):
             alone = not places and not turns
             fixed = [self._joint_goal(joints, alone)] if joints else []
-            if joints and alone:
-                return fixed
             choices = [self._place_goals(place, turns) for place in places]
             if np.prod([len(regions) for regions in choices]) > MOST_GOALS:
                 item.fail(f"holds more than {MOST_GOALS} combinations of regions")
-            goals = []
+            goals: list[Goal] = []
             for placed in itertools.product(*choices):
                 posed = [link for _, link in placed]
                 turned = (
@@ -927,10 +928,8 @@ class _GoalReader:
         goals: list[tuple[Goal, str | None]] = []
         for kind in ("primitive", "mesh"):
             # A pose without a shape is a point.
-            shapes, poses = _shapes_and_poses(region, kind, optional="shapes")
-            for shape, where in itertools.zip_longest(shapes, poses):
+            for shape, spot in _placed_shapes(region, kind, base, optional="shapes"):
                 size: float | Array = 0.0
-                spot = base * _read_pose(where)
                 if shape is not None and kind == "primitive":
                     size = _region_size(shape)
                 elif shape is not None:

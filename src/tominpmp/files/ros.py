@@ -91,14 +91,6 @@ IGNORED_KEYS = (
 MULTI_DOF_KEYS = ("multi_dof_trajectory", "multi_dof_joint_trajectory")
 
 
-def nanoseconds(times: Array) -> IntArray:
-    """Round increasing times [s] to whole nanoseconds that are still increasing."""
-    steps = np.arange(times.size)
-    # Integers increase strictly if they do not decrease after subtracting their index.
-    rounded = np.rint(times * BILLION).astype(np.int64) - steps
-    return np.asarray(np.maximum.accumulate(rounded) + steps, dtype=np.int64)
-
-
 def message_samples(
     trajectory: Trajectory, dt: float | None, with_effort: bool
 ) -> Samples:
@@ -112,7 +104,7 @@ def message_samples(
             f"dt is {dt} s, expected {MIN_STEP} ns at least for a ROS message", "dt"
         )
     times = trajectory.t if dt is None else trajectory.sample(dt).t
-    ticks = _spread(nanoseconds(times), trajectory.duration)
+    ticks = _times_of_points(times, trajectory.duration)
     q, v, a, u = (part.copy() for part in trajectory(ticks / BILLION))
     # Rounding may place the last tick half a nanosecond early.
     end = trajectory.v[-1]
@@ -125,8 +117,12 @@ def message_samples(
     return Samples(names, ticks / BILLION, q, v, a, u, "controller")
 
 
-def _spread(ticks: IntArray, duration: float) -> IntArray:
-    """Ticks [ns] spaced by MIN_STEP at least; the last one is not before the end."""
+def _times_of_points(times: Array, duration: float) -> IntArray:
+    """Times of a motion [s] as whole nanoseconds, spaced by MIN_STEP at least.
+
+    The last one is not before the end of the motion [s].
+    """
+    ticks = np.rint(times * BILLION).astype(np.int64)
     if ticks.size == 1:
         return ticks
     last = max(int(np.ceil(duration * BILLION - 1e-3)), MIN_STEP)
@@ -141,26 +137,22 @@ def accelerations_continue(trajectory: Trajectory) -> bool:
     """Whether the accelerations of a motion do not jump at its nodes."""
     if trajectory.a is not None and trajectory.a.shape == trajectory.q.shape:
         return True
-    # The acceleration of a cubic is linear: its final value follows from the values at
-    # the beginning and the middle.
-    t, nodes = trajectory.t, np.arange(1, trajectory.t.size - 1)
-    begin, middle = trajectory(t[nodes - 1]).a, 0.5 * (t[nodes - 1] + t[nodes])
-    before = 2.0 * trajectory(middle).a - begin
-    after = trajectory(t[nodes]).a
-    largest = max(np.max(np.abs(before), initial=0.0), np.max(np.abs(after), initial=0))
+    nodes = trajectory.t[1:-1]
+    before, after = (trajectory(t).a for t in (np.nextafter(nodes, 0.0), nodes))
+    largest = np.max(np.abs([before, after]), initial=0.0)
     return bool(np.all(np.abs(after - before) <= CONTINUOUS * largest))
 
 
-def message_data(samples: Samples, message: str = MESSAGE) -> dict[str, Any]:
-    """A message as plain values."""
+def message_data(samples: Samples) -> dict[str, Any]:
+    """A JointTrajectory as plain values; its points come last."""
     data: dict[str, Any] = {
         "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""},
         "joint_names": list(samples.joint_names),
         "points": [],
     }
     quantities = known_quantities(samples)
-    for k, total in enumerate(nanoseconds(samples.t).tolist()):
-        sec, nanosec = divmod(total, BILLION)
+    for k, tick in enumerate(np.rint(samples.t * BILLION).tolist()):
+        sec, nanosec = divmod(int(tick), BILLION)
         # An empty array means unknown values.
         point: dict[str, Any] = {
             name: getattr(samples, key)[k].tolist() if key in quantities else []
@@ -168,8 +160,6 @@ def message_data(samples: Samples, message: str = MESSAGE) -> dict[str, Any]:
         }
         time = {"sec": sec, "nanosec": nanosec}
         data["points"].append(point | {"time_from_start": time})
-    for key in reversed(MESSAGES[message]):
-        data = {key: data}
     return data
 
 
@@ -180,12 +170,11 @@ def _json(value: Any) -> str:
 
 def write_json(samples: Samples, file: BinaryIO, message: str = MESSAGE) -> None:
     """Write samples as a JSON message, one line per point."""
-    data = message_data(samples, message)
-    inner = find_trajectory(Field(data, Path())).value
-    points, inner["points"] = map(_json, inner["points"]), []
-    begin, _, end = json.dumps(data).rpartition("]")
-    lines = ",\n".join(points)
-    file.write(f"{begin}\n{lines}\n]{end}\n".encode())
+    data, keys = message_data(samples), MESSAGES[message]
+    lines = ",\n".join(map(_json, data.pop("points")))
+    begin = "".join(f'{{"{key}": ' for key in keys) + json.dumps(data).removesuffix("}")
+    end = "}" * (1 + len(keys))
+    file.write(f'{begin}, "points": [\n{lines}\n]{end}\n'.encode())
 
 
 def write_yaml(samples: Samples, file: BinaryIO, message: str = MESSAGE) -> None:
@@ -636,7 +625,9 @@ def _uniform(points: Sequence[Point]) -> Iterator[Refusal]:
 def _end(points: Sequence[Point], names: list[str]) -> Iterator[Refusal]:
     """Rule: the motion ends at rest."""
     row, last = _values(points[-1], "velocities"), len(points) - 1
-    for name, value in zip(names, row, strict=False):
+    # What is no list breaks another rule.
+    listed = row if isinstance(row, list | tuple) else ()
+    for name, value in zip(names, listed, strict=False):
         if _is_finite(value) and abs(value) > REST:
             reason = f"is {value:.3g} at the end, expected 0"
             yield Refusal(reason, "velocities", last, name)

@@ -53,20 +53,15 @@ def known_quantities(samples: Samples) -> tuple[str, ...]:
 def write_csv(samples: Samples, file: BinaryIO) -> None:
     """Write samples as CSV."""
     quantities = known_quantities(samples)
-    parts = [getattr(samples, key) for key in quantities]
-    rows = np.column_stack([samples.t, *parts])
-    text = io.TextIOWrapper(file, encoding="utf-8", newline="")
-    writer = csv.writer(text, lineterminator="\n")
     header = _columns(samples.joint_names, quantities)
-    numbers: list[list[int]] = [[] for _ in rows]
+    parts = [getattr(samples, key) for key in quantities]
+    rows = np.column_stack([samples.t, *parts]).tolist()
     if samples.segment_ends is not None:
         header.append(SEGMENT)
-        numbers = samples.segment_numbers[:, None].tolist()
-    writer.writerow(header)
-    writer.writerows(
-        [*map(repr, row), *number]
-        for row, number in zip(rows.tolist(), numbers, strict=True)
-    )
+        for row, number in zip(rows, samples.segment_numbers.tolist(), strict=True):
+            row.append(number)
+    text = io.TextIOWrapper(file, encoding="utf-8", newline="")
+    csv.writer(text, lineterminator="\n").writerows([header, *rows])
     text.flush()
     text.detach()  # the caller closes the file
 
