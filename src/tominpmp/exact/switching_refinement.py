@@ -3,8 +3,7 @@
 The same problem often has several locally time-optimal motions, which differ by the
 order of their switches and are not connected by small changes. Other initial guesses
 lead to them (multi-start): an optimisation of torques on a coarse grid turns each guess
-into a motion near a local optimum, whose arcs are then optimised. For a single motor,
-local optima differ by the number of switches only, and all small numbers are tried.
+into a motion near a local optimum, whose arcs are then optimised.
 """
 
 from __future__ import annotations
@@ -22,7 +21,6 @@ from tominpmp.exact.switching_times import (
     StateFunction,
     refine_arcs,
     sharpen,
-    solve_lengths,
 )
 from tominpmp.initial_guess.bumps import bumps
 from tominpmp.initial_guess.guess import Guess, straight_guess
@@ -73,14 +71,6 @@ RADIUS = 0.5
 SMOOTHING = 1e-4
 # Number of further final configurations of guesses, if the goal does not fix one.
 ENDS = 3
-# Least and largest number of arcs of motions of a single motor.
-FEWEST, MOST = 2, 8
-# Number of steps over a whole motion, and of evaluations of the dynamics, in the first
-# solve of such a motion.
-ROUGH_STEPS = 24
-ROUGH_EVALUATIONS = 10_000
-# Largest violation of goal and limits of motions that are optimised further.
-PROMISING = 1e-2
 KEPT = (
     "No exact switching was found that is faster and that the replay confirms: the "
     "motion on the grid was kept."
@@ -169,8 +159,7 @@ class Search:
 
     def _explore(self, plan: Trajectory) -> None:
         """Multi-start: optimise arcs of motions from other initial guesses."""
-        system, options = self.system, self.options
-        rng = np.random.default_rng(options.seed)
+        options, rng = self.options, np.random.default_rng(self.options.seed)
         # A larger option ``starts`` never reduces the number of tries.
         tries = max(TRIES, (options.starts or 1) - 1)
         rough = replace(
@@ -184,10 +173,6 @@ class Search:
                 return
             motion = self._on_grid(rough, guess, INTERVALS)
             self.optimise_motion(motion, TRY_EVALUATIONS)
-        if driven_joints(system).size == 1:
-            duration = self.duration if self.found else plan.duration
-            for found in self._of_single_motor(duration, rng, self.budget.share()):
-                self.optimise(found.arcs.cleaned(), found.states, TRY_EVALUATIONS)
 
     def _detours(self, plan: Trajectory, rng: np.random.Generator) -> Iterator[Guess]:
         """Generate straight lines to the goal, then detours from them, without end."""
@@ -200,34 +185,6 @@ class Search:
         each = (bumps(self.system, line, rng) for line in lines)
         for detours in zip(*each, strict=True):
             yield from detours
-
-    def _of_single_motor(
-        self, duration: float, rng: np.random.Generator, budget: Budget
-    ) -> Iterator[OptimisedArcs]:
-        """Generate bang-bang motions of a single motor that almost reach the goal.
-
-        The number of switches increases from one.
-
-        Args:
-            duration: Approximate duration of the motions [s].
-            rng: Source of random lengths of the arcs.
-            budget: Budget for all motions.
-        """
-        joint = driven_joints(self.system)
-        for count in range(FEWEST, MOST + 1):
-            for sign in (1.0, -1.0):
-                if budget.spent:
-                    return
-                levels = np.zeros((count, self.system.n))
-                levels[:, joint] = sign * (-1.0) ** np.arange(count)[:, None]
-                lengths = rng.dirichlet(np.full(count, 2.0)) * duration
-                held = np.zeros(levels.shape, dtype=np.int64)
-                arcs = Arcs(lengths, levels, held.astype(bool), held)
-                share = budget.share(ROUGH_EVALUATIONS)
-                found = solve_lengths(self.system, arcs, None, share, ROUGH_STEPS)
-                budget.deduct(share)
-                if found is not None and found.violation < PROMISING:
-                    yield found
 
     def _finer(self, plan: Trajectory) -> Iterator[Trajectory]:
         """Generate the plan with piecewise constant torques, on finer grids."""
