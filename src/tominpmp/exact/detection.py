@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from tominpmp.arrays import Array
@@ -43,15 +41,3 @@ def constant_signs(system: ProblemFunctions, trajectory: Trajectory) -> Array | 
     forth, back = np.any(ways > 0.0, axis=0), np.any(ways < 0.0, axis=0)
     turns = trajectory.turns.of_joints(dry).size or np.any(dry & forth & back)
     return None if turns else np.where(dry, 1.0 * forth - 1.0 * back, 0.0)
-
-
-def without_friction(system: ProblemFunctions, trajectory: Trajectory) -> Trajectory:
-    """The motion with torques less dry friction, if velocity signs are assumed."""
-    if system.signs is None:
-        return trajectory
-    inverse = trajectory.inverse_dynamics
-    return replace(
-        trajectory,
-        u=trajectory.u - system.resistance,
-        inverse_dynamics=None if inverse is None else system.dynamics.inverse,
-    )

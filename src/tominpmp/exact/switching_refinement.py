@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tominpmp.exact.detection import arcs_of, constant_signs, without_friction
+from tominpmp.exact.detection import arcs_of, constant_signs
 from tominpmp.exact.structure import Arcs
 from tominpmp.exact.switching_times import (
     OptimisedArcs,
@@ -231,7 +231,9 @@ def exact_switches(
         signs = constant_signs(system, plan)
         if signs is None:
             return replace(attempt, history=(), remark=TURNING)
+        # Arcs are found in torques less dry friction.
         smooth = replace(system, signs=signs)
+        plan = plan.with_torques(smooth.dynamics.inverse)
     few = driven_joints(system).size <= EXPLORED_MOTORS
     budget = Budget(np.inf, PATIENCE if few else PATIENCE_OF_MANY)
     limit = np.inf
@@ -240,7 +242,7 @@ def exact_switches(
         # are about as fast, a finer grid is better.
         limit = plan.duration * (1.0 + (LONGER if attempt.confirmed else UNCONFIRMED))
     search = Search(smooth, options, progress, budget, limit)
-    search.run(without_friction(smooth, plan))
+    search.run(plan)
     for motion in reversed(search.found):
         sharp = sharpen(motion, budget.share())
         iterate, records = sharp.iterate, tuple(progress.records)
