@@ -152,10 +152,14 @@ class Search:
         # Arcs near the plan remain of interest even if others were found.
         if small and not near:
             near = self.optimise_motion(plan, EVALUATIONS)
-        for trajectory in self._finer(plan):
-            if near:
+        most = min(self.options.max_iterations, GRID_ITERATIONS)
+        few = replace(self.options, max_iterations=most)
+        guess = Guess.of_motion("plan", plan)
+        for intervals in GRIDS:
+            if near or self.budget.spent:
                 return
-            near = self.optimise_motion(trajectory, EVALUATIONS)
+            motion = self._on_grid(few, guess, intervals)
+            near = self.optimise_motion(motion, EVALUATIONS)
 
     def _explore(self, plan: Trajectory) -> None:
         """Multi-start: optimise arcs of motions from other initial guesses."""
@@ -185,15 +189,6 @@ class Search:
         each = (bumps(self.system, line, rng) for line in lines)
         for detours in zip(*each, strict=True):
             yield from detours
-
-    def _finer(self, plan: Trajectory) -> Iterator[Trajectory]:
-        """Generate the plan with piecewise constant torques, on finer grids."""
-        most = min(self.options.max_iterations, GRID_ITERATIONS)
-        few = replace(self.options, max_iterations=most)
-        for intervals in GRIDS:
-            if self.budget.spent:
-                return
-            yield self._on_grid(few, Guess.of_motion("plan", plan), intervals)
 
     def _on_grid(self, options: Options, guess: Guess, intervals: int) -> Trajectory:
         """An almost optimal motion with piecewise constant torques on a uniform grid.
