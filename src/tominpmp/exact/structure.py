@@ -231,9 +231,7 @@ def _read_joint(t: Array, shares: Array, speeds: Array) -> list[_JointArc]:
 def _switches(
     t: Array, shares: Array, before: _JointArc | None, after: int
 ) -> list[_JointArc]:
-    """Arcs at both limits with the same mean torque as a few intervals.
-
-    They begin at the limit before the intervals, or else end at the limit after them.
+    """Saturated arcs with the same mean torque as a few intervals.
 
     Args:
         t: Nodes of the intervals [s], shape (N + 1,).
@@ -246,9 +244,20 @@ def _switches(
     mean = float(h @ shares / h.sum())
     begin, end = float(t[0]), float(t[-1])
     high = 0.5 * (1.0 + mean) * (end - begin)  # total time at the upper limit
-    if before is not None and abs(before.level) == 1.0:
-        first = before.level
-    else:
-        first = -float(after) if abs(after) == 1 else float(np.sign(mean) or 1.0)
-    cut = begin + (high if first > 0.0 else end - begin - high)
-    return [_JointArc(cut, first, False, 0), _JointArc(end, -first, False, 0)]
+    left = before.level if before is not None and before.held == 0 else 0.0
+    right = float(after) if abs(after) == 1 else 0.0
+    if abs(left) != 1.0 and abs(right) != 1.0:
+        return [_JointArc(end, float(np.sign(mean) or 1.0), False, 0)]
+    if left != right:
+        # From one limit to the other.
+        first = left if abs(left) == 1.0 else -right
+        cut = begin + (high if first > 0.0 else end - begin - high)
+        return [_JointArc(cut, first, False, 0), _JointArc(end, -first, False, 0)]
+    # Away from a limit and back to it.
+    short = end - begin - high if left > 0.0 else high
+    middle = 0.5 * (begin + end)
+    return [
+        _JointArc(middle - 0.5 * short, left, False, 0),
+        _JointArc(middle + 0.5 * short, -left, False, 0),
+        _JointArc(end, left, False, 0),
+    ]
