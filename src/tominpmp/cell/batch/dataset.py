@@ -101,6 +101,32 @@ class Outcome(Record):
         result = f"T = {self.T:.6g} s" if self.success else shortened(self.message)
         return f"<Outcome {brief(self.name, BRIEF)}: {self.status}, {result}>"
 
+    @classmethod
+    def of(
+        cls,
+        solution: Solution,
+        index: int,
+        name: str,
+        seed: int,
+        began_with: int | None = None,
+    ) -> Outcome:
+        """Make the outcome of a solution."""
+        replay = solution.verification
+        return cls(
+            index=index,
+            name=name,
+            seed=seed,
+            success=solution.success,
+            status=solution.status.name,
+            message=solution.message,
+            T=solution.T,
+            gap=solution.gap,
+            verified=replay is not None and replay.ok,
+            seconds=solution.planning_time,
+            began_with=began_with,
+            solution=solution,
+        )
+
 
 def file_of(folder: Path, name: str, digest: str) -> Path:
     """The file of the result of a problem, by the digest of all it depends on."""

@@ -42,7 +42,6 @@ from tominpmp.planner.planning import plan
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import Robot
 from tominpmp.scene.meshes import Mesh
-from tominpmp.solution import Solution
 
 MOST_WORKERS = 100_000
 
@@ -286,29 +285,6 @@ class BatchTask:
         """The outcome of a task that was not planned."""
         return Outcome(self.index, self.name, self.seed, False, status, message)
 
-    def solved(self, solution: Solution, began_with: int | None) -> Outcome:
-        """The outcome of a solution.
-
-        Args:
-            solution: The solution.
-            began_with: Number of the problem whose motion was the warm start, if any.
-        """
-        replay = solution.verification
-        return Outcome(
-            self.index,
-            self.name,
-            self.seed,
-            solution.success,
-            solution.status.name,
-            solution.message,
-            T=solution.T,
-            gap=solution.gap,
-            verified=replay is not None and replay.ok,
-            seconds=solution.planning_time,
-            began_with=began_with,
-            solution=solution,
-        )
-
 
 def _task(index: int, item: Any, settings: Settings) -> BatchTask:
     """Name a problem, and derive the seed of its plan.
@@ -427,7 +403,8 @@ def _planned(task: BatchTask) -> Outcome:
                     former = Entry.read(file_of(folder, task.name, digest))
                     outcome = former.outcome(problem, options)
                     return replace(outcome, index=task.index, began_with=number)
-        outcome = task.solved(plan(problem, options, motion), number)
+        solution = plan(problem, options, motion)
+        outcome = Outcome.of(solution, task.index, task.name, task.seed, number)
     except TominpmpError as error:
         outcome = task.failed(BROKEN, str(error))
     if folder is None:
