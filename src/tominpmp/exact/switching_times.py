@@ -138,7 +138,7 @@ def solve_lengths(
         system: The functions of the problem.
         arcs: The arcs, with approximate lengths.
         states: States (q, v) of a similar motion as a function of times, shape (m,) to
-            (m, 2n), the initial guess; None integrates the arcs explicitly.
+            (m, 2n), the initial guess; None for an arm that stays at its start.
         budget: Budget of evaluations and time.
         total: Number of integration steps over the whole motion.
 
