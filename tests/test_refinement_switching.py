@@ -121,7 +121,7 @@ def test_passive_joint_falls_back_or_gains(clock: Clock) -> None:
     problem = tm.Problem(robot, [0.0, HANGING], tm.JointGoal([0.3, HANGING]))
     rough = tm.plan(problem, tm.Options(starts=1))
     clock.tick = 1.0
-    options = tm.Options(starts=1, refine="switching", max_planning_time=1000.0)
+    options = tm.Options(starts=1, refine="switching", max_planning_time=700.0)
     solution = tm.plan(problem, options)
     assert rough.success
     assert solution.status is tm.Status.TIME_LIMIT

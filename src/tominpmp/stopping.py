@@ -234,7 +234,7 @@ class Budget:
     def __init__(
         self, evaluations: float = EVALUATIONS, seconds: float = math.inf
     ) -> None:
-        self.remaining = self._total = evaluations
+        self.remaining = evaluations
         self._end = time.process_time() + seconds
 
     @property
@@ -248,14 +248,10 @@ class Budget:
         return self.remaining <= 0 or time.process_time() > self._end
 
     def share(self, evaluations: float = EVALUATIONS) -> Budget:
-        """A share of the budget; :meth:`deduct` charges its use."""
+        """A budget of fewer evaluations, until the same end."""
         share = Budget(min(evaluations, self.remaining))
         share._end = self._end
         return share
-
-    def deduct(self, share: Budget) -> None:
-        """Deduct the evaluations that a share has used."""
-        self.remaining -= share._total - share.remaining
 
     def spend(self, evaluations: int) -> None:
         """Deduct evaluations.

@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.dynamics import STANDSTILL
 from tominpmp.exact.structure import Arcs, read_arcs
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.controls import driven_joints
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Number of instants at which velocities are sampled for reversals. A velocity in the
-# opposite direction counts as a reversal beyond this share of the largest velocity.
-SAMPLES = 1001
-REVERSAL = 1e-5
 # Torques at the ends of an interval, where they may jump, are sampled at this distance
 # inside the interval, as a share of it.
 INSIDE = 1e-6
@@ -44,25 +37,7 @@ def constant_signs(system: ProblemFunctions, trajectory: Trajectory) -> Array | 
     The signs are 1 or -1, and 0 for joints that rest or have no dry friction. None if a
     joint with dry friction reverses.
     """
-    times = np.linspace(0.0, trajectory.duration, SAMPLES)
-    v = replace(trajectory, inverse_dynamics=None)(times).v
-    forth, back = np.max(v, axis=0), np.max(-v, axis=0)
-    most = np.maximum(forth, back)
-    turns = np.minimum(forth, back) > REVERSAL * np.max(most)
-    dry = system.problem.robot.friction > 0.0
-    if np.any(turns & dry):
-        return None
-    signs = np.where(forth > back, 1.0, -1.0)
-    return np.where(dry & (most > STANDSTILL), signs, 0.0)
-
-
-def without_friction(system: ProblemFunctions, trajectory: Trajectory) -> Trajectory:
-    """The motion with torques less dry friction, if velocity signs are assumed."""
-    if system.signs is None:
-        return trajectory
-    inverse = trajectory.inverse_dynamics
-    return replace(
-        trajectory,
-        u=trajectory.u - system.resistance,
-        inverse_dynamics=None if inverse is None else system.dynamics.inverse,
-    )
+    dry, ways = system.problem.robot.friction > 0.0, trajectory.turns.first
+    forth, back = np.any(ways > 0.0, axis=0), np.any(ways < 0.0, axis=0)
+    turns = trajectory.turns.of_joints(dry).size or np.any(dry & forth & back)
+    return None if turns else np.where(dry, 1.0 * forth - 1.0 * back, 0.0)

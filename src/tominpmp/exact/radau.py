@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -83,76 +82,42 @@ class IntegratedArcs:
         return found[..., :size], found[..., size:-1], found[..., -1]
 
 
-class Steps(NamedTuple):
-    """M steps of an integration, with constant torques on each.
+def integrate(
+    dynamics: Dynamics,
+    x_start: Array,
+    u: Array,
+    modes: IntArray,
+    h: Array,
+    guess: Array,
+) -> tuple[IntegratedArcs | None, int]:
+    """Integrate forward in M steps, by solving all steps at once from a guess.
 
-    Attributes:
+    Args:
         dynamics: Equations of motion.
         x_start: State at the start, shape (2n,).
         u: Torques of the steps, shape (M, n) [N m or N].
         modes: Modes of the joints on the steps, shape (M, n); see
             :func:`~tominpmp.exact.held_joints.differentiate_rates`.
         h: Lengths of the steps [s], shape (M,).
+        guess: Stages of a similar motion, shape (M, 3, 2n).
+
+    Returns:
+        The motion, or None if Newton's iteration fails; and the number of states at
+        which the dynamics were evaluated.
     """
+    torque, mode = np.repeat(u, STAGES, axis=0), np.repeat(modes, STAGES, axis=0)
+    cost = 0
 
-    dynamics: Dynamics
-    x_start: Array
-    u: Array
-    modes: IntArray
-    h: Array
+    def rates(x: Array, torque: Array) -> ForwardJacobians:
+        nonlocal cost
+        cost += len(x)
+        return ForwardJacobians(*differentiate_rates(dynamics, x, torque, mode)[:3])
 
-    def integrate(self, guess: Array) -> tuple[IntegratedArcs | None, int]:
-        """Integrate forward, by solving all steps at once from a guess.
-
-        Args:
-            guess: Stages of a similar motion, shape (M, 3, 2n).
-
-        Returns:
-            The motion, or None if Newton's iteration fails; and the number of states at
-            which the dynamics were evaluated.
-        """
-        dynamics, x_start, u, modes, h = self
-        torque, mode = np.repeat(u, STAGES, axis=0), np.repeat(modes, STAGES, axis=0)
-        cost = 0
-
-        def rates(x: Array, torque: Array) -> ForwardJacobians:
-            nonlocal cost
-            cost += len(x)
-            return ForwardJacobians(*differentiate_rates(dynamics, x, torque, mode)[:3])
-
-        if not np.all(np.isfinite(guess)):
+    with np.errstate(all="ignore"):
+        weights = h[:, None, None] * WEIGHTS
+        stages = solve_steps(rates, x_start, u, weights, guess, NEWTON_STEPS)
+        if stages is None:
             return None, cost
-        with np.errstate(all="ignore"):
-            weights = h[:, None, None] * WEIGHTS
-            stages = solve_steps(rates, x_start, u, weights, guess, NEWTON_STEPS)
-            if stages is None:
-                return None, cost
-            x = stages.reshape(len(torque), -1)
-            solved = differentiate_rates(dynamics, x, torque, mode)
-        return IntegratedArcs(x_start, stages, h, solved), cost + len(x)
-
-    def explicit_stages(self) -> Array:
-        """Stages by explicit integration step by step, as an initial guess.
-
-        Returns:
-            Stages, shape (M, 3, 2n); not finite if explicit integration diverges.
-        """
-        dynamics, x, u, modes, h = self
-        out, s = np.empty((h.size, STAGES, x.size)), NODES[:, None]
-
-        def rate(state: Array, i: int) -> Array:
-            torque, mode = u[i : i + 1], modes[i : i + 1]
-            if mode.any():
-                rates = differentiate_rates(dynamics, state[None], torque, mode).f
-            else:
-                rates = dynamics.forward(state[None], torque)
-            return np.asarray(rates[0])
-
-        with np.errstate(all="ignore"):
-            for i, step in enumerate(h.tolist()):
-                # Heun's method of order 2, with quadratic interpolation.
-                first = rate(x, i)
-                last = rate(x + step * first, i)
-                out[i] = x + step * (s * first + 0.5 * s**2 * (last - first))
-                x = out[i, -1]
-        return out
+        x = stages.reshape(len(torque), -1)
+        solved = differentiate_rates(dynamics, x, torque, mode)
+    return IntegratedArcs(x_start, stages, h, solved), cost + len(x)

@@ -17,7 +17,7 @@ from scipy.interpolate import BarycentricInterpolator
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.base import States
 from tominpmp.exact.held_joints import FOLLOWS, HOLDS, differentiate_rates
-from tominpmp.exact.radau import NODES, STAGES, IntegratedArcs, Steps
+from tominpmp.exact.radau import NODES, STAGES, IntegratedArcs, integrate
 from tominpmp.exact.structure import Arcs
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.stopping import check
@@ -132,7 +132,7 @@ class ArcProgram:
             :func:`~tominpmp.exact.held_joints.differentiate_rates`, shape (M, n).
         watched: Limits that are rows.
         guess: Stages of a similar motion, the first initial guess of integrations,
-            shape (M, 3, 2n); NaN without a guess.
+            shape (M, 3, 2n); by default the arm stays at its start.
         evaluations: Number of states at which the dynamics have been evaluated.
     """
 
@@ -157,8 +157,7 @@ class ArcProgram:
         self.modes = HOLDS * self._held + FOLLOWS * self.follows
         self._column = np.full(arcs.free.shape, -1)
         self._column[arcs.free] = arcs.count + np.arange(int(arcs.free.sum()))
-        # NaN stands for no guess: the first integration is explicit.
-        self.guess = np.full((self.arc_of_step.size, 3, 2 * system.n), np.nan)
+        self.guess = np.tile(self._start, (self.arc_of_step.size, STAGES, 1))
         self._last: tuple[Array, Shot | None] | None = None
         self._base: tuple[Array, Shot] | None = None
         self._speed = SPEED_FACTOR / self.duration * system.step_scale
@@ -273,15 +272,11 @@ class ArcProgram:
         system, arcs, of = self.system, self.unpack(y), self.arc_of_step
         u = system.effort_middle + system.effort_half * arcs.levels[of]
         h, guess = (arcs.lengths / self.steps)[of], self.guess
-        steps = Steps(system.dynamics, self._start, u, self.modes, h)
         if self._base is not None:
             # Guess: first-order prediction from the last motion.
             z, shot = self._base
             guess = shot.motion.stages + shot.by_stages @ (y - z)
-        motion, cost = steps.integrate(guess)
-        if motion is None:
-            motion, more = steps.integrate(steps.explicit_stages())
-            cost += h.size + more
+        motion, cost = integrate(system.dynamics, self._start, u, self.modes, h, guess)
         self.evaluations += cost
         return motion
 

@@ -131,14 +131,6 @@ class Arcs:
         first = np.flatnonzero(np.append(True, ~same))
         return arcs.pick(first, np.add.reduceat(arcs.lengths, first))
 
-    def with_free_torques(self) -> Arcs:
-        """The arcs with all torques as unknowns.
-
-        Except torques of held joints, torques that follow, and joints without a motor.
-        """
-        driven = np.any((self.levels != 0.0) | self.free | (self.held != 0), axis=0)
-        return replace(self, free=(self.held == 0) & ~self.follows & driven)
-
     def saturated(self) -> Arcs:
         """The arcs with the free torques that are at a limit fixed there."""
         bound = self.free & (np.abs(self.levels) >= 1.0 - 1e-9)

@@ -1,10 +1,9 @@
 """Switching refinement: from a motion on a grid to exact switching times.
 
 The same problem often has several locally time-optimal motions, which differ by the
-order of their switches and are not connected by small changes. Randomly perturbed paths
-lead to them (multi-start): an optimisation of torques on a coarse grid turns each path
-into a motion near a local optimum, whose arcs are then optimised. For a single motor,
-local optima differ by the number of switches only, and all small numbers are tried.
+order of their switches and are not connected by small changes. Other initial guesses
+lead to them (multi-start): an optimisation of torques on a coarse grid turns each guess
+into a motion near a local optimum, whose arcs are then optimised.
 """
 
 from __future__ import annotations
@@ -12,20 +11,19 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from itertools import chain, repeat
 
 import numpy as np
 
-from tominpmp.arrays import Array
-from tominpmp.exact.detection import arcs_of, constant_signs, without_friction
+from tominpmp.exact.detection import arcs_of, constant_signs
 from tominpmp.exact.structure import Arcs
 from tominpmp.exact.switching_times import (
     OptimisedArcs,
     StateFunction,
     refine_arcs,
     sharpen,
-    solve_lengths,
 )
+from tominpmp.initial_guess.bumps import bumps
+from tominpmp.initial_guess.guess import Guess, straight_guess
 from tominpmp.initial_guess.inverse_kinematics import Target, find_configurations
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
@@ -55,9 +53,9 @@ GRID_ITERATIONS = 30
 # over that of a plan that its replay does not confirm.
 LONGER = 1e-6
 UNCONFIRMED = 0.02
-# Least number of perturbed paths that are tried, largest number of evaluations of the
+# Least number of initial guesses that are tried, largest number of evaluations of the
 # dynamics for each of these and for the first look at the plan, and largest number of
-# motors for which perturbed paths are tried.
+# motors for which other guesses are tried.
 TRIES = 12
 TRY_EVALUATIONS = 40_000
 EXPLORED_MOTORS = 3
@@ -65,27 +63,14 @@ EXPLORED_MOTORS = 3
 PATIENCE = 45.0
 PATIENCE_OF_MANY = 20.0
 # Number of intervals, largest number of iterations, tolerance, trust region radius and
-# weight of the total variation of the optimisation that turns a path into a motion.
+# weight of the total variation of the optimisation that turns a guess into a motion.
 INTERVALS = 30
 ITERATIONS = 25
 TOLERANCE = 1e-3
 RADIUS = 0.5
 SMOOTHING = 1e-4
-# Number of sine waves that are added to a path, their amplitude [rad], and the standard
-# deviation of the logarithm of its duration.
-WAVES = 3
-AMPLITUDE = 1.0
-SPREAD = 0.3
-# Number of final configurations of perturbed paths, if the goal does not fix one.
-ENDS = 8
-# Least and largest number of arcs of motions of a single motor.
-FEWEST, MOST = 2, 8
-# Number of steps over a whole motion, and of evaluations of the dynamics, in the first
-# solve of such a motion.
-ROUGH_STEPS = 24
-ROUGH_EVALUATIONS = 10_000
-# Largest violation of goal and limits of motions that are optimised further.
-PROMISING = 1e-2
+# Number of further final configurations of guesses, if the goal does not fix one.
+ENDS = 3
 KEPT = (
     "No exact switching was found that is faster and that the replay confirms: the "
     "motion on the grid was kept."
@@ -157,117 +142,62 @@ class Search:
         )
 
     def run(self, plan: Trajectory) -> None:
-        """Optimise arcs of the plan, of perturbed motions, and of finer grids."""
+        """Optimise arcs of the plan, of other guesses, and of finer grids."""
         small = driven_joints(self.system).size <= EXPLORED_MOTORS
         near = self.optimise_motion(plan, TRY_EVALUATIONS if small else EVALUATIONS)
         # No multi-start for options with a single start, nor with assumed velocity
-        # signs, which perturbed motions would not have.
+        # signs, which other motions would not have.
         if small and self.options.starts != 1 and self.system.signs is None:
             self._explore(plan)
         # Arcs near the plan remain of interest even if others were found.
         if small and not near:
             near = self.optimise_motion(plan, EVALUATIONS)
-        for trajectory in self._finer(plan):
-            if near:
+        most = min(self.options.max_iterations, GRID_ITERATIONS)
+        few = replace(self.options, max_iterations=most)
+        guess = Guess.of_motion("plan", plan)
+        for intervals in GRIDS:
+            if near or self.budget.spent:
                 return
-            near = self.optimise_motion(trajectory, EVALUATIONS)
+            motion = self._on_grid(few, guess, intervals)
+            near = self.optimise_motion(motion, EVALUATIONS)
 
     def _explore(self, plan: Trajectory) -> None:
-        """Multi-start: optimise arcs of perturbed motions."""
-        rng = np.random.default_rng(self.options.seed)
+        """Multi-start: optimise arcs of motions from other initial guesses."""
+        options, rng = self.options, np.random.default_rng(self.options.seed)
         # A larger option ``starts`` never reduces the number of tries.
-        tries = range(max(TRIES, (self.options.starts or 1) - 1))
-        for _, trajectory in zip(tries, self._perturbed(plan, rng), strict=False):
-            if self.budget.spent:
-                return
-            self.optimise_motion(trajectory, TRY_EVALUATIONS)
-        if driven_joints(self.system).size == 1:
-            duration = self.duration if self.found else plan.duration
-            for rough in self._of_single_motor(duration, rng, self.budget.share()):
-                self.optimise(rough.arcs.cleaned(), rough.states, TRY_EVALUATIONS)
-
-    def _perturbed(
-        self, plan: Trajectory, rng: np.random.Generator
-    ) -> Iterator[Trajectory]:
-        """Generate motions from randomly perturbed paths, without end."""
-        system, options = self.system, self.options
+        tries = max(TRIES, (options.starts or 1) - 1)
         rough = replace(
             options,
             max_iterations=min(options.max_iterations, ITERATIONS),
             tolerance=max(options.tolerance, TOLERANCE),
             trust_region=RADIUS,
         )
-        limits = system.problem.robot.limits
-        start, goal, ends = system.problem.q_start, system.problem.goal, [plan.q[-1]]
-        if goal.configuration is None:
-            ends += find_configurations(Target(system, goal), ENDS, rng).best
-        s = np.linspace(0.0, 1.0, INTERVALS + 1)[:, None]
-        reach = AMPLITUDE * np.minimum(
-            system.step_scale, limits.position_upper - limits.position_lower
-        )
-        # The first path is straight, which often leads to the best motion.
-        for amplitude in chain([np.zeros_like(reach)], repeat(reach)):
-            end = ends[int(rng.integers(len(ends)))]
-            path = start + s * (end - start)
-            for wave in range(1, WAVES + 1):
-                height = rng.normal(size=system.n) * amplitude
-                path = path + height * np.sin(wave * np.pi * s)
-            path = np.clip(path, limits.position_lower, limits.position_upper)
-            duration = plan.duration * float(np.exp(rng.normal(0.0, SPREAD)))
-            yield self._on_grid(rough, path, duration)
-
-    def _of_single_motor(
-        self, duration: float, rng: np.random.Generator, budget: Budget
-    ) -> Iterator[OptimisedArcs]:
-        """Generate bang-bang motions of a single motor that almost reach the goal.
-
-        The number of switches increases from one.
-
-        Args:
-            duration: Approximate duration of the motions [s].
-            rng: Source of random lengths of the arcs.
-            budget: Budget for all motions.
-        """
-        joint = driven_joints(self.system)
-        for count in range(FEWEST, MOST + 1):
-            for sign in (1.0, -1.0):
-                if budget.spent:
-                    return
-                levels = np.zeros((count, self.system.n))
-                levels[:, joint] = sign * (-1.0) ** np.arange(count)[:, None]
-                lengths = rng.dirichlet(np.full(count, 2.0)) * duration
-                held = np.zeros(levels.shape, dtype=np.int64)
-                arcs = Arcs(lengths, levels, held.astype(bool), held)
-                share = budget.share(ROUGH_EVALUATIONS)
-                found = solve_lengths(self.system, arcs, None, share, ROUGH_STEPS)
-                budget.deduct(share)
-                if found is not None and found.violation < PROMISING:
-                    yield found
-
-    def _finer(self, plan: Trajectory) -> Iterator[Trajectory]:
-        """Generate the plan with piecewise constant torques, on finer grids."""
-        most = min(self.options.max_iterations, GRID_ITERATIONS)
-        for intervals in GRIDS:
+        for _, guess in zip(range(tries), self._detours(plan, rng), strict=False):
             if self.budget.spent:
                 return
-            ends = np.cumsum(interval_shares("uniform", intervals))
-            path = plan(np.append(0.0, ends) * plan.duration).q
-            few = replace(self.options, max_iterations=most)
-            yield self._on_grid(few, path, plan.duration)
+            motion = self._on_grid(rough, guess, INTERVALS)
+            self.optimise_motion(motion, TRY_EVALUATIONS)
 
-    def _on_grid(self, options: Options, path: Array, duration: float) -> Trajectory:
+    def _detours(self, plan: Trajectory, rng: np.random.Generator) -> Iterator[Guess]:
+        """Generate straight lines to the goal, then detours from them, without end."""
+        problem, ends = self.system.problem, [plan.q[-1]]
+        if problem.goal.configuration is None:
+            target = Target(self.system, problem.goal)
+            ends += find_configurations(target, ENDS, rng).best[:ENDS]
+        lines = [straight_guess(self.system, end) for end in ends]
+        yield from lines
+        each = (bumps(self.system, line, rng) for line in lines)
+        for detours in zip(*each, strict=True):
+            yield from detours
+
+    def _on_grid(self, options: Options, guess: Guess, intervals: int) -> Trajectory:
         """An almost optimal motion with piecewise constant torques on a uniform grid.
 
         The motion need not keep all constraints.
-
-        Args:
-            options: Options of the optimisation.
-            path: Initial positions at the nodes, shape (N + 1, n) [rad or m].
-            duration: Initial duration [s].
         """
-        shares = interval_shares("uniform", path.shape[0] - 1)
+        shares, duration = interval_shares("uniform", intervals), guess.duration
         grid = CollocationTranscription(self.system, shares, duration)
-        start = grid.start(lambda _: path, duration, np.array([duration]))
+        start = grid.start(guess.position, duration, np.array([duration]))
         program = NonlinearProgram.of(grid).at(start)
         least = MinimumTime.of(options, SMOOTHING * duration)
         method = trust_regions(options)
@@ -296,7 +226,9 @@ def exact_switches(
         signs = constant_signs(system, plan)
         if signs is None:
             return replace(attempt, history=(), remark=TURNING)
+        # Arcs are found in torques less dry friction.
         smooth = replace(system, signs=signs)
+        plan = plan.with_torques(smooth.dynamics.inverse)
     few = driven_joints(system).size <= EXPLORED_MOTORS
     budget = Budget(np.inf, PATIENCE if few else PATIENCE_OF_MANY)
     limit = np.inf
@@ -305,7 +237,7 @@ def exact_switches(
         # are about as fast, a finer grid is better.
         limit = plan.duration * (1.0 + (LONGER if attempt.confirmed else UNCONFIRMED))
     search = Search(smooth, options, progress, budget, limit)
-    search.run(without_friction(smooth, plan))
+    search.run(plan)
     for motion in reversed(search.found):
         sharp = sharpen(motion, budget.share())
         iterate, records = sharp.iterate, tuple(progress.records)

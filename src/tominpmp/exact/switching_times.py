@@ -138,7 +138,7 @@ def solve_lengths(
         system: The functions of the problem.
         arcs: The arcs, with approximate lengths.
         states: States (q, v) of a similar motion as a function of times, shape (m,) to
-            (m, 2n), the initial guess; None integrates the arcs explicitly.
+            (m, 2n), the initial guess; None for an arm that stays at its start.
         budget: Budget of evaluations and time.
         total: Number of integration steps over the whole motion.
 
@@ -322,14 +322,13 @@ def refine_arcs(
     Returns:
         The optimised arcs; None if no motion was found that keeps goal and limits.
     """
-    for rough in (arcs, arcs.with_free_torques()):
-        found = solve_lengths(system, rough, states, budget, FEWER_STEPS)
-        if found is not None and found.feasible:
-            polished = polish(found, budget, FEWER_STEPS)
-            if polished is not None and polished.feasible:
-                found = polished
-            return improve(found, budget, FEWER_STEPS)
-    return None
+    found = solve_lengths(system, arcs, states, budget, FEWER_STEPS)
+    if found is None or not found.feasible:
+        return None
+    polished = polish(found, budget, FEWER_STEPS)
+    if polished is not None and polished.feasible:
+        found = polished
+    return improve(found, budget, FEWER_STEPS)
 
 
 def sharpen(optimised: OptimisedArcs, budget: Budget) -> OptimisedArcs:

@@ -176,7 +176,7 @@ class _OrderSearch:
         inner = cost[1 : n + 1, 1 : n + 1]
         self.near = np.argsort(inner + inner.T, axis=1, kind="stable") + 1
         # By node, the nodes that have to precede it.
-        needs = [{i + 1 for i in needed} for needed in rules.all_needs]
+        needs = [{i + 1 for i in needed} for needed in rules.needs]
         self.earlier: list[set[int]] = [set(), *needs, set()]
 
     def length(self, path: Sequence[int]) -> float:

@@ -455,7 +455,7 @@ def _checked_task(
         The task of the tour, with goals in the order of the joints of the robot.
     """
     robot, checked, places = problem.robot, list[Station](), dict[object, int]()
-    known, needed = known_names(robot, problem.scene), rules.all_needs
+    known, needed = known_names(robot, problem.scene), rules.needs
     for k, station in enumerate(stations):
         label = label_of(k + 1, station.name)
         with naming(label, f"stations[{k}]"):

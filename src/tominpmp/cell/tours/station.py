@@ -236,7 +236,7 @@ class Rules:
         pairs |= {(i, min(others)) for i, others in then.items() if len(others) == 1}
         rules = cls(len(stations), frozenset(pairs), then, ends)
         try:
-            _ = rules.all_needs
+            _ = rules.needs
         except CycleError as error:
             circle = error.args[1][1:]
             first = circle.index(min(circle))
@@ -249,18 +249,13 @@ class Rules:
 
     @cached_property
     def needs(self) -> tuple[frozenset[int], ...]:
-        """By station, the stations that a pair of ``before`` puts before it."""
-        return tuple(
-            frozenset(i for i, j in self.before if j == station)
-            for station in range(self.count)
-        )
-
-    @cached_property
-    def all_needs(self) -> tuple[frozenset[int], ...]:
         """By station, the stations that precede it directly or through others."""
+        direct: dict[int, set[int]] = {k: set() for k in range(self.count)}
+        for earlier, later in self.before:
+            direct[later].add(earlier)
         closure = dict[int, frozenset[int]]()
-        for k in TopologicalSorter(dict(enumerate(self.needs))).static_order():
-            closure[k] = self.needs[k].union(*(closure[i] for i in self.needs[k]))
+        for k in TopologicalSorter(direct).static_order():
+            closure[k] = frozenset(direct[k].union(*(closure[i] for i in direct[k])))
         return tuple(closure[k] for k in range(self.count))
 
     def along(self, start: T, stations: Iterable[T], end: T) -> list[T]:
