@@ -32,7 +32,7 @@ def part_bodies(robot: Robot, part: int, geometry: Geometry) -> list[Body]:
     item = robot.collision_model.geometryObjects[part]
     name, joint = part_link(robot, part), int(item.parentJoint)
     shapes = _pieces(item.geometry, geometry, name)
-    return [Body(name, joint, item.placement, shape, part) for shape in shapes]
+    return [Body(name, joint, item.placement, shape) for shape in shapes]
 
 
 def part_link(robot: Robot, part: int) -> str:
