@@ -100,10 +100,9 @@ def _cut_worst(parts: list[_Part], measure: Measure) -> list[_Part]:
     """Cut the part with the largest protrusion, if it can be cut."""
     index = max(range(len(parts)), key=lambda i: parts[i].excess)
     triangles, hull = parts[index].triangles, parts[index].hull
-    points, corner = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
-    corner = corner.reshape(-1, 3)
-    sides = np.sort(np.concatenate([corner[:, [i, i - 1]] for i in range(3)]), axis=1)
-    edges = points[np.unique(sides, axis=0)]
+    points = np.unique(triangles.reshape(-1, 3), axis=0)
+    # An edge of two triangles occurs twice, which changes no hull.
+    edges = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2, 3)
     cuts = []
     main = np.linalg.eigh(np.cov(points.T))[1].T
     for axis in (*np.eye(3), *main[np.abs(main).max(axis=1) < ALIGNED]):
