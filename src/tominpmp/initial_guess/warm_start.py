@@ -50,8 +50,6 @@ LATEST = 0.95
 FAR_TOO_FAST = 2.0
 # Weight of differences in velocity, as a share of the duration.
 SPEED_WEIGHT = 0.1
-# Differences of ends that count as rounding [rad or m].
-SAME = 1e-9
 # Least duration of a segment [s].
 LEAST_DURATION = 1e-9
 # A grid with more than this multiple of the requested intervals is not adopted.
@@ -251,7 +249,8 @@ def warm_start(system: ProblemFunctions, motion: Trajectory | Samples) -> WarmSt
     speeds = [part.final_velocity for part in system.segments]
     p = _missing([problem.q_start, *goals], former.q)
     s = _missing([system.v_start, *speeds], former.v)
-    same = np.all(np.abs([p, s * durations.max()]) <= SAME)
+    # Smaller differences are rounding.
+    same = np.all(np.abs([p, s * durations.max()]) <= 1e-9)
     times = np.linspace(0.0, ends[-1], SAMPLES)
     guess = WarmStart(
         "former motion",
@@ -259,7 +258,7 @@ def warm_start(system: ProblemFunctions, motion: Trajectory | Samples) -> WarmSt
         np.tile(problem.q_start, (SAMPLES, 1)),
         False,
         inner_ends=ends[:-1],
-        solved=bool(np.all(np.abs(p) <= SAME)),
+        solved=bool(np.all(np.abs(p) <= 1e-9)),
         trajectory=plain,
         torque=lambda t: trajectory(np.minimum(entry + t, trajectory.duration)).u,
         torques_held=trajectory.inverse_dynamics is None,
