@@ -56,16 +56,8 @@ def moved(arrays: Arrays) -> None:
     arrays["points"] = arrays["points"] + 1e-3
 
 
-def unsure(arrays: Arrays) -> None:
-    arrays["deviation"] = np.array([np.nan, 0.0])
-
-
-def negative(arrays: Arrays) -> None:
-    arrays["deviation"] = np.array([0.0, -1.0])
-
-
-def endless(arrays: Arrays) -> None:
-    arrays["deviation"] = np.array([np.inf, 0.0])
+def longer(arrays: Arrays) -> None:
+    arrays["more"] = np.zeros(2)
 
 
 def whole_counts(arrays: Arrays) -> None:
@@ -76,9 +68,7 @@ def single(arrays: Arrays) -> None:
     arrays["points"] = arrays["points"].astype(np.float32)
 
 
-@pytest.mark.parametrize(
-    "spoil", [scaled, moved, unsure, negative, endless, whole_counts, single]
-)
+@pytest.mark.parametrize("spoil", [scaled, moved, longer, whole_counts, single])
 def test_wrong_pieces_are_cut_anew(
     spoil: Callable[[Arrays], None],
     kept: Path,
@@ -93,7 +83,6 @@ def test_wrong_pieces_are_cut_anew(
     pieces = decomposition_cache.pieces_of(mesh)
     assert "make no sense" in caplog.text
     np.testing.assert_array_equal(np.concatenate(pieces.corners), sound["points"])
-    assert [pieces.outward, pieces.inward] == sound["deviation"].tolist()
     # The file is mended.
     decomposition_cache._known_pieces.cache_clear()
     caplog.clear()

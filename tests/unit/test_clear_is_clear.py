@@ -9,9 +9,9 @@ import pytest
 from robot_samples import INERTIAL, joint, link, load, robot
 
 import tominpmp as tm
-from tominpmp.collision.decomposition_cache import pieces_of
+from tominpmp.collision.bodies import part_bodies
 from tominpmp.collision.selection import link_bodies
-from tominpmp.collision.shapes import is_mesh
+from tominpmp.collision.shapes import is_mesh, mesh_arrays
 from tominpmp.verification.closest_approach import ClosestApproach
 
 RADIUS = 0.05
@@ -86,16 +86,15 @@ def test_starts_and_goals_that_touch_are_left_and_reached(rail: tm.Robot) -> Non
 @pytest.mark.parametrize("name", ("panda", "ur5", "xarm7", "kinova"))
 def test_convex_pieces_hold_their_meshes(name: str) -> None:
     arm = tm.load_robot(name)
-    pieces = link_bodies(arm, "convex")
     for part, body in enumerate(link_bodies(arm, "mesh")):
         if not is_mesh(body.shape):
             continue
-        whole = pieces_of(body.shape)
-        assert whole is not None
-        assert whole.inward < 1e-9
-        vertices = np.array(body.shape.vertices())
+        vertices, corners = mesh_arrays(body.shape)
+        weights = np.random.default_rng(0).dirichlet(np.ones(3), size=len(corners))
+        inside = np.einsum("kc,kci->ki", weights, vertices[corners])
+        vertices = np.concatenate([vertices, inside])
         beyond = np.full(len(vertices), np.inf)
-        for piece in (item.shape for item in pieces if item.part == part):
+        for piece in (item.shape for item in part_bodies(arm, part, "convex")):
             from scipy.spatial import ConvexHull
 
             planes = ConvexHull(np.array(piece.points())).equations

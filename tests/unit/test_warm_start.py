@@ -46,7 +46,7 @@ def test_the_same_problem_takes_few_iterations(free):
 def test_the_motion_is_taken_over_to_the_last_bit(stepped):
     system = ProblemFunctions.of(stepped.problem)
     guess = warm_start(system, stepped.trajectory)
-    assert guess.unchanged and guess.entry == 0.0
+    assert guess.bend is None and guess.entry == 0.0
     # On its own grid, and on a finer one that its intervals are split for.
     for intervals in (stepped.trajectory.t.size - 1, 57):
         program, z = guess.inverse_program(system, intervals, "cosine")

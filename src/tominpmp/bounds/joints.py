@@ -17,7 +17,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, BoolArray
 from tominpmp.bounds.energy import effort_bounds, effort_curves
-from tominpmp.bounds.least_time import Both, Drive, Ramp, SpeedChange, SpeedLaw
+from tominpmp.bounds.least_time import Drive, Ramp, SpeedLaw
 from tominpmp.bounds.result import LowerBound
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.goals.turns import TURN
@@ -185,32 +185,35 @@ def _torque_drive(
         return None
     top, acceleration, jerk, rate = (float(most[0]) for most in tightest.values())
     mass, mean, wave = _inertia_and_weight(robot)
+    dry, viscous = float(robot.friction[0]), float(robot.damping[0])
+    curves = [curve for _, curve in effort_curves(problem)]
+    speeds = np.concatenate([[0.0], *(curve.speed for curve in curves)])
+    bends = np.unique([-speeds, speeds])
 
     def law(sign: float, torque: float) -> SpeedLaw:
         """Largest acceleration in one direction, over the speed in that direction."""
-        limit = SpeedLaw.line(torque)
-        for _, curve in effort_curves(problem):
-            limit = limit.lower_of(_over_speed(curve.speed, curve.effort))
-        dry, viscous = float(robot.friction[0]), float(robot.damping[0])
-        against = np.array([dry, -dry]) + wave - sign * mean
-        load = SpeedLaw(np.zeros(1), against, np.full(2, -viscous))
-        total = limit.plus(load)
-        total = SpeedLaw(total.knots, total.level / mass, total.slope / mass)
-        if math.isfinite(acceleration):
-            total = total.lower_of(SpeedLaw.line(acceleration))
-        return total
 
-    def smooth(item: SpeedLaw) -> SpeedChange:
+        def limits(v: Array) -> Array:
+            motors = [np.full(v.shape, torque), *(curve(v)[0] for curve in curves)]
+            load = sign * mean - wave + dry * np.sign(v) + viscous * v
+            allowed = [*(np.array(motors) - load) / mass]
+            if math.isfinite(acceleration):
+                allowed.append(np.full(v.shape, acceleration))
+            return np.array(allowed)
+
+        return SpeedLaw.least_of(limits, bends)
+
+    def smooth(item: SpeedLaw) -> SpeedLaw:
         """Changes of speed that also obey the limits of jerk and torque rate.
 
         These limits count from zero acceleration, at smooth ends only.
         """
         most = item.highest(top)
         # The torque of friction and gravity changes in addition to the motor torque.
-        changes = ((float(robot.damping[0]), most), (wave, top))
+        changes = ((viscous, most), (wave, top))
         load_rate = sum(factor * by for factor, by in changes if factor > 0.0)
         fastest = min(jerk, (rate + load_rate) / mass)
-        return Both(item, Ramp(most, fastest)) if smooth_ends else item
+        return replace(item, ramp=Ramp(most, fastest)) if smooth_ends else item
 
     ahead, back = law(1.0, float(effort[1])), law(-1.0, -float(effort[0]))
     return Drive(
@@ -231,15 +234,3 @@ def _inertia_and_weight(robot: Robot) -> tuple[float, float, float]:
         return mass, first, 0.0
     mean = 0.5 * (first + last)
     return mass, mean, math.hypot(first - mean, middle - mean)
-
-
-def _over_speed(speed: Array, effort: Array) -> SpeedLaw:
-    """Torque as a function of the absolute speed, constant beyond the last speed."""
-    slope = np.append(np.diff(effort) / np.diff(speed), 0.0)
-    forward = SpeedLaw(speed[1:], effort - slope * speed, slope)
-    backward = forward.reflected
-    return SpeedLaw(
-        np.concatenate([backward.knots, [0.0], forward.knots]),
-        np.concatenate([backward.level, forward.level]),
-        np.concatenate([backward.slope, forward.slope]),
-    )

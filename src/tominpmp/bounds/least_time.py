@@ -18,8 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,29 +36,6 @@ HALVINGS, FASTEST = 60, 1e12
 STRAIGHT = 1e-3
 
 
-class SpeedChange(Protocol):
-    """The fastest change of the speed between two values.
-
-    The same object describes speeding up from the lower value, and slowing down to it.
-    """
-
-    def __call__(self, low: float, high: float) -> tuple[float, float]:
-        """Least time of the change, and the integral of the time over the speed.
-
-        Args:
-            low: The lower speed.
-            high: The higher speed, >= 0.
-
-        Returns:
-            The time t(high), infinite for an impossible change, and the integral of
-            t(v) from the lower to the higher speed.
-        """
-
-    @property
-    def abrupt(self) -> SpeedChange:
-        """The change if accelerations may jump."""
-
-
 @dataclass(frozen=True)
 class Ramp:
     """Changes of speed with constant limits of the acceleration and of the jerk.
@@ -73,7 +49,16 @@ class Ramp:
     jerk: float = math.inf
 
     def __call__(self, low: float, high: float) -> tuple[float, float]:
-        """See :class:`SpeedChange`."""
+        """Least time of a change of speed, and the integral of the time over the speed.
+
+        Args:
+            low: The lower speed.
+            high: The higher speed, >= 0.
+
+        Returns:
+            The time t(high), infinite for an impossible change, and the integral of
+            t(v) from the lower to the higher speed.
+        """
         change, most = high - low, self.acceleration
         if change <= 0.0:
             return 0.0, 0.0
@@ -89,7 +74,7 @@ class Ramp:
 
     @property
     def abrupt(self) -> Ramp:
-        """See :class:`SpeedChange`."""
+        """The change if accelerations may jump."""
         return Ramp(self.acceleration)
 
 
@@ -101,44 +86,46 @@ class SpeedLaw:
         knots: Speeds between which the limit is linear, increasing, shape (k,).
         level: Acceleration of each line at speed zero, shape (k + 1,).
         slope: Slope of each line, shape (k + 1,).
+        ramp: Limits in addition, for speeds from zero on; None without any.
     """
 
     knots: Array
     level: Array
     slope: Array
+    ramp: Ramp | None = None
 
     @classmethod
     def line(cls, level: float, slope: float = 0.0) -> SpeedLaw:
         """A law with a single line for all speeds."""
         return cls(np.zeros(0), np.array([level]), np.array([slope]))
 
+    @classmethod
+    def least_of(cls, limits: Callable[[Array], Array], bends: Array) -> SpeedLaw:
+        """The law of the least of several limits at each speed.
+
+        Args:
+            limits: Function from speeds, shape (m,), to the accelerations that each
+                limit allows at them, shape (p, m).
+            bends: Speeds between which each limit is linear, increasing, shape (k,).
+        """
+        one, other = _within(bends, 1.0 / 3.0), _within(bends, 2.0 / 3.0)
+        slopes = (limits(other) - limits(one)) / (other - one)
+        levels = limits(one) - slopes * one
+        i, k = np.triu_indices(len(levels), 1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            crossing = (levels[k] - levels[i]) / (slopes[i] - slopes[k])
+        edges = np.concatenate([[-np.inf], bends, [np.inf]])
+        inside = (crossing > edges[:-1]) & (crossing < edges[1:])
+        knots = np.union1d(bends, crossing[inside])
+        v = _within(knots, 0.5)
+        piece = np.searchsorted(bends, v)
+        least = np.argmin(levels[:, piece] + slopes[:, piece] * v, axis=0)
+        return cls(knots, levels[least, piece], slopes[least, piece])
+
     @property
     def reflected(self) -> SpeedLaw:
         """The law for speeds in the opposite direction."""
         return SpeedLaw(-self.knots[::-1], self.level[::-1], -self.slope[::-1])
-
-    def plus(self, other: SpeedLaw) -> SpeedLaw:
-        """The sum of two laws."""
-        knots = np.union1d(self.knots, other.knots)
-        (a, b), (c, d) = self._lines(knots), other._lines(knots)
-        return SpeedLaw(knots, a + c, b + d)
-
-    def lower_of(self, other: SpeedLaw) -> SpeedLaw:
-        """The minimum of two laws at each speed."""
-        gap = self.plus(SpeedLaw(other.knots, -other.level, -other.slope))
-        edges = np.concatenate([[-np.inf], gap.knots, [np.inf]])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            crossing = -gap.level / gap.slope
-        inside = (crossing > edges[:-1]) & (crossing < edges[1:])
-        knots = np.union1d(gap.knots, crossing[inside])
-        (a, b), (c, d) = self._lines(knots), other._lines(knots)
-        lower = a - c + (b - d) * _within(knots) <= 0.0
-        return SpeedLaw(knots, np.where(lower, a, c), np.where(lower, b, d))
-
-    def _lines(self, knots: Array) -> tuple[Array, Array]:
-        """Level and slope of the lines between finer knots."""
-        piece = np.searchsorted(self.knots, _within(knots))
-        return self.level[piece], self.slope[piece]
 
     def highest(self, top: float) -> float:
         """The largest acceleration at speeds from zero to a speed."""
@@ -161,7 +148,7 @@ class SpeedLaw:
         return pieces
 
     def __call__(self, low: float, high: float) -> tuple[float, float]:
-        """See :class:`SpeedChange`."""
+        """The larger time and integral of the limits and of the ramp: see Ramp."""
         time = integral = 0.0
         for v, w, ends in self._pieces(low, high):
             if v == w:
@@ -171,12 +158,20 @@ class SpeedLaw:
             t, more = _along_a_line(w - v, *ends)
             integral += time * (w - v) + more
             time += t
-        return time, integral
+        if self.ramp is None:
+            return time, integral
+        least = self.ramp(max(low, 0.0), high)
+        return max(time, least[0]), max(integral, least[1])
 
     @property
     def abrupt(self) -> SpeedLaw:
-        """See :class:`SpeedChange`."""
-        return self
+        """The change if accelerations may jump."""
+        return replace(self, ramp=None)
+
+
+# The fastest change of the speed between two values. The same object describes speeding
+# up from the lower value, and slowing down to it.
+SpeedChange = Ramp | SpeedLaw
 
 
 def last_bracket(
@@ -206,13 +201,10 @@ def last_bracket(
     return low, high
 
 
-def _within(knots: Array) -> Array:
-    """A speed inside each piece between knots, and beyond both end knots."""
-    if not knots.size:
-        return np.zeros(1)
-    return np.concatenate(
-        [[knots[0] - 1.0], 0.5 * (knots[1:] + knots[:-1]), [knots[-1] + 1.0]]
-    )
+def _within(knots: Array, share: float) -> Array:
+    """A speed at a share of each piece between knots, and beyond both end knots."""
+    ends = np.concatenate([knots[:1] - 2.0, knots, knots[-1:] + 2.0])
+    return np.asarray(ends[:-1] + share * np.diff(ends))
 
 
 def _along_a_line(change: float, first: float, last: float) -> tuple[float, float]:
@@ -224,29 +216,6 @@ def _along_a_line(change: float, first: float, last: float) -> tuple[float, floa
     slope = (last - first) / change
     time = math.log(last / first) / slope
     return time, (last * time - change) / slope
-
-
-@dataclass(frozen=True, eq=False)
-class Both:
-    """Changes of speed within two limits.
-
-    Attributes:
-        law: The limit for all speeds.
-        ramp: The limit for speeds from zero on.
-    """
-
-    law: SpeedChange
-    ramp: SpeedChange
-
-    def __call__(self, low: float, high: float) -> tuple[float, float]:
-        """See :class:`SpeedChange`: the larger time and integral of both limits."""
-        law, ramp = self.law(low, high), self.ramp(max(low, 0.0), high)
-        return max(law[0], ramp[0]), max(law[1], ramp[1])
-
-    @property
-    def abrupt(self) -> SpeedChange:
-        """See :class:`SpeedChange`."""
-        return self.law
 
 
 @dataclass(frozen=True, eq=False)

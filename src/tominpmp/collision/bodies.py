@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Literal
 
 import coal
@@ -10,7 +9,6 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array
-from tominpmp.collision.decomposition import ConvexPieces
 from tominpmp.collision.decomposition_cache import pieces_of
 from tominpmp.collision.shapes import Body, convex_hull, hull_of, is_mesh
 from tominpmp.description.model import triangle_mesh
@@ -34,7 +32,7 @@ def part_bodies(robot: Robot, part: int, geometry: Geometry) -> list[Body]:
     item = robot.collision_model.geometryObjects[part]
     name, joint = part_link(robot, part), int(item.parentJoint)
     shapes = _pieces(item.geometry, geometry, name)
-    return [Body(name, joint, item.placement, shape, part) for shape in shapes]
+    return [Body(name, joint, item.placement, shape) for shape in shapes]
 
 
 def part_link(robot: Robot, part: int) -> str:
@@ -50,13 +48,7 @@ def _pieces(shape: Any, geometry: Geometry, name: str) -> list[Any]:
     pieces = pieces_of(shape, name) if geometry == "convex" else None
     if pieces is None or len(pieces.corners) == 1:
         return [convex_hull(shape)]
-    return list(_hulls(pieces))
-
-
-# All checkers of a robot share the same pieces, and building a hull takes milliseconds.
-@lru_cache(maxsize=256)
-def _hulls(pieces: ConvexPieces) -> tuple[Any, ...]:
-    return tuple(hull_of(corners) for corners in pieces.corners)
+    return list(pieces.hulls)
 
 
 def scene_bodies(scene: Scene, first: int) -> list[Body]:

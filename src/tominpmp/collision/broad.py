@@ -304,13 +304,8 @@ class BroadPhase:
         """
         a, b = self.first[pair], self.second[pair]
         R, t = joints
-        carrier = self.joint[a]
-        centres = self._cover[a] @ np.swapaxes(R[instant, carrier], 1, 2)
-        centres += t[instant, carrier][:, None]
-        moves = np.flatnonzero(self.joint[b])
-        if moves.size:
-            at, carrier = instant[moves], self.joint[b[moves]]
-            away = centres[moves] - t[at, carrier][:, None]
-            centres[moves] = away @ R[at, carrier]
+        one, other = (instant, self.joint[a]), (instant, self.joint[b])
+        centres = self._cover[a] @ np.swapaxes(R[one], 1, 2) + t[one][:, None]
+        centres = (centres - t[other][:, None]) @ R[other]
         nearest = np.min(self._from_boxes(centres, b) - self._cover_radius[a], axis=1)
         return np.asarray(nearest - self._swell[b])

@@ -204,9 +204,9 @@ class CollisionChecker(PairDistances):
         if self._guard is None or self._guard[0] is not margin:
             limit = np.broadcast_to(np.asarray(margin, np.float64), len(self.pairs))
             self._guard = margin, Guard(self.narrow, limit)
-        guard = self._guard[1]
+        guard, (R, p) = self._guard[1], self.obstacles.placements(np.array([time]))
         for row in rows:
-            yield guard.is_free(row, time)
+            yield guard.is_free(row, R[0], p[0])
 
     def margins(self, margin: float) -> Array:
         """Margin of each pair, shape (pairs,) [m].

@@ -12,6 +12,7 @@ many corners.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import coal
@@ -19,7 +20,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from tominpmp.arrays import Array
-from tominpmp.collision.shapes import mesh_arrays
+from tominpmp.collision.shapes import hull_of, mesh_arrays
 from tominpmp.stopping import check
 
 # A mesh is cut until its pieces protrude from it by no more than this [m].
@@ -48,15 +49,14 @@ class ConvexPieces:
 
     Attributes:
         corners: Corners of each piece [m], shapes (k, 3).
-        outward: Largest distance by which the pieces protrude from the mesh [m], on
-            sample points.
-        inward: Largest distance by which the mesh protrudes from the pieces [m], on
-            sample points.
     """
 
     corners: tuple[Array, ...]
-    outward: float
-    inward: float
+
+    @cached_property
+    def hulls(self) -> tuple[Any, ...]:
+        """The pieces for Coal, built once, as building one takes milliseconds."""
+        return tuple(map(hull_of, self.corners))
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,9 +88,7 @@ def decompose(mesh: Any) -> ConvexPieces | None:
             break
     enough = max(CLOSE_PIECES, NEARLY * min(map(_worst, steps)))
     best = next(parts for parts in steps if _worst(parts) <= enough)
-    pieces = tuple(part.hull.points[part.hull.vertices] for part in best)
-    inward = measure.inward([part.hull for part in best])
-    return ConvexPieces(pieces, _worst(best), inward)
+    return ConvexPieces(tuple(item.hull.points[item.hull.vertices] for item in best))
 
 
 def _worst(parts: list[_Part]) -> float:
@@ -102,10 +100,9 @@ def _cut_worst(parts: list[_Part], measure: Measure) -> list[_Part]:
     """Cut the part with the largest protrusion, if it can be cut."""
     index = max(range(len(parts)), key=lambda i: parts[i].excess)
     triangles, hull = parts[index].triangles, parts[index].hull
-    points, corner = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
-    corner = corner.reshape(-1, 3)
-    sides = np.sort(np.concatenate([corner[:, [i, i - 1]] for i in range(3)]), axis=1)
-    edges = points[np.unique(sides, axis=0)]
+    points = np.unique(triangles.reshape(-1, 3), axis=0)
+    # An edge of two triangles occurs twice, which changes no hull.
+    edges = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2, 3)
     cuts = []
     main = np.linalg.eigh(np.cov(points.T))[1].T
     for axis in (*np.eye(3), *main[np.abs(main).max(axis=1) < ALIGNED]):
@@ -186,7 +183,6 @@ class Measure:
         # Keep references, as Coal does not keep its arguments alive.
         self._shapes = mesh, coal.Sphere(1e-9)
         self._distance = coal.ComputeDistance(*self._shapes)
-        self._triangles = triangles
         # Corners by corner, axis and triangle, shape (3, 3, k); normals, shape (3, k).
         self._corners = np.ascontiguousarray(triangles.transpose(1, 2, 0))
         first, second, third = self._corners
@@ -209,15 +205,6 @@ class Measure:
             if away[index] <= TOUCHING or not self._inside(points[index]):
                 return float(away[index])
         return 0.0
-
-    def inward(self, hulls: list[Any]) -> float:
-        """Largest distance by which sample points of the mesh are outside all hulls."""
-        points = self._sample(self._triangles)
-        beyond = [
-            np.max(points @ hull.equations[:, :3].T + hull.equations[:, 3], axis=1)
-            for hull in hulls
-        ]
-        return max(float(np.min(beyond, axis=0).max()), 0.0)
 
     def _sample(self, triangles: Array) -> Array:
         """Points uniformly distributed on triangles, shape (SAMPLES, 3) [m]."""

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from tominpmp.arrays import Array
 from tominpmp.collision import decomposition
 from tominpmp.collision.decomposition import ConvexPieces
 from tominpmp.exceptions import brief
@@ -104,16 +103,16 @@ def _read(path: Path) -> ConvexPieces | None:
             if sum(item.file_size for item in archive.infolist()) > MAX_BYTES:
                 raise ValueError(f"it is larger than {MAX_BYTES} bytes")
         with np.load(path, allow_pickle=False) as data:
-            points, counts = data["points"], data["counts"]
-            deviation, checksum = data["deviation"], data["checksum"]
+            content = dict(data)
+        checksum = content.pop("checksum")
+        points, counts = content["points"], content["counts"]
     except Exception as error:  # a damaged file may raise any exception
         logger.warning("the cached pieces %s cannot be read: %s", path, brief(error))
         return None
-    if bytes(checksum.tobytes()) != _checksum(points, counts, deviation):
+    if bytes(checksum.tobytes()) != _checksum(*content.values()):
         logger.warning("the cached pieces %s make no sense", path)
         return None
-    corners: list[Array] = np.split(points, np.cumsum(counts)[:-1])
-    return ConvexPieces(tuple(corners), *deviation.tolist())
+    return ConvexPieces(tuple(np.split(points, np.cumsum(counts)[:-1])))
 
 
 def _checksum(*parts: Any) -> bytes:
@@ -129,8 +128,7 @@ def _write(path: Path, pieces: ConvexPieces) -> None:
     """Write a file atomically; a failure is logged and ignored."""
     points = np.concatenate(pieces.corners).astype(np.float64)
     counts = np.array([len(piece) for piece in pieces.corners])
-    deviation = np.array([pieces.outward, pieces.inward], dtype=np.float64)
-    content = dict[str, Any](points=points, counts=counts, deviation=deviation)
+    content = dict[str, Any](points=points, counts=counts)
     content["checksum"] = np.frombuffer(_checksum(*content.values()), np.uint8)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

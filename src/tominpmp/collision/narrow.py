@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import coal
 import numpy as np
@@ -13,9 +13,6 @@ from tominpmp.arrays import Array
 from tominpmp.collision.broad import Pairs
 from tominpmp.collision.shapes import Body
 from tominpmp.stopping import check
-
-if TYPE_CHECKING:
-    from tominpmp.collision.placements import MovingObstacles
 
 # Relative tolerances of the algorithms of Gilbert, Johnson and Keerthi (GJK, distances)
 # and of the expanding polytope (EPA, depths). Coal's 1e-6 for GJK leaves errors of
@@ -44,7 +41,6 @@ class NarrowPhase:
         model: pin.Model,
         bodies: Sequence[Body],
         pairs: Pairs,
-        obstacles: MovingObstacles | None = None,
     ) -> None:
         round_pairs = any(isinstance(body.shape, coal.Cylinder) for body in bodies)
         geometry = pin.GeometryModel()
@@ -63,44 +59,28 @@ class NarrowPhase:
         self.model, self.data, self.geometry = model, model.createData(), geometry
         self._pairs = pairs
         self._results = _results(geometry)
-        self._obstacles = obstacles
         each = zip(geometry.geometryObjects, bodies, strict=True)
         self._moving = [pair for pair in each if pair[1].joint >= model.njoints]
-        self._time: float | None = None
 
-    def place(self, q: Array, time: float, obstacles: tuple[Array, Array]) -> None:
+    def place(self, q: Array, R: Array, p: Array) -> None:
         """Place the bodies at a configuration of the model.
 
         Args:
             q: Configuration of the model, shape (nv,).
-            time: Time [s], for moving obstacles.
-            obstacles: Rotations and positions of moving obstacles at this time, shapes
-                (count, 3, 3) and (count, 3); computing placements for many instants at
-                once is faster.
+            R: Rotations of the moving obstacles, shape (count, 3, 3).
+            p: Positions of the moving obstacles, shape (count, 3) [m].
         """
-        self.set_time(time, obstacles)
+        self.place_obstacles(R, p)
         pin.updateGeometryPlacements(
             self.model, self.data, self.geometry, self._results, q
         )
 
-    def set_time(self, time: float, known: tuple[Array, Array] | None = None) -> None:
-        """Place moving obstacles at a time [s].
-
-        Args:
-            time: The time [s].
-            known: Rotations and positions of the obstacles at this time; None to
-                compute them.
-        """
+    def place_obstacles(self, R: Array, p: Array) -> None:
+        """Place the moving obstacles, see :meth:`place`."""
         check()
-        if self._obstacles is None or not self._moving or time == self._time:
-            return
-        R, p = self._obstacles.placements(np.array([time])) if known is None else known
-        R, p = R.reshape(-1, 3, 3), p.reshape(-1, 3)
-        placements = [pin.SE3(*place) for place in zip(R, p, strict=True)]
         for item, body in self._moving:
             number = body.joint - self.model.njoints
-            item.placement = placements[number] * body.placement
-        self._time = time
+            item.placement = pin.SE3(R[number], p[number]) * body.placement
 
     def distances(self, pairs: Sequence[int]) -> list[float]:
         """Signed distances of some pairs [m]."""
@@ -203,10 +183,10 @@ class Guard:
             narrow.model, narrow.geometry, self._results
         )
 
-    def is_free(self, q: Array, time: float) -> bool:
-        """Whether all margins are kept at a configuration and a time [s]."""
+    def is_free(self, q: Array, R: Array, p: Array) -> bool:
+        """Whether all margins are kept, see :meth:`NarrowPhase.place`."""
         narrow = self._narrow
-        narrow.set_time(time)
+        narrow.place_obstacles(R, p)
         return not pin.computeCollisions(
             narrow.model, narrow.data, self._manager, q, True
         )

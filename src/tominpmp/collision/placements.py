@@ -96,22 +96,15 @@ class JointPlacements:
         Returns:
             One row for each point, shape (k, nv).
         """
-        R, t = placed
+        R, t = (part[:, 1:] for part in placed)
+        # Directions and moments in the axes of the joints.
+        along = (normal[:, None, None] @ R)[:, :, 0]
+        moment = np.cross(point[:, None] - t, normal[:, None])
+        about = (moment[:, :, None] @ R)[:, :, 0]
+        speeds = np.sum(along * self._slide[1:] + about * self._turn[1:], axis=2)
         out = np.zeros((point.shape[0], self.moves.shape[1]))
-        for j in range(1, len(self._parents)):
-            column = self._column[j]
-            chosen = np.flatnonzero(self.moves[joint, column])
-            if not chosen.size:
-                continue
-            n, turned = normal[chosen], R[chosen, j]
-            speed = np.zeros(chosen.size)
-            if np.any(self._slide[j]):
-                speed += np.sum(n * (turned @ self._slide[j]), axis=1)
-            if np.any(self._turn[j]):
-                lever = np.cross(point[chosen] - t[chosen, j], n)
-                speed += np.sum(lever * (turned @ self._turn[j]), axis=1)
-            out[chosen, column] = speed
-        return out
+        out[:, self._column[1:]] = speeds
+        return np.where(self.moves[joint], out, 0.0)
 
     def displacements(
         self, q: Array, half: Array, joint: IntArray, centre: Array, radius: Array

@@ -78,7 +78,7 @@ class PairDistances:
     @cached_property
     def narrow(self) -> NarrowPhase:
         """Narrow phase: exact distances."""
-        return NarrowPhase(self.robot.model, *self.watched, self.obstacles)
+        return NarrowPhase(self.robot.model, *self.watched)
 
     @cached_property
     def moving_pairs(self) -> BoolArray:
@@ -225,11 +225,10 @@ class PairDistances:
         order = np.argsort(instant, kind="stable")
         starts = np.flatnonzero(np.diff(instant[order], prepend=-1))
         groups = instant[order[starts]]
-        when = times[groups]
-        R, p = self.obstacles.placements(when)
+        R, p = self.obstacles.placements(times[groups])
         ends = [*starts[1:].tolist(), order.size]
         for k, (begin, end) in enumerate(zip(starts.tolist(), ends, strict=False)):
-            self.narrow.place(rows[groups[k]], float(when[k]), (R[k], p[k]))
+            self.narrow.place(rows[groups[k]], R[k], p[k])
             chosen = order[begin:end]
             yield chosen, pair[chosen].tolist()
 

@@ -40,15 +40,12 @@ class Body:
             ``MovingObstacles``.
         placement: Placement body_to_joint.
         shape: Shape for Coal.
-        part: Index of the robot's collision geometry to which the body belongs; -1 for
-            obstacles.
     """
 
     name: str
     joint: int
     placement: pin.SE3
     shape: Any
-    part: int = -1
 
 
 def mesh_arrays(mesh: Any) -> tuple[Array, IntArray]:

@@ -164,7 +164,7 @@ class GuessRequest:
 def straight_guess(system: ProblemFunctions, q_end: Array) -> Guess:
     """Straight line in joint space, in minimum time if it can be timed."""
     line = np.stack([system.problem.q_start, q_end])
-    return _along_corners(system, line, "straight line")
+    return _along(system, line, "straight line")
 
 
 def _line_guess(system: ProblemFunctions, q_end: Array) -> Guess:
@@ -177,29 +177,12 @@ def _line_guess(system: ProblemFunctions, q_end: Array) -> Guess:
     if keeps or path is None:
         guesses.append(replace(straight_guess(system, q_end), keeps=keeps))
     if path is not None:
-        guesses.append(_along_corners(system, path, WITHIN_CONSTRAINTS))
+        guesses.append(_along(system, path, WITHIN_CONSTRAINTS))
     return min(guesses, key=_pace)
 
 
 def _pace(guess: Guess) -> float:
     return guess.duration if guess.timed else np.inf
-
-
-def _along_corners(system: ProblemFunctions, corners: Array, name: str) -> Guess:
-    """Path along corners, shape (m, n), in minimum time if it can be timed."""
-    velocity = system.problem.robot.limits.velocity
-    return _along(system, RoundedPath.through(corners, velocity), name)
-
-
-def path_guess(system: ProblemFunctions, corners: Array) -> Guess:
-    """Path with rounded corners, in minimum time if it can be timed.
-
-    The polyline of the corners, shape (m, n) [rad or m], is free of collisions; the
-    corners are rounded so that they are free, too.
-    """
-    path = RoundedPath.through(corners, system.problem.robot.limits.velocity)
-    path = path.clear_of_obstacles(lambda q: is_free(system, q))
-    return _along(system, path, SAMPLED)
 
 
 def _moving_guess(system: ProblemFunctions, q_end: Array) -> Guess | None:
@@ -246,7 +229,29 @@ def end_velocity(system: ProblemFunctions, q_end: Array) -> Array:
     return np.asarray(v - np.linalg.pinv(by_v) @ missing)
 
 
-def _along(system: ProblemFunctions, path: RoundedPath, name: str) -> Guess:
+def path_guess(system: ProblemFunctions, corners: Array) -> Guess:
+    """Path with rounded corners, in minimum time if it can be timed.
+
+    The polyline of the corners, shape (m, n) [rad or m], is free of collisions; the
+    corners are rounded so that they are free, too.
+    """
+    return _along(system, corners, SAMPLED, clear=True)
+
+
+def _along(
+    system: ProblemFunctions, corners: Array, name: str, *, clear: bool = False
+) -> Guess:
+    """Path along corners, shape (m, n), in minimum time if it can be timed.
+
+    Args:
+        system: Functions of the problem.
+        corners: The corners, which are rounded.
+        name: Name of the guess.
+        clear: Whether the rounded corners have to be free of collisions.
+    """
+    path = RoundedPath.through(corners, system.problem.robot.limits.velocity)
+    if clear:
+        path = path.clear_of_obstacles(lambda q: is_free(system, q))
     rests = np.all(np.ptp(path.corners, axis=0) <= 1e-12)
     timing = None if rests else time_path(system, path)
     if timing is None:

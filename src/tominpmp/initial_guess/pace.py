@@ -59,7 +59,20 @@ def time_scale(system: ProblemFunctions, q: Array, duration: float) -> float:
     speed = np.ptp(q, axis=0) / (factor * duration)
     joint = int(np.argmax(speed))
     if speed[joint] > FASTEST:
-        raise _unlimited(system, joint, float(np.ptp(q[:, joint])), factor * duration)
+        robot = system.problem.robot
+        unit = unit_of(robot, joint)
+        bounds = control_bounds(robot, system.problem.motion_limits)
+        effort = max(abs(bound[joint]) for bound in bounds)
+        raise ProblemError(
+            f"robot: joint {robot.joint_names[joint]!r} would go "
+            f"{np.ptp(q[:, joint]):.3g} {unit} in {factor * duration:.1e} s, as its "
+            f"limits of velocity ({robot.limits.velocity[joint]:.3g} {unit}/s) and "
+            f"{control_kind(robot).name} ({effort:.3g}) hardly limit it: a "
+            "time-optimal motion needs limits. Expected those of the arm as velocity= "
+            "and effort= of load_robot, limits='datasheet', or an acceleration= of "
+            "MotionLimits",
+            "robot",
+        )
     return factor
 
 
@@ -98,23 +111,3 @@ def load_time_scale(system: ProblemFunctions, t: Array, q: Array) -> float:
         middle = float(np.sqrt(low * high))
         low, high = (low, middle) if feasible(middle) else (middle, high)
     return high
-
-
-def _unlimited(
-    system: ProblemFunctions, joint: int, span: float, duration: float
-) -> ProblemError:
-    """Error for a joint that no limit keeps from moving arbitrarily fast."""
-    robot = system.problem.robot
-    unit = unit_of(robot, joint)
-    limits = robot.limits
-    bounds = control_bounds(robot, system.problem.motion_limits)
-    effort = max(abs(bound[joint]) for bound in bounds)
-    return ProblemError(
-        f"robot: joint {robot.joint_names[joint]!r} would go {span:.3g} {unit} in "
-        f"{duration:.1e} s, as its limits of velocity ({limits.velocity[joint]:.3g} "
-        f"{unit}/s) and {control_kind(robot).name} ({effort:.3g}) hardly limit it: a "
-        "time-optimal motion needs limits. Expected those of the arm as velocity= and "
-        "effort= of load_robot, limits='datasheet', or an acceleration= of "
-        "MotionLimits",
-        "robot",
-    )

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -137,7 +137,7 @@ def _with_waiting(
     if watched is not None:
         checker, far = watched.checker, watched.margin + caution * system.reach
         margin = np.where(checker.moving_pairs, far, ANY_DEPTH)
-    places = _passage(_PathTimePlane(q, step, windows, checker, margin))
+    places = _passage(q, step, windows, checker, margin)
     if places is None:
         return None
     if places.size == count + 1:
@@ -156,70 +156,52 @@ def _forbidden(item: PathConstraint, q: Array) -> tuple[Window, BoolArray]:
     return item.window, np.array(lacks)
 
 
-@dataclass(eq=False)
-class _PathTimePlane:
-    """The plane of places on a path and times: which of its points are free.
+def _passage(
+    q: Array,
+    step: float,
+    windows: list[tuple[Window, BoolArray]],
+    checker: CollisionChecker | None,
+    margin: Array,
+) -> IntArray | None:
+    """The place at each step of the earliest passage; None without a passage.
 
-    Attributes:
+    Args:
         q: Configurations at the places, shape (places, n).
         step: Time step [s].
         windows: Time windows of constraints, and the places that these forbid, shape
             (places,).
         checker: Collision checker of moving obstacles; None without any.
         margin: Margins of the collision pairs, shape (pairs,) [m].
-        checks: Number of configurations checked so far.
     """
-
-    q: Array
-    step: float
-    windows: list[tuple[Window, BoolArray]]
-    checker: CollisionChecker | None
-    margin: Array
-    checks: int = 0
-
-    def free(self, places: BoolArray, number: int) -> BoolArray:
-        """The mask of given places that are free at a time counted in steps."""
-        time = number * self.step
-        out = places.copy()
-        for window, forbidden in self.windows:
-            # The window is widened by a step, to cover the time between two steps.
-            if window.begin - self.step < time < window.end + self.step:
-                out &= ~forbidden
-        if self.checker is None:
-            return out
-        for place in np.flatnonzero(out).tolist():
-            self.checks += 1
-            out[place] = self.checker.is_free(self.q[place], self.margin, time)
-        return out
-
-    def ends(self, number: int) -> bool:
-        """Whether the arm may remain at the end from a time on, counted in steps."""
-        time = number * self.step
-        return all(
-            time >= window.end or not places[-1] for window, places in self.windows
-        )
-
-
-def _passage(plane: _PathTimePlane) -> IntArray | None:
-    """The place at each step of the earliest passage; None without a passage."""
-    here = np.zeros(len(plane.q), dtype=bool)
+    here = np.zeros(len(q), dtype=bool)
     here[0] = True
-    reached = [here]
-    most = int(max(PATIENCE * (len(plane.q) - 1), LONG / plane.step))
-    while not (here[-1] and plane.ends(len(reached) - 1)):
+    reached, time, checks = [here], 0.0, 0
+    most = int(max(PATIENCE * (len(q) - 1), LONG / step))
+    # From this time on the arm may remain at the end.
+    over = max((window.end for window, places in windows if places[-1]), default=0.0)
+    while not (here[-1] and time >= over):
+        time = step * len(reached)
         ahead = here.copy()
         ahead[1:] |= here[:-1]
         ahead[:-1] |= here[1:]
-        here = plane.free(ahead, len(reached))
-        if not here.any() or len(reached) > most or plane.checks > CHECKS:
+        for window, places in windows:
+            # The window is widened by a step, to cover the time between two steps.
+            if window.begin - step < time < window.end + step:
+                ahead &= ~places
+        if checker is not None:
+            tried = np.flatnonzero(ahead)
+            checks += tried.size
+            ahead[tried] = list(checker.each_free(q[tried], margin, time))
+        here = ahead
+        if not here.any() or len(reached) > most or checks > CHECKS:
             return None
         reached.append(here)
     # Traced back from the end with as few waits as possible: the arm waits early.
-    place = len(plane.q) - 1
+    place = len(q) - 1
     passage = [place]
     for before in reversed(reached[:-1]):
         for other in (place - 1, place, place + 1):
-            if 0 <= other < len(plane.q) and before[other]:
+            if 0 <= other < len(q) and before[other]:
                 place = other
                 break
         passage.append(place)

@@ -66,17 +66,14 @@ def _guess(system: ProblemFunctions, request: GuessRequest) -> Guess | None:
         final = single.problem.goal.configuration
         q = first[-1].q[-1] if final is None else final
         v = end_velocity(single, q)
-    t, positions, begin = [np.zeros(1)], [pieces[0].q[:1]], 0.0
-    for guess in pieces:
-        t.append(begin + guess.t[1:])
-        positions.append(guess.q[1:])
-        begin += guess.duration
+    ends = np.cumsum([0.0, *(guess.duration for guess in pieces)])
+    t = [begin + guess.t[1:] for begin, guess in zip(ends[:-1], pieces, strict=True)]
     return Guess(
         pieces[0].name if len({guess.name for guess in pieces}) == 1 else "segments",
-        np.concatenate(t),
-        np.concatenate(positions),
+        np.concatenate([[0.0], *t]),
+        np.concatenate([pieces[0].q[:1], *(guess.q[1:] for guess in pieces)]),
         all(guess.timed for guess in pieces),
-        inner_ends=np.cumsum([guess.duration for guess in pieces])[:-1],
+        inner_ends=ends[1:-1],
     )
 
 

@@ -8,11 +8,12 @@ that fits the transcription is adopted exactly, interval by interval.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import minimize_scalar
 
 from tominpmp.arrays import Array
@@ -69,8 +70,8 @@ class WarmStart(Guess):
         torques_held: Whether the torques are constant on each interval.
         entry: Time of the motion at which the guess begins [s].
         begins: Times of the motion at which the segments begin [s], shape (k,).
-        cubics: Polynomials added to the positions of the segments: coefficients of the
-            powers 0 to 3 of the share of the duration, shape (4, k, n).
+        bend: Curve of time added to the positions, a cubic polynomial on each segment,
+            which leads to the new ends; None if the ends are those of the motion.
         limits: Lower and upper position limits, shape (n,) each.
     """
 
@@ -79,22 +80,16 @@ class WarmStart(Guess):
     torques_held: bool
     entry: float
     begins: Array
-    cubics: Array
+    bend: CubicHermiteSpline | None
     limits: tuple[Array, Array]
 
     def position(self, times: Array) -> Array:
         """Configurations at times, shape (k, n)."""
         k = np.searchsorted(self.inner_ends, times)
         since = times - np.concatenate([[0.0], self.inner_ends])[k]
-        share, c = (since / self.durations[k])[:, None], self.cubics[:, k]
-        added = c[0] + share * (c[1] + share * (c[2] + share * c[3]))
         there = np.clip(self.begins[k] + since, 0.0, self.trajectory.duration)
+        added = 0.0 if self.bend is None else self.bend(times)
         return np.asarray(np.clip(self.trajectory(there).q + added, *self.limits))
-
-    @property
-    def unchanged(self) -> bool:
-        """Whether the guess equals the former motion after its entry."""
-        return not np.any(np.abs(self.cubics) > 1e-9)
 
     @property
     def continuous(self) -> bool:
@@ -109,7 +104,7 @@ class WarmStart(Guess):
         the motion is defined by its torques.
         """
         motion = self.trajectory
-        if not self.unchanged or (self.torques_held and self.entry > 0.0):
+        if self.bend is not None or (self.torques_held and self.entry > 0.0):
             return None
         if self.torques_held:
             return motion
@@ -198,7 +193,7 @@ class WarmStart(Guess):
         if nodes is None:
             nodes = T * nodes_of(interval_shares(kind, intervals)[:, 0])
         transcription = CollocationTranscription(system, np.diff(nodes)[:, None] / T, T)
-        if not self.unchanged:
+        if self.bend is not None:
             z = transcription.start(self.position, T, np.array([T]))
             return _program(transcription, z)
         there = np.clip(self.entry + nodes, 0.0, self.trajectory.duration)
@@ -248,20 +243,14 @@ def warm_start(system: ProblemFunctions, motion: Trajectory | Samples) -> WarmSt
     begins[0] = entry
     # A segment whose goal is met from its beginning has zero duration.
     durations = np.maximum(arrivals - begins, LEAST_DURATION)
-    first, last = plain(begins), plain(arrivals)
-    p, s = np.zeros((2, 2, begins.size, system.n))
-    p[0, 0], s[0, 0] = problem.q_start - first.q[0], system.v_start - first.v[0]
-    for k, part in enumerate(system.segments):
-        goal, v_goal = part.final_configuration, part.final_velocity
-        p[1, k] = 0.0 if goal is None else goal - last.q[k]
-        s[1, k] = 0.0 if v_goal is None else v_goal - last.v[k]
-    p[0, 1:], s[0, 1:] = p[1, :-1], s[1, :-1]
-    (p0, p1), (s0, s1) = p, durations[:, None] * s
-    cubics = np.stack(
-        [p0, s0, 3.0 * (p1 - p0) - 2.0 * s0 - s1, 2.0 * (p0 - p1) + s0 + s1]
-    )
-    cubics[np.abs(cubics) < 1e-12] = 0.0
     ends = np.cumsum(durations)
+    former = plain(np.append(entry, arrivals))
+    goals = [part.final_configuration for part in system.segments]
+    speeds = [part.final_velocity for part in system.segments]
+    p = _missing([problem.q_start, *goals], former.q)
+    s = _missing([system.v_start, *speeds], former.v)
+    # Smaller differences are rounding.
+    same = np.all(np.abs([p, s * durations.max()]) <= 1e-9)
     times = np.linspace(0.0, ends[-1], SAMPLES)
     guess = WarmStart(
         "former motion",
@@ -275,10 +264,16 @@ def warm_start(system: ProblemFunctions, motion: Trajectory | Samples) -> WarmSt
         torques_held=trajectory.inverse_dynamics is None,
         entry=entry,
         begins=begins,
-        cubics=cubics,
+        bend=None if same else CubicHermiteSpline(np.append(0.0, ends), p, s),
         limits=(limits.position_lower, limits.position_upper),
     )
     return replace(guess, q=guess.position(times))
+
+
+def _missing(wanted: Sequence[Array | None], found: Array) -> Array:
+    """Differences of wanted rows from those found, zero where none is wanted."""
+    pairs = zip(wanted, found, strict=True)
+    return np.array([0.0 * row if item is None else item - row for item, row in pairs])
 
 
 def former_motion(problem: Problem, motion: Trajectory | Samples) -> Trajectory:

@@ -17,7 +17,7 @@ base.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -33,7 +33,6 @@ from tominpmp.certificate.dwells import without_dwells
 from tominpmp.certificate.limits import GOAL, SEGMENT, LimitRows
 from tominpmp.certificate.motion import GridMotion
 from tominpmp.checks import instance
-from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.motion.joining import checked_motion
@@ -185,40 +184,19 @@ class SegmentRows:
         sums = np.bincount(self.rows.subject[mask], values[mask], minlength=count)
         return np.asarray(sums, dtype=float)
 
-    def _of_joints(
+    def _of_joint(
         self,
         kind: str,
-        value: Array,
-        limit: Array | None = None,
-        units: list[str] | None = None,
-        *,
-        joints: Iterable[int],
-        places: bool = False,
-        subject: str = "{}",
-    ) -> Iterator[Sensitivity]:
-        """Records of some joints.
-
-        Args:
-            kind: Kind of the records.
-            value: Values by joint, shape (n,).
-            limit: The limits, if they are numbers, shape (n,).
-            units: Units of the limits.
-            joints: Indices of the joints.
-            places: Whether values are derivatives with respect to positions; otherwise
-                with respect to shares of limits.
-            subject: Subject of the records, with braces for the name of the joint.
-        """
-        names, position_units = self._robot.joint_names, self._units(POSITION)
-        for joint in joints:
-            yield Sensitivity(
-                kind,
-                names[joint],
-                subject.format(names[joint]),
-                float(value[joint]),
-                f"1/{position_units[joint]}" if places else "",
-                None if limit is None else float(limit[joint]),
-                "" if units is None else units[joint],
-            )
+        joint: int,
+        value: float,
+        limit: float | None = None,
+        limit_unit: str = "",
+        unit: str = "",
+    ) -> Sensitivity:
+        """Record of a joint, with the attributes of :class:`Sensitivity`."""
+        name = self._robot.joint_names[joint]
+        limit = None if limit is None else float(limit)
+        return Sensitivity(kind, name, name, float(value), unit, limit, limit_unit)
 
     # -- limits ------------------------------------------------------------------------
 
@@ -240,19 +218,17 @@ class SegmentRows:
         gain, upper = rows.value, rows.upper_active
         for item in joint_limits(*of_arm):
             kind, most = item.kind, efforts if item.kind.quantity == "u" else item.upper
+            units = self._units(kind)
             sides = [(kind.name, most, gain * used)]
             if kind.quantity == "q":
                 sides = [("upper position", most, gain * upper)]
                 sides.append(("lower position", item.lower, gain * ~upper))
             for name, limit, values in sides:
-                yield from self._of_joints(
-                    name,
-                    0.0 - self._sums(kind.name, values, limit.size),
-                    limit,
-                    self._units(kind),
-                    joints=np.flatnonzero(np.isfinite(limit)),
-                    places=kind.quantity == "q",
-                )
+                value = 0.0 - self._sums(kind.name, values, limit.size)
+                for j in np.flatnonzero(np.isfinite(limit)).tolist():
+                    # Positions may be zero, and have no derivative by a share.
+                    per = f"1/{units[j]}" if kind.quantity == "q" else ""
+                    yield self._of_joint(name, j, value[j], limit[j], units[j], per)
             for joint, bound in item.by_speed.items():
                 yield from self._over_speed(kind, joint, bound)
 
@@ -260,14 +236,14 @@ class SegmentRows:
         self, kind: LimitKind, joint: int, bound: Any
     ) -> Iterator[Sensitivity]:
         """Sensitivities to all parameters of a torque-speed limit."""
-        motion, name, rows = self.motion, self._robot.joint_names[joint], self.rows
+        motion, rows = self.motion, self.rows
         rows = rows.selected(rows.of(kind.name) & (rows.subject == joint))
         v, u = motion.states(rows.at).v, motion.torques(rows.at)
         each = rows.y / kind.scale(bound, float(motion.system.effort_half[joint]))
         shifts = kind.shifts(bound, u[:, joint], v[:, joint])
-        limit = (float(bound), self._units(kind)[joint]) if kind.numbers else ()
+        limit = (bound, self._units(kind)[joint]) if kind.numbers else ()
         for parameter, by in shifts.items():
-            yield Sensitivity(parameter, name, name, -float(each @ by), "", *limit)
+            yield self._of_joint(parameter, joint, -float(each @ by), *limit)
 
     def _clearances(self) -> Iterator[Sensitivity]:
         """Clearances by obstacle, by pair of links, and the margin of all pairs."""
@@ -331,8 +307,8 @@ class SegmentRows:
             ("friction", robot.friction, torques.way, self._units(EFFORT)),
         ):
             value = np.sum(torques.weight * coefficient * factor, axis=0)
-            joints = np.flatnonzero(coefficient)
-            yield from self._of_joints(kind, value, coefficient, units, joints=joints)
+            for j in np.flatnonzero(coefficient).tolist():
+                yield self._of_joint(kind, j, value[j], coefficient[j], units[j])
 
     # -- positions of the goal, of obstacles and of the base ---------------------------
 
@@ -345,15 +321,11 @@ class SegmentRows:
             subject = "goal" if name is None else f"frame {name}"
             yield _of_position("goal", subject + of_segment, -self._base_of_goal[:3])
             return
-        yield from self._of_joints(
-            "goal",
-            0.0 - self._sums(GOAL, self.rows.y, 0),
-            goal.configuration,
-            self._units(POSITION),
-            joints=range(self._robot.n),
-            places=True,
-            subject="{}" + of_segment,
-        )
+        value = 0.0 - self._sums(GOAL, self.rows.y, 0)
+        for j, unit in enumerate(self._units(POSITION)):
+            at = goal.configuration[j], unit, f"1/{unit}"
+            item = self._of_joint("goal", j, value[j], *at)
+            yield replace(item, subject=item.subject + of_segment)
 
     def _by_base(self, cost: Callable[[Robot], float]) -> Array:
         """Derivatives of a cost by a displacement of the base, shape (6,)."""
@@ -404,23 +376,15 @@ class SegmentRows:
         out[3:] += np.cross(self._by_gravity, self._robot.gravity)
         return np.asarray(out + self._by_base(self._cost_of_constraints))
 
-    @cached_property
-    def _active_constraints(self) -> list[tuple[PathConstraint, LimitRows]]:
-        """Constraints of the problem with active rows, and these rows."""
-        every = self.rows.selected(np.abs(self.rows.y) > NOTHING)
-        active = []
-        for index, item in enumerate(self._problem.constraints):
-            rows = every.selected(every.of(item.name) & (every.subject == index))
-            if rows.subject.size:
-                active.append((item, rows))
-        return active
-
     def _cost_of_constraints(self, robot: Robot) -> float:
         """Sum of constraint values for a changed robot, weighted by multipliers."""
+        every = self.rows.selected(np.abs(self.rows.y) > NOTHING)
         total = 0.0
-        for item, rows in self._active_constraints:
-            values = item.on(robot).evaluate(self.motion.states(rows.at))
-            total += float(rows.y @ values[np.arange(rows.y.size), rows.component])
+        for index, item in enumerate(self._problem.constraints):
+            rows = every.selected(every.of(item.name) & (every.subject == index))
+            if rows.y.size:
+                values = item.on(robot).evaluate(self.motion.states(rows.at))
+                total += float(rows.y @ values[np.arange(rows.y.size), rows.component])
         return total
 
 
