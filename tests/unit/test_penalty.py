@@ -68,9 +68,10 @@ def test_violations_fall_as_the_weight_grows():
     least = MinimumTime.of(options)
     loop = Loop(nlp, least, Iterate.of(nlp, z, 0.0))
     durations, violations = [], []
-    for raises in (1, 2, 3):
+    for weight in (300.0, 3e3, 3e4):
+        weights = step.first_weights(weight, nlp.rows.kinds)
         for _ in range(8):  # to the bottom of each
-            loop.state = replace(loop.state, raises=raises)
+            loop.state = replace(loop.state, weights=weights)
             step(loop)
         durations.append(loop.state.duration)
         violations.append(loop.state.violation)
