@@ -6,6 +6,7 @@ import itertools
 import time
 
 import numpy as np
+import pytest
 from guess_samples import END, START, fine, maze, wall
 
 import tominpmp as tm
@@ -17,6 +18,7 @@ from tominpmp.initial_guess.rrt import (
     sample_path,
     sample_paths,
 )
+from tominpmp.stopping import Deadline, Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 
@@ -94,13 +96,12 @@ def test_searches_without_a_path_are_followed_by_longer_ones(tmp_path):
 
 
 def test_no_path_once_the_time_is_up(tmp_path):
-    past = time.perf_counter() - 1.0
-    system = zigzag(tmp_path)
-    assert sample_path(system, np.array(END), 1, deadline=past) is None
-    rng, searches = np.random.default_rng(0), PathSearches()
-    paths = sample_paths(system, [np.array(END)], rng, searches=searches, deadline=past)
+    system, searches, past = zigzag(tmp_path), PathSearches(), Deadline()
+    past.end = time.perf_counter() - 1.0
+    with past.in_force(), pytest.raises(Stop):
+        sample_path(system, np.array(END), 1, searches)
     # A search that was cut short says nothing about the obstacles.
-    assert not list(paths) and not searches.impasse
+    assert not searches.impasse
 
 
 def test_no_path_to_an_end_in_collision(tmp_path):

@@ -148,7 +148,6 @@ class GuessRequest:
         rng: Random numbers.
         duration: Duration of the guess at rest [s]; None for the duration of the
             fastest line, of those that satisfy the constraints if there are any.
-        deadline: When to stop sampling, as a value of :func:`time.perf_counter` [s].
         beyond: Constraints on positions that hold from the goal on.
         searches: Success of the searches for paths, which further ones update.
     """
@@ -156,7 +155,6 @@ class GuessRequest:
     count: int
     rng: np.random.Generator
     duration: float | None = None
-    deadline: float = np.inf
     beyond: Sequence[PathConstraint] = ()
     searches: PathSearches = field(default_factory=PathSearches)
 
@@ -421,9 +419,8 @@ def sampled_guesses(
     The number of paths depends on the obstacles. If the first path takes at most
     ``enough`` [s], it is not compared with others.
     """
-    rng, deadline = request.rng, request.deadline
     paths = sample_paths(
-        system, ends, rng, known=known, searches=request.searches, deadline=deadline
+        system, ends, request.rng, known=known, searches=request.searches
     )
     guesses: Iterator[Guess] = (path_guess(system, path) for path in paths)
     first = next(guesses, None)

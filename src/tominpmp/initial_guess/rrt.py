@@ -12,7 +12,6 @@ Distances in the trees approximate times: slow joints have a larger weight.
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -23,6 +22,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.kinematics import unit_of
+from tominpmp.stopping import check
 from tominpmp.transcription.problem_functions import PADDING, ProblemFunctions
 
 # Longest branches of the trees [rad of a joint of median speed].
@@ -57,7 +57,7 @@ FreeCheck = Callable[[Array], Iterator[bool]]
 
 
 class _BudgetSpent(Exception):
-    """Raised once the collision checks of a path, or the time, are used up."""
+    """Raised once the collision checks of a path are used up."""
 
 
 @dataclass
@@ -66,7 +66,7 @@ class PathSearches:
 
     Attributes:
         found: Whether a path is known.
-        impasse: A clause on the first search without a path; may be empty.
+        impasse: A clause on the first search without a path; empty once one is known.
         checks: Most collision checks of each search. They are doubled if none of
             several searches has found a path.
     """
@@ -106,7 +106,6 @@ def sample_paths(
     *,
     known: Sequence[Array] = (),
     searches: PathSearches | None = None,
-    deadline: float = np.inf,
 ) -> Iterator[Array]:
     """Distinct paths from the start of a problem to given free ends in turn.
 
@@ -117,13 +116,15 @@ def sample_paths(
         system: Start, limits and clearance.
         ends: Final configurations, each of shape (n,) [rad or m]; ends in collision
             are left out.
-        rng: Random numbers; the paths depend only on them unless time runs out.
+        rng: Random numbers; the paths depend only on them.
         known: Known free paths, each of shape (m, n); paths alike to them are left out.
         searches: Success of the searches so far, which these ones update.
-        deadline: When to stop, as a value of :func:`time.perf_counter` [s].
 
     Yields:
         Corners of a path, shape (m, n). The search is lazy.
+
+    Raises:
+        Stop: If it is time to stop.
     """
     paths = list(known)
     searches = PathSearches() if searches is None else searches
@@ -131,12 +132,10 @@ def sample_paths(
     ends = [q for q in ends if is_free(system, q)]
     failures = number = 0
     while ends and failures < TRIES + len(ends):
-        if time.perf_counter() > deadline:
-            return
         end = ends[number % len(ends)]
         number += 1
         seed = int(rng.integers(1, 2**31))
-        path = sample_path(system, end, seed, searches, deadline)
+        path = sample_path(system, end, seed, searches)
         failures += FAILED if path is None else 1
         if path is None or any(alike(system, path, other) for other in paths):
             continue
@@ -152,7 +151,6 @@ def sample_path(
     q_end: Array,
     seed: int,
     searches: PathSearches | None = None,
-    deadline: float = np.inf,
 ) -> Array | None:
     """A collision-free path, shortened.
 
@@ -161,26 +159,27 @@ def sample_path(
         q_end: Final configuration, shape (n,) [rad or m].
         seed: Seed of the random numbers.
         searches: Success of the searches so far, which this one updates.
-        deadline: When to stop, as a value of :func:`time.perf_counter` [s].
 
     Returns:
         Corners, shape (m, n); None if no path was found.
+
+    Raises:
+        Stop: If it is time to stop.
     """
     q_start, rng = system.problem.q_start, np.random.default_rng(seed)
     if not (is_free(system, q_start) and is_free(system, q_end)):
         return None
     searches = PathSearches() if searches is None else searches
-    space = _Space(system, q_end, searches.checks, deadline)
+    space = _Space(system, q_end, searches.checks)
     trees = [_Tree(end) for end in space.ends]
     try:
         path = _connected(space, trees, rng)
     except _BudgetSpent:
-        # A search that was cut short early says nothing about the obstacles.
-        if not searches.found and space.budget < searches.checks // 2:
+        if not searches.found:
             grown = [tree.q * space.unit for tree in trees]
             searches.impasse = searches.impasse or _impasse(system, grown)
         return None
-    searches.found = True
+    searches.found, searches.impasse = True, ""
     corners = _shortened(space, path, rng) * space.unit
     corners[0], corners[-1] = q_start, q_end
     return corners
@@ -193,7 +192,6 @@ class _Space:
         system: Start, limits and clearance.
         q_end: Final configuration, shape (n,) [rad or m].
         checks: Number of collision checks after which :class:`_BudgetSpent` is raised.
-        deadline: When it is raised, as a value of :func:`time.perf_counter` [s].
 
     Attributes:
         unit: Displacement of each joint that has length 1, shape (n,): 1 rad, or the
@@ -204,9 +202,7 @@ class _Space:
         budget: Collision checks that are left.
     """
 
-    def __init__(
-        self, system: ProblemFunctions, q_end: Array, checks: int, deadline: float
-    ) -> None:
+    def __init__(self, system: ProblemFunctions, q_end: Array, checks: int) -> None:
         limits, scale = system.problem.robot.limits, system.step_scale
         pace = limits.velocity / scale
         median = np.median(pace)
@@ -218,16 +214,16 @@ class _Space:
         self.lower = np.maximum(low, self.ends.min(axis=0) - beyond)
         self.upper = np.minimum(high, self.ends.max(axis=0) + beyond)
         self._radian = scale / self.unit
-        self._check, self.budget, self._deadline = _check_of(system), checks, deadline
+        self._check, self.budget = _check_of(system), checks
 
     def each_free(self, points: Array) -> Iterator[bool]:
         """Yield for each point, shape (m, n), whether it is free.
 
         Raises:
-            _BudgetSpent: If the collision checks or the time are used up.
+            _BudgetSpent: If the collision checks are used up.
+            Stop: If it is time to stop.
         """
-        if time.perf_counter() > self._deadline:
-            raise _BudgetSpent
+        check()
         for free in self._check(points * self.unit):
             self.budget -= 1
             if self.budget < 0:
@@ -350,7 +346,7 @@ def _connected(
         rng: Random numbers.
 
     Raises:
-        _BudgetSpent: If the collision checks or the time are used up.
+        _BudgetSpent: If the collision checks are used up.
     """
     if space.is_free_along(space.ends):
         return space.ends

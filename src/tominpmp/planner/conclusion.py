@@ -286,9 +286,7 @@ def _message(
 def _reason(state: PlanState) -> str:
     """What stood in the way of a plan without a motion, in a clause; or empty."""
     with contextlib.suppress(Stop), state.saving():
-        searches = state.searches
-        impasse = "" if searches.found else searches.impasse
-        return impasse or hindrance(state.problem)
+        return state.searches.impasse or hindrance(state.problem)
     return ""
 
 

@@ -174,11 +174,6 @@ class PlanState:
         return time.perf_counter() - self._begin
 
     @property
-    def end_time(self) -> float:
-        """Instant when the planning time is used up, by ``time.perf_counter`` [s]."""
-        return self._begin + self._limit
-
-    @property
     def remaining_time(self) -> float:
         """Planning time left for the next candidate [s], always positive."""
         return max(self._until - self.seconds, 1e-3)

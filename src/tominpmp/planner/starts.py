@@ -141,9 +141,7 @@ def starts(
     if searched and not system.in_free_space:
         most = max(most, usual + MOST_PATHS)
     make = segmented_guesses if system.parts else guesses_of
-    request = GuessRequest(
-        most, rng, options.initial_duration, state.end_time, searches=state.searches
-    )
+    request = GuessRequest(most, rng, options.initial_duration, searches=state.searches)
     guesses = make(system, request)
     first = next(guesses, None)
     if first is None:
@@ -401,7 +399,7 @@ def _beatable(system: ProblemFunctions, state: PlanState) -> bool:
         return False
     options = state.options
     rng = np.random.default_rng(options.seed)
-    request = GuessRequest(1, rng, options.initial_duration, state.end_time)
+    request = GuessRequest(1, rng, options.initial_duration)
     guess = next(initial_guesses(system, request), None)
     if guess is None or not guess.timed:
         return False

@@ -125,9 +125,8 @@ class Waves:
     def _begin(self) -> None:
         """Prepare the sources of starts."""
         system, options = self.system, self.options
-        count, end = MOST_WAVES * WAVE, self.state.end_time
-        rng, duration = self._rng(GUESS), options.initial_duration
-        guesses = guesses_of(system, GuessRequest(count, rng, duration, end))
+        count, rng = MOST_WAVES * WAVE, self._rng(GUESS)
+        guesses = guesses_of(system, GuessRequest(count, rng, options.initial_duration))
         first = next(guesses, None)
         if first is None:
             return
