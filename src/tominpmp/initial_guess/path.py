@@ -15,10 +15,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline, PPoly
 
 from tominpmp.arrays import Array
 
@@ -105,23 +103,25 @@ class RoundedPath:
         """Derivatives q' on the pieces, shape (m - 1, n)."""
         return np.asarray(np.diff(self.corners, axis=0) / np.diff(self.s)[:, None])
 
-    @cached_property
-    def _curves(self) -> tuple[PPoly, PPoly, PPoly]:
-        """Displacements from the first corner and their derivatives q' and q'' by s.
-
-        The derivative q' is constant on straight pieces, with smooth steps at corners.
-        """
-        s = np.stack([self.s - self.radii, self.s + self.radii], axis=1).ravel()
-        # Roundings may meet, and begin and end where the path does.
-        s, kept = np.unique(s[1:-1], return_index=True)
-        values = np.repeat(self._slopes, 2, axis=0)[kept]
-        first = CubicHermiteSpline(s, values, np.zeros_like(values))
-        return first.antiderivative(), first, first.derivative()
-
     def evaluate(self, s: Array) -> tuple[Array, Array, Array]:
         """Configurations q and their derivatives q' and q'' by s, shapes (k, n)."""
-        moved, first, second = (np.asarray(curve(s)) for curve in self._curves)
-        return self.corners[0] + moved, first, second
+        slopes = self._slopes
+        piece = np.searchsorted(self.s, s, side="right") - 1
+        piece = np.clip(piece, 0, len(slopes) - 1)
+        q = self.corners[piece] + (s - self.s[piece])[:, None] * slopes[piece]
+        first, second = slopes[piece], np.zeros_like(q)
+        for k in range(1, self.s.size - 1):
+            radius = float(self.radii[k])
+            inside = np.abs(s - self.s[k]) < radius
+            if radius <= 0.0 or not np.any(inside):
+                continue
+            jump = slopes[k] - slopes[k - 1]
+            u = ((s[inside] - self.s[k]) / radius)[:, None]
+            lag = 3.0 / 16.0 + u * (0.5 + u * (0.375 - u * u / 16.0))
+            q[inside] += radius * (lag - np.maximum(u, 0.0)) * jump
+            first[inside] = slopes[k - 1] + (0.5 + u * (0.75 - 0.25 * u * u)) * jump
+            second[inside] = 0.75 * (1.0 - u * u) / radius * jump
+        return q, first, second
 
     def grid(self, points: int, corner_points: int) -> Array:
         """Grid of s for timing, finer at the ends and in the rounded corners."""

@@ -17,7 +17,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 
 from tominpmp.arrays import Array
 from tominpmp.constraints.base import States
@@ -57,8 +56,12 @@ class PathTiming:
 
     def position(self, times: Array) -> Array:
         """Configurations at times, shape (k, n); s'' is constant on each interval."""
-        # The cubic terms vanish, as the speed is linear in time.
-        s = CubicHermiteSpline(self.t, self.s, np.sqrt(self.x))(times)
+        index = np.searchsorted(self.t, times, side="right") - 1
+        index = np.clip(index, 0, self.t.size - 2)
+        step = times - self.t[index]
+        speed = np.sqrt(self.x)
+        slope = (speed[index + 1] - speed[index]) / (self.t[index + 1] - self.t[index])
+        s = self.s[index] + step * (speed[index] + 0.5 * step * slope)
         return self.path.evaluate(np.clip(s, 0.0, 1.0))[0]
 
 
