@@ -28,7 +28,7 @@ def zigzag(folder):
 
 def test_a_path_leads_through_a_maze(tmp_path):
     system = zigzag(tmp_path)
-    path = sample_path(system, np.array(END), seed=1)
+    path = sample_path(system, np.array(END), 1, PathSearches())
     np.testing.assert_array_equal(path[[0, -1]], [START, END])
     points = fine(path)
     # Branches are checked every 0.05 of the reach; between these a corner may be cut.
@@ -40,7 +40,10 @@ def test_a_path_leads_through_a_maze(tmp_path):
 
 def test_a_path_depends_on_its_seed_alone(tmp_path):
     system = zigzag(tmp_path)
-    paths = [sample_path(system, np.array(END), seed) for seed in (3, 3, 4, 3)]
+    paths = [
+        sample_path(system, np.array(END), seed, PathSearches())
+        for seed in (3, 3, 4, 3)
+    ]
     np.testing.assert_array_equal(paths[0], paths[1])
     np.testing.assert_array_equal(paths[0], paths[3])
     assert paths[0].shape != paths[2].shape or not np.allclose(paths[0], paths[2])
@@ -55,7 +58,7 @@ def test_an_arm_reaches_around_a_ball(planar3r):
     )
     line = fine(np.stack([system.problem.q_start, goal.q]))
     assert not all(is_free(system, q) for q in line)
-    path = sample_path(system, goal.q, seed=1)
+    path = sample_path(system, goal.q, 1, PathSearches())
     assert max(system.clearance.values(fine(path), np.inf).max(), 0.0) < 0.02
     limits = planar3r.limits
     assert np.all((path >= limits.position_lower) & (path <= limits.position_upper))
@@ -68,14 +71,14 @@ def test_joints_may_have_next_to_no_room():
     start, end = np.full(3, -0.004), np.full(3, 0.004)
     arm = tm.load_robot("planar3r", **room)
     problem = tm.Problem(arm, start, tm.JointGoal(end), scene=scene)
-    path = sample_path(ProblemFunctions.of(problem), end, seed=1)
+    path = sample_path(ProblemFunctions.of(problem), end, 1, PathSearches())
     np.testing.assert_array_equal(path, [start, end])
 
 
 def test_no_path_through_a_closed_wall(tmp_path):
     system = maze(tmp_path, wall("closed", 0.0, -3.0, 3.0))
     rng, searches = np.random.default_rng(0), PathSearches(checks=500)
-    assert not list(sample_paths(system, [np.array(END)], rng, searches=searches))
+    assert not list(sample_paths(system, [np.array(END)], rng, searches))
     assert not searches.found
     assert "no path around the obstacles was found: from the " in searches.impasse
     assert "joint 'x' came no farther than " in searches.impasse
@@ -87,9 +90,7 @@ def test_searches_without_a_path_are_followed_by_longer_ones(tmp_path):
     """Searches of equal length failed one after the other."""
     system, searches = zigzag(tmp_path), PathSearches(checks=50)
     rng, ends, failed = np.random.default_rng(0), [np.array(END)], 0
-    while (
-        path := next(sample_paths(system, ends, rng, searches=searches), None)
-    ) is None:
+    while (path := next(sample_paths(system, ends, rng, searches), None)) is None:
         failed += 1
     assert failed and searches.found and path is not None
     assert searches.checks > 50
@@ -107,16 +108,16 @@ def test_no_path_once_the_time_is_up(tmp_path):
 def test_no_path_to_an_end_in_collision(tmp_path):
     system = zigzag(tmp_path)
     inside = np.array([0.6, 0.0])
-    assert sample_path(system, inside, 1) is None
+    assert sample_path(system, inside, 1, PathSearches()) is None
     ends = [inside, np.array(END)]
-    path = next(sample_paths(system, ends, np.random.default_rng(0)))
+    path = next(sample_paths(system, ends, np.random.default_rng(0), PathSearches()))
     np.testing.assert_array_equal(path[-1], END)
 
 
 def test_paths_around_a_block_pass_on_both_sides(tmp_path):
     system = maze(tmp_path, wall("block", 0.0, -0.8, 0.8))
     rng = np.random.default_rng(0)
-    paths = list(sample_paths(system, [np.array(END)], rng))
+    paths = list(sample_paths(system, [np.array(END)], rng, PathSearches()))
     heights = [np.interp(0.0, fine(p)[:, 0], fine(p)[:, 1]) for p in paths]
     assert min(heights) < -0.8 and max(heights) > 0.8
     for one, other in itertools.combinations(paths, 2):
@@ -128,7 +129,7 @@ def test_ends_take_turns_and_the_order_is_reproducible(tmp_path):
     ends = [np.array(END), np.array((1.5, -1.5))]
 
     def two():
-        paths = sample_paths(system, ends, np.random.default_rng(7))
+        paths = sample_paths(system, ends, np.random.default_rng(7), PathSearches())
         return list(itertools.islice(paths, 2))
 
     one, other = two(), two()
@@ -141,7 +142,9 @@ def test_known_paths_are_not_found_again(tmp_path):
     system = maze(tmp_path, wall("block", 0.0, -0.8, 0.8))
     over = np.array([START, (0.0, 1.4), END])
     rng = np.random.default_rng(0)
-    paths = list(sample_paths(system, [np.array(END)], rng, known=[over]))
+    paths = list(
+        sample_paths(system, [np.array(END)], rng, PathSearches(), known=[over])
+    )
     assert paths and all(not alike(system, over, path) for path in paths)
 
 
@@ -167,5 +170,5 @@ def test_searches_for_further_paths_say_nothing(tmp_path):
     system = maze(tmp_path, wall("closed", 0.0, -3.0, 3.0))
     ends, known = [np.array(END)], [np.array([START, END])]
     rng, searches = np.random.default_rng(0), PathSearches(checks=500)
-    paths = sample_paths(system, ends, rng, known=known, searches=searches)
+    paths = sample_paths(system, ends, rng, searches, known=known)
     assert not list(paths) and not searches.impasse

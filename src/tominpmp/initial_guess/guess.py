@@ -322,7 +322,7 @@ def initial_guesses(system: ProblemFunctions, request: GuessRequest) -> Iterator
 
     Args:
         system: Functions of the problem.
-        request: Number of guesses, random numbers, deadline and further constraints.
+        request: Number of guesses, random numbers and further constraints.
 
     Yields:
         At most ``request.count`` guesses; no guess if inverse kinematics did not
@@ -419,9 +419,7 @@ def sampled_guesses(
     The number of paths depends on the obstacles. If the first path takes at most
     ``enough`` [s], it is not compared with others.
     """
-    paths = sample_paths(
-        system, ends, request.rng, known=known, searches=request.searches
-    )
+    paths = sample_paths(system, ends, request.rng, request.searches, known=known)
     guesses: Iterator[Guess] = (path_guess(system, path) for path in paths)
     first = next(guesses, None)
     if first is None:

@@ -103,9 +103,9 @@ def sample_paths(
     system: ProblemFunctions,
     ends: Sequence[Array],
     rng: np.random.Generator,
+    searches: PathSearches,
     *,
     known: Sequence[Array] = (),
-    searches: PathSearches | None = None,
 ) -> Iterator[Array]:
     """Distinct paths from the start of a problem to given free ends in turn.
 
@@ -117,8 +117,8 @@ def sample_paths(
         ends: Final configurations, each of shape (n,) [rad or m]; ends in collision
             are left out.
         rng: Random numbers; the paths depend only on them.
-        known: Known free paths, each of shape (m, n); paths alike to them are left out.
         searches: Success of the searches so far, which these ones update.
+        known: Known free paths, each of shape (m, n); paths alike to them are left out.
 
     Yields:
         Corners of a path, shape (m, n). The search is lazy.
@@ -127,7 +127,6 @@ def sample_paths(
         Stop: If it is time to stop.
     """
     paths = list(known)
-    searches = PathSearches() if searches is None else searches
     searches.found |= bool(paths)
     ends = [q for q in ends if is_free(system, q)]
     failures = number = 0
@@ -150,7 +149,7 @@ def sample_path(
     system: ProblemFunctions,
     q_end: Array,
     seed: int,
-    searches: PathSearches | None = None,
+    searches: PathSearches,
 ) -> Array | None:
     """A collision-free path, shortened.
 
@@ -169,7 +168,6 @@ def sample_path(
     q_start, rng = system.problem.q_start, np.random.default_rng(seed)
     if not (is_free(system, q_start) and is_free(system, q_end)):
         return None
-    searches = PathSearches() if searches is None else searches
     space = _Space(system, q_end, searches.checks)
     trees = [_Tree(end) for end in space.ends]
     try:

@@ -108,10 +108,10 @@ class RowExchange:
         given_up = loop.dropped or loop.callback_status is Status.STALLED
         if status in STOPPED or given_up or state.duration > self.longest:
             return False
-        if status is Status.INFEASIBLE and loop.best is None:
-            return False
         if status is not None:
-            return loop.best is not None or state.violation <= FAR
+            # More rows make an infeasible program no better.
+            near = status is not Status.INFEASIBLE and state.violation <= FAR
+            return loop.best is not None or near
         # Without an accepted step a check would find the same violations again.
         moved = loop.outcome is not None and loop.outcome.accepted
         if not (moved and state.gains) or state.violation > FAR:

@@ -62,7 +62,7 @@ class PenaltyRound:
     Each quasi-Newton iteration has a record.
 
     Attributes:
-        first: The initial iterate, whose duration scales weights and bounds.
+        first: The initial iterate, whose duration scales units and bounds.
         most: Most quasi-Newton iterations of all rounds.
     """
 
