@@ -29,8 +29,18 @@ LONGEST = 3000
 # Largest number of faults that a message names.
 MOST_NAMED = 5
 
-# It formats only the first items, so that a list of millions costs nothing.
-_repr = reprlib.Repr()
+
+class _Repr(reprlib.Repr):
+    """Formats only the first items, so that a list of millions costs nothing."""
+
+    def repr1(self, x: object, level: int) -> str:
+        """Show a number of NumPy as a plain number: 1.5, not np.float64(1.5)."""
+        numpy = sys.modules.get("numpy")  # not imported for messages alone
+        plain = x.item() if numpy and isinstance(x, numpy.generic) else x
+        return super().repr1(plain, level)
+
+
+_repr = _Repr()
 _repr.maxlevel, _repr.maxother = 4, 10 * BRIEF
 _repr.maxlist = _repr.maxtuple = _repr.maxset = _repr.maxfrozenset = 8
 _repr.maxstring = _repr.maxlong = BRIEF
@@ -54,7 +64,7 @@ def brief(value: object, most: int = BRIEF) -> str:
     """Show a value in a message: its ``repr`` on one line, cut to the given length."""
     try:
         if isinstance(value, str):
-            text = repr(value[:most]) if len(value) > most else repr(value)
+            text = repr(str(value[:most]))
         else:
             text = " ".join(_repr.repr(value).split())
     except Exception:  # a foreign __repr__ may raise anything, huge integers do

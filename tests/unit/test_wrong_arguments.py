@@ -191,6 +191,9 @@ def test_brief_shows_anything_on_one_line() -> None:
         assert "\n" not in text
     assert brief("tip") == "'tip'"
     assert brief(0.5) == "0.5"
+    numbers = [np.float64(0.5), (np.int32(2), np.bool_(True))]
+    assert brief(numbers) == "[0.5, (2, True)]"
+    assert brief(np.str_("tip")) == "'tip'"
 
 
 def test_messages_are_bounded_whatever_they_say() -> None:
