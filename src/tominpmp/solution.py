@@ -276,6 +276,13 @@ class Solution:
             raise PlanningFailed(self)
         return self
 
+    def _step_of_rows(self, dt: float | None) -> float | None:
+        """Time between the rows of a file [s]: dt, or the control period of the plan.
+
+        None, if there is neither, stands for the nodes of the motion.
+        """
+        return self.options.control_period if dt is None else dt
+
     def _motion(self) -> Trajectory:
         if self.trajectory is None:
             raise ProblemError(f"there is no motion: {self.message}", "trajectory")
@@ -398,8 +405,7 @@ class Solution:
         from tominpmp.files.export_check import check_export
 
         flag(verify, "verify")
-        dt = self.options.control_period if dt is None else dt
-        motion = self._motion()
+        dt, motion = self._step_of_rows(dt), self._motion()
         path = export(motion, path, dt=dt, with_effort=with_effort, message=message)
         if verify and self.success:
             check = check_export(self, path, dt=dt)

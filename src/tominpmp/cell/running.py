@@ -20,7 +20,6 @@ from tominpmp.cli.output_files import (
     PLOT_ENDINGS,
     check_period,
     check_target,
-    judged,
 )
 from tominpmp.cli.report import json_text, rows_text
 from tominpmp.cli.signals import present
@@ -36,6 +35,7 @@ from tominpmp.cli.terminal import (
 from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import ScenarioError
+from tominpmp.files.export_check import check_export
 from tominpmp.files.records import blaming
 from tominpmp.files.scenario import SECTIONS, read_toml
 from tominpmp.options import Options
@@ -219,7 +219,7 @@ def _write(tour: Tour, args: TourOptions) -> tuple[list[Path], str]:
     if args.output is not None:
         whole = tour._solution()
         whole.export(args.output, dt=args.dt, verify=False)
-        judgement = judged(whole, args.output, args.dt)
+        judgement = check_export(whole, args.output, dt=args.dt)
         fault = "" if judgement.ok else judgement.message
     if args.plot is not None:
         tour.plot(args.plot)

@@ -129,23 +129,10 @@ def write_files(
 
 def _export(solution: Solution, options: PlanOptions, path: Path) -> ExportCheck:
     """Write the motion to a file, and judge the file."""
-    _write_motion(solution, options, path)
-    return judged(solution, path, options.dt)
-
-
-def judged(solution: Solution, path: Path, dt: float | None) -> ExportCheck:
-    """Judge the file of a motion.
-
-    Args:
-        solution: The plan.
-        path: The file.
-        dt: Time between its rows [s]; None if it has the control period of the plan, or
-            its nodes.
-    """
     from tominpmp.files.export_check import check_export
 
-    period = solution.options.control_period
-    return check_export(solution, path, dt=period if dt is None else dt)
+    _write_motion(solution, options, path)
+    return check_export(solution, path, dt=options.dt)
 
 
 def _write_motion(solution: Solution, options: PlanOptions, path: Path) -> Path:

@@ -184,7 +184,7 @@ def check_export(
     motion = solution.trajectory
     if motion is None:
         raise ProblemError(f"there is no motion: {solution.message}", "trajectory")
-    path = checked_path(path)
+    path, dt = checked_path(path), solution._step_of_rows(dt)
     judge = partial(_verified, solution, motion)
     check = _check(solution.problem, path, judge)
     if not check.violations:
