@@ -1,4 +1,4 @@
-"""Meshes of links and obstacles in millimetres are told of; those in metres are not."""
+"""Meshes, obstacles and loads in millimetres are told of; those in metres are not."""
 
 from __future__ import annotations
 
@@ -72,3 +72,10 @@ def test_obstacles_in_metres(obstacle: tm.Obstacle) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         tm.Scene([obstacle])
+
+
+def test_centres_of_mass_in_millimetres_are_told_of() -> None:
+    with pytest.warns(tm.TominpmpWarning, match="com is 80 m .* millimetres") as told:
+        tm.Payload(1.0, "tip", com=(0.0, 0.0, 80.0))
+    assert told[0].filename == __file__
+    tm.Payload(1.0, "tip", com=(0.0, 0.0, 0.08))

@@ -35,12 +35,14 @@ from tominpmp.description.tree import (
     Shape,
     UrdfDescription,
 )
-from tominpmp.exceptions import FrameNotFound, ProblemError, brief
+from tominpmp.exceptions import FrameNotFound, ProblemError, brief, warn_caller
 from tominpmp.scene.meshes import Mesh
 from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Obstacle, Sphere
 
 # Relative asymmetry that an inertia matrix may have by rounding.
 ROUNDING = 1e-6
+# Distance of a centre of mass from which it is probably given in millimetres [m].
+FAR = 10.0
 
 
 Mass: TypeAlias = Annotated[
@@ -117,6 +119,16 @@ class Payload(Record):
     name: Name = "payload"
 
     _owner = "payload."
+
+    def __post_init__(self) -> None:
+        """Check the values, and warn of a centre of mass that is far away."""
+        super().__post_init__()
+        distance = float(np.linalg.norm(self.com))
+        if distance > FAR:
+            warn_caller(
+                f"payload.com is {distance:.4g} m from the frame, as if it were in "
+                "millimetres: lengths and positions are in metres"
+            )
 
 
 def attach(
