@@ -247,10 +247,10 @@ class Options(Record):
     max_iterations: Iterations = 100
     tolerance: Positive = 2e-4
     feasibility: Positive = 1e-6
-    goal_tolerance: Positive = 1e-3
-    speed_tolerance: Positive = 1e-2
-    limit_tolerance: Positive = 5e-3
-    contact_tolerance: Positive = 1e-5
+    goal_tolerance: Positive = Tolerances.goal
+    speed_tolerance: Positive = Tolerances.speed
+    limit_tolerance: Positive = Tolerances.limits
+    contact_tolerance: Positive = Tolerances.contact
     trust_region: Positive = 0.3
     step_rule: StepRule = "adaptive"
     control_step: Positive = 0.05

@@ -11,7 +11,8 @@ from robot_samples import INERTIAL, joint, link, load, robot
 import tominpmp as tm
 from tominpmp.collision.bodies import part_bodies
 from tominpmp.collision.selection import link_bodies
-from tominpmp.collision.shapes import is_mesh, mesh_arrays
+from tominpmp.collision.shapes import is_mesh
+from tominpmp.description.model import mesh_arrays
 from tominpmp.verification.closest_approach import ClosestApproach
 
 RADIUS = 0.05

@@ -22,8 +22,7 @@ from tominpmp.collision.decomposition import (
     Measure,
     decompose,
 )
-from tominpmp.collision.shapes import mesh_arrays
-from tominpmp.description.model import triangle_mesh
+from tominpmp.description.model import mesh_arrays, triangle_mesh
 from tominpmp.exceptions import SceneError
 from tominpmp.robot.robot import Robot, load_robot
 from tominpmp.scene.grids import HeightField, OcTree

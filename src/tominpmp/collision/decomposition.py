@@ -20,7 +20,8 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from tominpmp.arrays import Array
-from tominpmp.collision.shapes import hull_of, mesh_arrays
+from tominpmp.collision.shapes import hull_of
+from tominpmp.description.model import mesh_arrays
 from tominpmp.stopping import check
 
 # A mesh is cut until its pieces protrude from it by no more than this [m].

@@ -48,14 +48,6 @@ class Body:
     shape: Any
 
 
-def mesh_arrays(mesh: Any) -> tuple[Array, IntArray]:
-    """Vertices (k, 3) [m] and corner indices of the triangles (l, 3) of a mesh."""
-    triangles = map(mesh.tri_indices, range(mesh.num_tris))
-    corners = np.array([[t[0], t[1], t[2]] for t in triangles], dtype=np.int64)
-    vertices = np.array(mesh.vertices(), dtype=np.float64).reshape(-1, 3)
-    return vertices, corners.reshape(-1, 3)
-
-
 def is_mesh(shape: Any) -> bool:
     """Whether a shape is a triangle mesh, which need not be convex or closed."""
     return isinstance(shape, coal.BVHModelBase)

@@ -20,6 +20,7 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array, IntArray, frozen_array
 from tominpmp.description.joint_table import LOSSES
+from tominpmp.description.model import mesh_arrays
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.tree import (
     JointDescription,
@@ -308,8 +309,7 @@ def _triangles(solid: Any) -> Triangles | None:
     """Triangles of a shape, circumscribed where it is curved; None if unsupported."""
     kind = type(solid).__name__
     if kind.startswith("BVHModel"):
-        faces = [solid.tri_indices(i) for i in range(solid.num_tris)]
-        return np.array(solid.vertices()), np.array([[f[0], f[1], f[2]] for f in faces])
+        return mesh_arrays(solid)
     if kind.startswith("Convex"):
         return _hull(np.array(solid.points()))
     turn = 2.0 * np.pi * (np.arange(VERTICES) + 0.5) / VERTICES

@@ -154,6 +154,14 @@ def triangle_mesh(vertices: Array, triangles: IntArray) -> Any:
     return mesh
 
 
+def mesh_arrays(mesh: Any) -> tuple[Array, IntArray]:
+    """Vertices (k, 3) [m] and corner indices of the triangles (l, 3) of a mesh."""
+    triangles = map(mesh.tri_indices, range(mesh.num_tris))
+    corners = np.array([[t[0], t[1], t[2]] for t in triangles], dtype=np.int64)
+    vertices = np.array(mesh.vertices(), dtype=np.float64).reshape(-1, 3)
+    return vertices, corners.reshape(-1, 3)
+
+
 def _read_mesh(file: str, scale: tuple[float, ...]) -> Any:
     path = Path(file)
     if path.suffix.lower() in INSTANCED:

@@ -197,7 +197,9 @@ def check_export(
             break
         samples = file_samples(motion, path, step)
         tried.append(step)
-        violations, _ = judge(_joined(samples, solution.problem, path).trajectory)
+        violations, _ = judge(
+            joined_samples(samples, solution.problem, path).trajectory
+        )
         if not violations:
             holding.append(step)
             if step is not None:
@@ -238,7 +240,7 @@ def _check(
                 "The motion ends in motion: the controller needs "
                 "allow_nonzero_velocity_at_trajectory_end."
             )
-    joined = _joined(samples, problem, path)
+    joined = joined_samples(samples, problem, path)
     violations, verification = judge(joined.trajectory)
     return ExportCheck(
         path,
@@ -253,7 +255,8 @@ def _check(
     )
 
 
-def _joined(samples: Samples, problem: Problem, path: Path) -> Joined:
+def joined_samples(samples: Samples, problem: Problem, path: Path) -> Joined:
+    """The motion that the reader of a file makes of its samples for a problem."""
     start, velocity = problem.q_start, problem.v_start
     return join(samples, problem.robot, path, start=start, start_velocity=velocity)
 

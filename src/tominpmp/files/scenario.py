@@ -521,15 +521,14 @@ def read_robot(table: Field) -> Robot:
         return folder / _path(item) if item.given else None
 
     moveit = file("joint_limits")
-    values = {key: table.get(key).value for key in ("gravity", *OVERRIDES)}
+    plain = ("group", "limits", "gravity", *OVERRIDES)
+    values = {key: table.get(key).value for key in plain}
     try:
         robot = load_limited_robot(
             None if moveit is None else load_joint_limits(moveit),
             file("path") or table.get("name").text(),
             package_dirs=[folder / _path(k) for k in table.get("package_dirs").items()],
             srdf=file("srdf"),
-            group=table.get("group").value,
-            limits=table.get("limits").value,
             locked_joints=table.get("locked_joints").value or {},
             kinematic=table.get("kinematic").given and table.get("kinematic").flag(),
             xacro_args=table.get("xacro_args").value or {},

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from tominpmp.exceptions import ProblemError, brief, naming
 
 # Interpolation of samples, see the attribute of Samples.
 Interpolation: TypeAlias = Literal["auto", "controller", "linear", "cubic", "quintic"]
-INTERPOLATIONS = ("auto", "controller", "linear", "cubic", "quintic")
+INTERPOLATIONS = get_args(Interpolation)
 # Nanoseconds in a second: the clocks of controllers count nanoseconds.
 BILLION = 10**9
 

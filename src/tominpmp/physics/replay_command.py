@@ -12,7 +12,7 @@ from tominpmp.cli.report import json_text, plain, rows_text
 from tominpmp.cli.terminal import NO_PLAN, PLANNED, say
 from tominpmp.exceptions import OptionsError
 from tominpmp.files.export import load_motion
-from tominpmp.motion.joining import join
+from tominpmp.files.export_check import joined_samples
 from tominpmp.physics.options import ReplayOptions
 from tominpmp.physics.replay import STEP, PhysicsReplay, replay
 from tominpmp.physics.robustness import (
@@ -57,13 +57,7 @@ def run_replay(
         return PLANNED if trials.reserve is not None else NO_PLAN
     if motion is None:
         raise OptionsError("a MOTION is missing; or give --robustness", "MOTION")
-    trajectory = join(
-        load_motion(motion),
-        problem.robot,
-        motion,
-        start=problem.q_start,
-        start_velocity=problem.v_start,
-    ).trajectory
+    trajectory = joined_samples(load_motion(motion), problem, motion).trajectory
     step = STEP if args.step is None else args.step
     result = replay(problem, trajectory, step=step, tolerance=args.goal_tolerance)
     data = {"ok": result.ok, **plain(result)}

@@ -24,7 +24,8 @@ from trimesh.visual import ColorVisuals
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.collision.bodies import obstacle_shape
-from tominpmp.collision.shapes import is_mesh, mesh_arrays
+from tominpmp.collision.shapes import is_mesh
+from tominpmp.description.model import mesh_arrays
 from tominpmp.exceptions import RobotLoadError, warn_caller
 from tominpmp.robot.robot import Robot
 from tominpmp.scene.grids import HeightField, OcTree
