@@ -127,6 +127,19 @@ def test_samples_that_cut_corners_are_told_of_with_what_would_hold(
         assert check_export(solution, solution.export(path, dt=dt), dt=dt).ok
 
 
+def test_a_check_without_dt_advises_for_the_period_of_the_plan(
+    planar3r: Robot, tmp_path: Path
+) -> None:
+    """An export without dt has rows at that period."""
+    motion = on_a_clock(planar3r, 0.002)
+    solution = solved(planar3r, motion, control_period=0.1)
+    with pytest.warns(TominpmpWarning, match="does not pass"):
+        path = solution.export(tmp_path / "m.yaml")
+    found = check_export(solution, path)
+    assert found.tried[0] is None  # the nodes of the motion
+    assert found.message == check_export(solution, path, dt=0.1).message
+
+
 def test_a_period_that_no_option_allows_is_not_recommended(
     planar3r: Robot, tmp_path: Path
 ) -> None:
