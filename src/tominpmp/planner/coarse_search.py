@@ -44,7 +44,6 @@ from tominpmp.planner.torque_starts import (
 from tominpmp.planner.work import NEARLY, Schedule, Work
 from tominpmp.solvers.loop import Loop, Rule
 from tominpmp.status import Status
-from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 logger = logging.getLogger(__name__)
@@ -360,20 +359,13 @@ class CoarseSearch:
         """Stop rule that drops a start whose motion is known or slow."""
 
         def rule(loop: Loop) -> Status | None:
-            if loop.history[-1].violation > NEARLY:
+            if not self.known or loop.history[-1].violation > NEARLY:
                 return None
-            known = bool(self.known) and self._is_known(self._shape_at(loop))
+            motion = loop.program.trajectory((loop.best or loop.state).z)
+            known = self._is_known(_shape_of(self.system, motion))
             return loop.drop() if known or self._is_slower(loop) else None
 
         return rule
-
-    def _shape_at(self, loop: Loop) -> Array:
-        """Shape of the motion at the present iterate."""
-        of = loop.program.transcription
-        motion = of.motion((loop.best or loop.state).z)
-        times = np.linspace(0.0, motion.h.sum() + of.delays[-1], SAMPLES)
-        at = Instants.at_times(times, motion.h, of.delays)
-        return np.asarray(of.states(motion, at, 0).q / self.system.step_scale)
 
     def _is_known(self, shape: Array) -> bool:
         return any(np.max(np.abs(shape - rough.shape)) < SAME for rough in self.known)
@@ -386,9 +378,9 @@ class CoarseSearch:
         """
         if self.system.final_configuration is not None or not self.system.in_free_space:
             return False
-        best = min((rough.duration for rough in self.known), default=np.inf)
-        if best == np.inf or len(loop.history) < 2:
+        if len(loop.history) < 2:
             return False
+        best = min(rough.duration for rough in self.known)
         before, now = (record.duration for record in loop.history[-2:])
         gain = REMAINING * max(before - now, 0.0)
         return now - gain > (1.0 - PROMISE) * best
