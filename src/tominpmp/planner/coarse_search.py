@@ -84,13 +84,11 @@ GAP = 0.03
 # For arms of at most FEW_JOINTS joints the search continues in free space, too: they
 # may swing, or flip their elbow. Least number of detours that are tried.
 DETOURS = 6
-# For arms of more joints, up to MOST_JOINTS, it continues if T is more than FAR_ABOVE
+# For arms of more joints, up to MOST_JOINTS, it continues there if T is over FAR_ABOVE
 # times the lower bound: of 70 random goals (speeds times four) this held for five, and
 # three of these were 1 to 4 % longer than necessary. A start of a whole robot takes
 # seconds.
 FAR_ABOVE, MOST_JOINTS = 2.0, 10
-# The same factor among obstacles, where each way around them is another local optimum.
-ABOVE_AMONG_OBSTACLES = 1.2
 # A descent among obstacles on the requested grid is stopped after this many iterations
 # unless it is nearly feasible and its gap to the lower bound is at most GAP; and at any
 # iteration where the gap exceeds LARGE_GAP. Coarse grids follow.
@@ -322,9 +320,8 @@ class CoarseSearch:
         if best == np.inf:
             # Among obstacles all guesses have been tried.
             return system.in_free_space and not self.many_joints
-        above = 1.0 + GAP
-        if self.many_joints:
-            above = FAR_ABOVE if system.in_free_space else ABOVE_AMONG_OBSTACLES
+        far = self.many_joints and system.in_free_space
+        above = FAR_ABOVE if far else 1.0 + GAP
         return best > above * self.state.lower_bound(system.problem).T
 
     # -- on the coarse grid ------------------------------------------------------------
