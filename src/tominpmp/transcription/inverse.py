@@ -137,12 +137,13 @@ def _speeds(
         data = np.stack([-slope, slope], axis=1)
         before = (nodes[:, None] * n + limit.of_joints).reshape(-1, 1)
         places = np.tile(before + np.array([0, n]), (2, 1))
-        by_durations = -np.take_along_axis(apart, of.near[nodes], axis=1) / unit
-        by_durations, near = (
-            np.tile(np.repeat(rows, limit.count, axis=0), (2, 1))
-            for rows in (by_durations, of.near[nodes])
-        )
-        return of.by_unknowns(np.concatenate([data, -data]), places, by_durations, near)
+        near = of.near[nodes]
+        by_durations = -np.take_along_axis(apart, near, axis=1) / unit
+        near = np.tile(np.repeat(near, limit.count, axis=0), (2, 1))
+        by_durations = np.repeat(by_durations, limit.count, axis=0)
+        by_durations = np.tile(by_durations, (2, 1))
+        signed = np.concatenate([data, -data])
+        return of.by_unknowns(signed, places, by_durations, near)
 
     lower, upper = np.full(shape, -np.inf), np.zeros(shape)
     return HullRows(name, lower, upper, excess, by_unknowns, limit.curable)
