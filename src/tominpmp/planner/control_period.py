@@ -436,23 +436,26 @@ class ClockTrial:
                 finer = replace(slower, halvings=1, finer=True)
                 if finer.layout.shares.size > self.layout.shares.size:
                     return finer
-            return replace(slower, wanted=self._longer(needed))
+            # With several segments the duration also depends on the rounding of each,
+            # which is another one for every number of periods.
+            missing = needed - self.count
+            more = missing if len(self.wanted) == 1 else (missing + 1) // 2
+            return replace(slower, wanted=self._longer(more))
         longer = LONGER[min(self.halvings, len(LONGER) - 1)]
-        count = self.count + 1 + int(longer * self.count)
-        wanted = self._longer(count)
+        wanted = self._longer(1 + int(longer * self.count))
         return replace(self, wanted=wanted, halvings=self.halvings + 1)
 
-    def _longer(self, count: int) -> tuple[int, ...]:
-        """Periods of the segments for a larger total number of periods.
+    def _longer(self, more: int) -> tuple[int, ...]:
+        """Periods of the segments with further periods.
 
         Each further period goes to the segment that is shortest compared with the
         motion without a clock: the fastest segment determines the duration.
 
         Args:
-            count: Total number of periods.
+            more: Number of further periods.
         """
         wanted = np.array(self.wanted)
-        for _ in range(count - self.count):
+        for _ in range(more):
             wanted[np.argmin(wanted / self.lengths)] += 1
         return tuple(wanted.tolist())
 
