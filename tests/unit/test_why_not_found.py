@@ -136,6 +136,11 @@ def test_a_load_that_no_configuration_at_the_goal_holds_is_named() -> None:
     moving = tm.PositionGoal("tip", [1.9, 0.0, 0.0], v=[0.0, 0.1, 0.0])
     assert hindrance(tm.Problem(weak, start, moving)) == ""
 
+    segments = [tm.Segment(tm.JointGoal([-1.3, 0.1])), tm.Segment(goal)]
+    in_two = hindrance(tm.Problem(weak, start, segments=segments))
+    assert in_two.startswith("on segment 2, goal: the arm cannot rest in any of the ")
+    assert hindrance(tm.Problem(strong, start, segments=segments)) == ""
+
 
 def test_what_covers_a_goal_on_a_frame_is_named() -> None:
     arm = tm.load_robot("planar3r")
@@ -164,6 +169,14 @@ def test_how_far_a_tool_can_follow_its_path_is_told() -> None:
     hit = told(-4.0, ball)
     assert "frame 'tip' can be led along its path as far as [0.7731, 4.222" in hit
     assert "beyond which link 'link3' and obstacle 'ball' collide" in hit
+
+    line = tm.ToolLine("tip", begin, begin - np.array([4.0, 0.0, 0.0]), radius=0.01)
+    before = tm.Segment(tm.JointGoal(q))
+    along = tm.Segment(tm.PositionGoal("tip", line.end), constraints=[line])
+    first = [0.4, 1.2, -0.6]
+    assert hindrance(tm.Problem(arm, first, segments=[before, along])) == ""
+    second = hindrance(tm.Problem(arm, first, scene=[ball], segments=[before, along]))
+    assert second == f"on segment 2, {hit}"
 
 
 @pytest.mark.parametrize(

@@ -159,6 +159,22 @@ class GuessRequest:
     searches: PathSearches = field(default_factory=PathSearches)
 
 
+class CachedGuesses:
+    """Guesses that can be iterated over repeatedly.
+
+    Args:
+        guesses: The guesses; each is made when it is first requested.
+    """
+
+    def __init__(self, guesses: Iterator[Guess]) -> None:
+        self._guesses = guesses
+
+    def since(self, number: int) -> Iterator[Guess]:
+        """The guesses from an index on, counted from 0."""
+        self._guesses, copy = itertools.tee(self._guesses)
+        return itertools.islice(copy, number, None)
+
+
 def straight_guess(system: ProblemFunctions, q_end: Array) -> Guess:
     """Straight line in joint space, in minimum time if it can be timed."""
     line = np.stack([system.problem.q_start, q_end])

@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.constrained import position_constraints
 from tominpmp.initial_guess.guess import (
     REST_GUESS,
+    CachedGuesses,
     Guess,
     GuessRequest,
     end_velocity,
@@ -39,33 +41,39 @@ def segmented_guesses(
     second guesses, and so on; there is no guess if a goal cannot be reached.
     """
     share = request.duration and request.duration / len(system.parts)
-    for number in range(request.count):
-        guess = _guess(system, replace(request, count=number + 1, duration=share))
-        if guess is None:
-            return
-        yield guess
+    # A guess at rest at the start does not lead to the start of the next segment.
+    each = replace(request, count=request.count + 1, duration=share)
+    lone = len(system.parts) == 1
 
-
-def _guess(system: ProblemFunctions, request: GuessRequest) -> Guess | None:
-    """The guess of number ``request.count``; None if a goal cannot be reached."""
-    pieces: list[Guess] = []
-    q, v = system.problem.q_start, system.v_start
-    for place, part in enumerate(system.parts):
-        single = _alone(part, q, v).passing(q[None])
+    @cache
+    def from_state(
+        place: int, q: tuple[float, ...], v: tuple[float, ...]
+    ) -> tuple[ProblemFunctions, CachedGuesses]:
+        """The functions and the guesses of a segment from a state."""
+        part, ahead = system.parts[place], _constraints_after(system, place)
+        single = _alone(part, np.array(q), np.array(v)).passing(np.array([q]))
         make = waiting_guesses if part.problem.scene.moving else initial_guesses
-        ahead = _constraints_after(system, place)
-        # A guess at rest at the start does not lead to the start of the next segment.
-        count = request.count + 1
-        one_more = replace(request, count=count, beyond=ahead, searches=PathSearches())
-        guesses = make(single, one_more)
-        moving = (g for g in guesses if g.name != REST_GUESS or len(system.parts) == 1)
-        first = [*itertools.islice(moving, request.count)]
-        if not first:
-            return None
-        pieces.append(first[-1])
-        final = single.problem.goal.configuration
-        q = first[-1].q[-1] if final is None else final
-        v = end_velocity(single, q)
+        guesses = make(single, replace(each, beyond=ahead, searches=PathSearches()))
+        moving = (guess for guess in guesses if lone or guess.name != REST_GUESS)
+        return single, CachedGuesses(moving)
+
+    for number in range(request.count):
+        pieces: list[Guess] = []
+        q, v = system.problem.q_start, system.v_start
+        for place in range(len(system.parts)):
+            single, guesses = from_state(place, tuple(q), tuple(v))
+            first = [*itertools.islice(guesses.since(0), number + 1)]
+            if not first:
+                return
+            pieces.append(first[-1])
+            final = single.problem.goal.configuration
+            q = first[-1].q[-1] if final is None else final
+            v = end_velocity(single, q)
+        yield _joined(pieces)
+
+
+def _joined(pieces: list[Guess]) -> Guess:
+    """The guesses of all segments one after another."""
     ends = np.cumsum([0.0, *(guess.duration for guess in pieces)])
     t = [begin + guess.t[1:] for begin, guess in zip(ends[:-1], pieces, strict=True)]
     return Guess(

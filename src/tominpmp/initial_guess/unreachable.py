@@ -52,12 +52,28 @@ def unreachable(system: ProblemFunctions, rng: np.random.Generator) -> ProblemEr
 def hindrance(problem: Problem) -> str:
     """What may keep an arm from its goal, in a clause; or empty.
 
-    It holds for the configurations that were found to reach the goal and the points of
+    It holds for the configurations that were found to reach the goals and the points of
     tool paths, which may not be all that there are.
     """
-    robot, goal, system = problem.robot, problem.goal, ProblemFunctions.of(problem)
-    if problem.segments or goal.alternatives[1:]:
-        return ""
+    q = problem.q_start
+    for number, phase in enumerate(problem.phases):
+        if phase.goal.alternatives[1:]:
+            return ""
+        system = ProblemFunctions.of(phase._altered(q_start=q))
+        reason = _hindrance(system)
+        if reason:
+            return f"on segment {number + 1}, {reason}" if problem.segments else reason
+        q = phase.goal.configuration
+        if q is None:
+            q, missing = Target(system, phase.goal).solve(system.problem.q_start)
+            if missing > REACHED:
+                return ""
+    return ""
+
+
+def _hindrance(system: ProblemFunctions) -> str:
+    """What may keep an arm from the goal of one segment, see :func:`hindrance`."""
+    robot, goal = system.problem.robot, system.problem.goal
     lost = _lost_path(system)
     if lost or goal.configuration is not None:
         return lost

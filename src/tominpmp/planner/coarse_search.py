@@ -24,7 +24,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.constraints.friction import EFFORT_TOLERANCE
 from tominpmp.initial_guess.bumps import bumps
-from tominpmp.initial_guess.guess import SAMPLED, Guess
+from tominpmp.initial_guess.guess import SAMPLED, CachedGuesses, Guess
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Control, Options
 from tominpmp.planner.candidate import Candidate
@@ -119,22 +119,6 @@ def coarse_grids_apply(system: ProblemFunctions, options: Options) -> bool:
         and options.intervals >= MANY_INTERVALS
         and not system.parts
     )
-
-
-class CachedGuesses:
-    """Guesses that can be iterated over repeatedly.
-
-    Args:
-        guesses: The guesses; each is made when it is first requested.
-    """
-
-    def __init__(self, guesses: Iterator[Guess]) -> None:
-        self._guesses = guesses
-
-    def since(self, number: int) -> Iterator[Guess]:
-        """The guesses from an index on, counted from 0."""
-        self._guesses, copy = itertools.tee(self._guesses)
-        return itertools.islice(copy, number, None)
 
 
 def search(

@@ -19,6 +19,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from tominpmp.arrays import Array
 from tominpmp.certificate.allowances import clock_share
 from tominpmp.certificate.dwells import dwells_among_moving_obstacles, with_dwells
 from tominpmp.certificate.minimum_principle import TOLERANCE, certify
@@ -39,7 +40,7 @@ from tominpmp.solvers.stop import first_of
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Stop
-from tominpmp.transcription.grid import ticks_of, whole_periods
+from tominpmp.transcription.grid import ROUNDING, ticks_of, whole_periods
 from tominpmp.transcription.layout import Layout, on_ticks
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import TRACE, NonlinearProgram
@@ -284,7 +285,11 @@ class ClockTrial:
         motion: The motion that serves as warm start.
         spans: When its segments begin, meet their goals, and end.
         period: The period [s].
-        periods: Number of periods of each segment, without its dwell.
+        lengths: Durations of the segments without a clock and without their dwells, in
+            periods, shape (k,); almost zero for a segment that waits for its earliest
+            arrival.
+        wanted: Number of periods of each segment, without its dwell, before they are
+            adapted to the windows of arrival.
         halvings: How often intervals of the motion are halved.
         finer: Whether they have been halved to save periods.
     """
@@ -293,31 +298,30 @@ class ClockTrial:
     motion: Trajectory
     spans: Sequence[Span]
     period: float
-    periods: tuple[int, ...]
+    lengths: Array
+    wanted: tuple[int, ...]
     halvings: int = 0
     finer: bool = False
 
     @classmethod
     def of(cls, problem: Problem, motion: Trajectory, period: float) -> ClockTrial:
-        """The first trial for a motion: its duration rounded up to periods.
-
-        A segment that waits for its earliest arrival gets the number of periods that
-        this time asks for.
+        """The first trial for a motion: its segments rounded up to periods.
 
         Args:
             problem: The problem that the motion solves.
             motion: The motion without a clock.
             period: The period [s].
         """
-        spans, counts = spans_of(motion, problem.segments), []
+        spans = spans_of(motion, problem.segments)
         dwells = [whole_periods(phase.dwell, period) for phase in problem.segments]
         rounded = with_dwells(problem.alternative_of(motion), dwells)
-        trial = cls(ProblemFunctions.of(rounded), motion, spans, period, ())
-        for span, segment in zip(spans, trial.segments, strict=True):
-            earliest, _ = arrival_window(segment)
-            waits = span.arrival <= (1.0 + TRACE) * earliest
-            counts.append(ticks_of(0.0 if waits else span.arrival - span.begin, period))
-        return replace(trial, periods=trial.within_windows(counts))
+        first = [arrival_window(segment)[0] for segment in problem.segments] or [0.0]
+        begins, arrivals, _ = np.array(spans).T
+        waits = arrivals <= (1.0 + TRACE) * np.array(first)
+        lengths = np.where(waits, ROUNDING, (arrivals - begins) / period)
+        counts = tuple(ticks_of(length, 1.0) for length in lengths)
+        system = ProblemFunctions.of(rounded)
+        return cls(system, motion, spans, period, lengths, counts)
 
     @property
     def segments(self) -> Sequence[Segment]:
@@ -336,16 +340,14 @@ class ClockTrial:
         """Number of periods of all segments."""
         return sum(self.periods)
 
-    def within_windows(self, periods: Sequence[int]) -> tuple[int, ...]:
-        """Periods of the segments, adapted to their windows of arrival.
-
-        Args:
-            periods: Desired number of periods of each segment.
-        """
+    @cached_property
+    def periods(self) -> tuple[int, ...]:
+        """Periods of the segments, without dwells, within their windows of arrival."""
         counts: list[int] = []
         now = since = 0
-        for count, segment in zip(periods, self.segments, strict=True):
-            tick, rests = now + count, len(counts) == len(periods) - 1 or segment.stop
+        for count, segment in zip(self.wanted, self.segments, strict=True):
+            last = len(counts) == len(self.wanted) - 1
+            tick, rests = now + count, last or segment.stop
             earliest, latest = arrival_window(segment)
             tick = max(tick, ticks_of(earliest, self.period))
             if latest < np.inf:
@@ -434,26 +436,28 @@ class ClockTrial:
                 finer = replace(slower, halvings=1, finer=True)
                 if finer.layout.shares.size > self.layout.shares.size:
                     return finer
-            return replace(slower, periods=self._longer(needed, each=False))
+            # With several segments the duration also depends on the rounding of each,
+            # which is another one for every number of periods.
+            missing = needed - self.count
+            more = missing if len(self.wanted) == 1 else (missing + 1) // 2
+            return replace(slower, wanted=self._longer(more))
         longer = LONGER[min(self.halvings, len(LONGER) - 1)]
-        count = self.count + 1 + int(longer * self.count)
-        periods = self._longer(count, each=True)
-        return replace(self, periods=periods, halvings=self.halvings + 1)
+        wanted = self._longer(1 + int(longer * self.count))
+        return replace(self, wanted=wanted, halvings=self.halvings + 1)
 
-    def _longer(self, count: int, *, each: bool) -> tuple[int, ...]:
-        """Periods of the segments in proportion to their durations in the motion.
+    def _longer(self, more: int) -> tuple[int, ...]:
+        """Periods of the segments with further periods.
+
+        Each further period goes to the segment that is shortest compared with the
+        motion without a clock: the fastest segment determines the duration.
 
         Args:
-            count: Least total number of periods.
-            each: Whether each segment is rounded up. If ends are rounded to the nearest
-                tick, one of a few periods may have to be much faster than the next.
+            more: Number of further periods.
         """
-        least = self.period
-        lengths = [max(span.arrival - span.begin, least) for span in self.spans]
-        periods = np.array(lengths) * (count / sum(lengths))
-        if not each:
-            periods = np.diff(np.rint(np.cumsum(periods)), prepend=0.0)
-        return self.within_windows([ticks_of(number, 1.0) for number in periods])
+        wanted = np.array(self.wanted)
+        for _ in range(more):
+            wanted[np.argmin(wanted / self.lengths)] += 1
+        return tuple(wanted.tolist())
 
 
 def reaches_tick(duration: float, feasibility: float) -> Rule:

@@ -16,7 +16,13 @@ from functools import partial
 
 import numpy as np
 
-from tominpmp.initial_guess.guess import FEW_LINES, Guess, GuessRequest, initial_guesses
+from tominpmp.initial_guess.guess import (
+    FEW_LINES,
+    CachedGuesses,
+    Guess,
+    GuessRequest,
+    initial_guesses,
+)
 from tominpmp.initial_guess.parallel import (
     available_processes,
     ready,
@@ -34,7 +40,6 @@ from tominpmp.planner.automatic_options import JUMPS_SHARE, SHOOTING
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.coarse_search import (
     MOST_PATHS,
-    CachedGuesses,
     coarse_grids_apply,
     search,
 )

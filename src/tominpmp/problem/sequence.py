@@ -85,6 +85,7 @@ def joined(motions: Sequence[Trajectory], dwells: Sequence[float]) -> Trajectory
         whole([begin + run.t for begin, run in zip(begins, runs, strict=True)]),
         **arrays,
         inverse_dynamics=dynamics[0] if known else None,
+        holding=None if known else parts[-1].inverse_dynamics or parts[-1].holding,
         segment_ends=ends[last],
         segment_dynamics=tuple(dynamics) if known else (),
     )

@@ -37,6 +37,7 @@ from tominpmp.transcription.curve import (
     PositionFunction,
     SplineMotion,
     clamped,
+    durations_near,
     nodes_of,
     of_each_joint,
     places,
@@ -95,6 +96,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
         breaks: Nodes, as the number of intervals before each, at which the derivative
             one order below the highest may jump: the acceleration for degree 3.
         knots_by_durations: Derivatives of the knots by the durations, shape (K, m).
+        near: Durations near each control point, shape (M, w).
         point_map: Map from the unknowns to the control points.
         point_unknowns: Number of unknowns without the durations.
         acceleration_range: Acceleration that the full torque range of each joint gives,
@@ -120,6 +122,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
         self._base = system.problem.q_start
         self.acceleration_range = np.ones(self._n)
         self.knots_by_durations = clamped(shares, degree, breaks)
+        self.near = durations_near(self.knots_by_durations, degree)
         self.point_map = self._eliminated()
         self.point_unknowns = int(self.point_map.column.max()) + 1
         self.size = self.point_unknowns + self._m
@@ -169,24 +172,24 @@ class BSplineTranscription(Transcription[SplineMotion]):
         return np.asarray(points.reshape(-1, self._n))
 
     def by_unknowns(
-        self, by_points: Array, points: IntArray, by_durations: Array
+        self, by_points: Array, points: IntArray, by_durations: Array, near: IntArray
     ) -> sp.csr_matrix:
         """Derivatives by the unknowns from those by control points and by durations.
 
         Args:
             by_points: Derivatives by coordinates of control points, shape (k, w).
             points: Indices of these coordinates, ascending, shape (k, w).
-            by_durations: Derivatives by the durations alone, shape (k, m).
+            by_durations: Derivatives by the durations alone, shape (k, d).
+            near: Indices of these durations, ascending, shape (k, d).
         """
         mapping = self.point_map
         if mapping.moving:
-            moved = np.einsum("kw,kwm->km", by_points, mapping.slopes[points])
-            by_durations = by_durations + moved
-        durations = np.arange(self.point_unknowns, self.size)
-        columns = np.broadcast_to(durations, by_durations.shape)
+            slopes = mapping.slopes[points[:, :, None], near[:, None]]
+            by_durations = by_durations + np.einsum("kw,kwd->kd", by_points, slopes)
+        columns = mapping.column[points], self.point_unknowns + near
         matrix = Compressed.of_table(
             np.concatenate([by_points, by_durations], axis=1),
-            np.concatenate([mapping.column[points], columns], axis=1),
+            np.concatenate(columns, axis=1),
             self.size,
         ).rows()
         if not mapping.one_to_one:
@@ -268,7 +271,8 @@ class BSplineTranscription(Transcription[SplineMotion]):
         """Spline of an iterate."""
         eta = z[self.point_unknowns :]
         knots = self._knots_for(eta)
-        return SplineMotion(self._from_base(z), self._base, eta, self.shares, knots)
+        points = self._from_base(z)
+        return SplineMotion(points, self._base, eta, self.shares, knots, self.near)
 
     def _knots_for(self, eta: Array) -> KnotVector:
         """Knots in units of the last duration."""
@@ -302,7 +306,9 @@ class BSplineTranscription(Transcription[SplineMotion]):
         """Derivatives by the unknowns from derivatives by the states."""
         which, n, width = partials.at, self._n, self.degree + 1
         by_points = np.zeros((which.size, width, n))
-        by_durations = np.zeros((which.size, self._m))
+        first = motion.knots.first[at.interval[which]]
+        near = self.near[first]
+        by_durations = np.zeros(near.shape)
         for order, part in enumerate((partials.by_q, partials.by_v, partials.by_a)):
             if part is None:
                 continue
@@ -310,13 +316,18 @@ class BSplineTranscription(Transcription[SplineMotion]):
             by_points += weights[:, :, None] * (part / motion.unit**order)[:, None]
             if order or self._m > 1:
                 value = partial(SplineMotion.values, at=at, order=order, which=which)
-                changes = motion.by_durations(value, order)
-                by_durations += np.einsum("knm,kn->km", changes, part)
+                changes = motion.by_durations(value, order, near)
+                by_durations += np.einsum("knd,kn->kd", changes, part)
         if partials.by_t is not None:
-            by_durations += partials.by_t[:, None] * at.times(self.shares)[which]
-        first = motion.knots.first[at.interval[which]]
-        by_coordinates, points = by_points.reshape(-1, width * n), n * first
-        return self.by_unknowns(by_coordinates, places(points, width * n), by_durations)
+            # Real time depends on all durations.
+            by_time = partials.by_t[:, None] * at.times(self.shares)[which]
+            known = np.take_along_axis(by_time, near, axis=1)
+            np.put_along_axis(by_time, near, known + by_durations, axis=1)
+            by_durations, near = by_time, places(0 * first, self._m)
+        points = places(n * first, width * n)
+        return self.by_unknowns(
+            by_points.reshape(points.shape), points, by_durations, near
+        )
 
     def hull(
         self, limit: JointLimit, name: str, within: tuple[int, int] | None = None
@@ -345,17 +356,22 @@ class BSplineTranscription(Transcription[SplineMotion]):
 
         def of_motion(motion: SplineMotion) -> Array:
             found = motion.derivative(order)[points]
-            return np.asarray(found[:, limit.of_joints] / scale).ravel()
+            return np.asarray(found[:, limit.of_joints] / scale)
 
         def by_unknowns(motion: SplineMotion) -> sp.csr_matrix:
             bands = motion.knots.bands(order)[points]
             by_points, places = of_each_joint(bands, points, limit.of_joints, self._n)
             by_points /= np.tile(scale, points.size)[:, None]
             by_points /= motion.unit**order
-            by_durations = motion.by_durations(of_motion, order)
-            return self.by_unknowns(by_points, places, by_durations)
+            near = self.near[points]
+            by_durations = np.vstack([*motion.by_durations(of_motion, order, near)])
+            near = np.repeat(near, limit.count, axis=0)
+            return self.by_unknowns(by_points, places, by_durations, near)
 
-        return HullRows(name, lower, upper, of_motion, by_unknowns, limit.curable)
+        def values(motion: SplineMotion) -> Array:
+            return of_motion(motion).ravel()
+
+        return HullRows(name, lower, upper, values, by_unknowns, limit.curable)
 
     def attention(self, steps: StepBounds) -> float:
         """Clearance that a step of the control points can use up, over the reach."""
@@ -400,11 +416,13 @@ class BSplineTranscription(Transcription[SplineMotion]):
         every = np.arange(self._n)
         data, points = of_each_joint(between, np.arange(len(between)), every, self._n)
         data /= np.tile(scale, len(between))[:, None]
-        by_durations = np.zeros((len(data), self._m))
+        near = self.near[: len(between)]
+        by_durations = np.zeros((len(data), near.shape[1]))
         if self._m > 1:
             # The jumps depend on the ratios of the durations, too.
-            by_durations = motion.by_durations(jumps, 2).reshape(-1, self._m)
-        matrix = self.by_unknowns(data, points, by_durations)
+            by_durations = np.vstack([*motion.by_durations(jumps, 2, near)])
+        near = np.repeat(near, self._n, axis=0)
+        matrix = self.by_unknowns(data, points, by_durations, near)
         return Variation(matrix, jumps(motion).ravel() - matrix @ z)
 
     @property

@@ -6,7 +6,9 @@ takes ten times as long, and would dominate the iterations.
 
 With a single duration the proportions of the knots are constant, and all functions of
 the proportions are computed once. Derivatives by further durations are taken by complex
-steps (Squire and Trapp, 1998), which are exact to rounding.
+steps (Squire and Trapp, 1998), which are exact to rounding. An instant depends on few
+neighbouring durations: one step changes all durations that are far enough apart
+(Curtis, Powell and Reid, 1974).
 """
 
 from __future__ import annotations
@@ -151,6 +153,7 @@ class SplineMotion:
         eta: Durations by which the shares are multiplied, shape (m,).
         shares: Lengths of the intervals by eta, shape (N, m).
         knots: Knots of the spline, in units of the last duration.
+        near: Durations near each control point, see :func:`durations_near`.
         finite: Whether all states are finite, which they always are.
     """
 
@@ -159,6 +162,7 @@ class SplineMotion:
     eta: Array
     shares: Array
     knots: KnotVector
+    near: IntArray
     finite: bool = True
 
     @cached_property
@@ -200,30 +204,33 @@ class SplineMotion:
         return np.asarray(self.knots.design(times / self.unit) @ self.derivative(0))
 
     def by_durations(
-        self, quantity: Callable[[SplineMotion], Array], order: int
+        self, quantity: Callable[[SplineMotion], Array], order: int, near: IntArray
     ) -> Array:
-        """Derivatives of a quantity by the durations alone, shape (..., m).
+        """Derivatives of a quantity by the durations alone, shape (r, n, w).
 
         Args:
-            quantity: The quantity as a function of the curve.
+            quantity: The quantity as a function of the curve, with values (r, n).
             order: Order k of the quantity, which is homogeneous of degree -k in the
-                durations: by Euler's theorem the last derivative follows from the
-                others.
+                durations: by Euler's theorem one derivative follows from the others.
+            near: Durations on which each row depends, as in ``self.near``, (r, w).
         """
         found = [quantity(one).imag / COMPLEX_STEP for one in self._stepped]
+        step = near % near.shape[1]  # number of the step that changes a duration
+        eta = np.take_along_axis(self.eta[near], np.argsort(step, axis=1), axis=1)
         rest = -order * quantity(self)
-        for duration, by in zip(self.eta, found, strict=False):
-            rest = rest - duration * by
-        return np.stack([*found, rest / self.unit], axis=-1)
+        for number, by in enumerate(found):
+            rest = rest - eta[:, [number]] * by
+        changes = np.stack([*found, rest / eta[:, [-1]]], axis=-1)
+        return np.take_along_axis(changes, step[:, None], axis=-1)
 
     @cached_property
     def _stepped(self) -> list[SplineMotion]:
-        """Curves with a complex step in one duration each, without the last one."""
+        """Curves with a complex step in every w-th duration, without the last step."""
         degree, breaks = self.knots.degree, self.knots.breaks
-        out = []
-        for j in range(self.eta.size - 1):
+        out, width = [], self.near.shape[1]
+        for first in range(width - 1):
             eta: Any = self.eta.astype(np.complex128)
-            eta[j] += 1j * COMPLEX_STEP
+            eta[first::width] += 1j * COMPLEX_STEP
             knots = KnotVector(self.shares @ (eta / self.unit), degree, breaks)
             out.append(replace(self, eta=eta, knots=knots))
         return out
@@ -247,6 +254,25 @@ def clamped(h: Array, degree: int, breaks: tuple[int, ...] = ()) -> Array:
         nodes = np.insert(nodes, breaks, nodes[list(breaks)], axis=0)
     first, last = (np.repeat(nodes[[end]], degree, axis=0) for end in (0, -1))
     return np.concatenate([first, nodes, last])
+
+
+def durations_near(knots: Array, degree: int) -> IntArray:
+    """Durations on which the spline depends where a control point is the first one.
+
+    Args:
+        knots: Derivatives of the knots by the durations, shape (K, m).
+        degree: Degree of the spline.
+
+    Returns:
+        Indices of w consecutive durations for each control point, shape (M, w).
+    """
+    # The duration of each gap between knots; gaps between equal knots have the former.
+    owner = np.maximum.accumulate(np.argmax(np.diff(knots, axis=0) > 0.0, axis=1))
+    point = np.arange(len(knots) - degree - 1)
+    first = owner[point + 1]
+    last = owner[np.minimum(point + 2 * degree, owner.size - 1)]
+    width = int(np.max(last - first)) + 1
+    return places(np.minimum(first, knots.shape[1] - width), width)
 
 
 def places(first: IntArray, width: int) -> IntArray:

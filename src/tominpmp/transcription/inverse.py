@@ -137,10 +137,13 @@ def _speeds(
         data = np.stack([-slope, slope], axis=1)
         before = (nodes[:, None] * n + limit.of_joints).reshape(-1, 1)
         places = np.tile(before + np.array([0, n]), (2, 1))
-        by_durations = np.repeat(-apart / unit, limit.count, axis=0)
-        return of.by_unknowns(
-            np.concatenate([data, -data]), places, np.tile(by_durations, (2, 1))
-        )
+        near = of.near[nodes]
+        by_durations = -np.take_along_axis(apart, near, axis=1) / unit
+        near = np.tile(np.repeat(near, limit.count, axis=0), (2, 1))
+        by_durations = np.repeat(by_durations, limit.count, axis=0)
+        by_durations = np.tile(by_durations, (2, 1))
+        signed = np.concatenate([data, -data])
+        return of.by_unknowns(signed, places, by_durations, near)
 
     lower, upper = np.full(shape, -np.inf), np.zeros(shape)
     return HullRows(name, lower, upper, excess, by_unknowns, limit.curable)
