@@ -82,6 +82,17 @@ def test_an_obstacle_makes_the_other_way_round_faster(
     assert found.trajectory.q[-1, 0] == pytest.approx(end, abs=1e-5)
 
 
+def test_no_joint_turns_the_long_way_round_for_next_to_nothing() -> None:
+    turn = "j2s6s200_joint_1"
+    limits = {"position_lower": {turn: -3.1}, "position_upper": {turn: 3.1}}
+    kinova = tm.load_robot("kinova", **limits)
+    start = [3.0, 3.0, 3.0, 0.0, 1.5, 0.0]
+    goal = tm.JointGoal([-3.0, 2.6, 2.6, 0.5, 1.5, 6.0])
+    end = tm.plan(tm.Problem(kinova, start, goal)).trajectory.q[-1]
+    # The first joint takes 9.55 s; the others have time for any number of turns.
+    np.testing.assert_allclose(end[[3, 5]], [0.5, 6.0 - TURN], atol=1e-4)
+
+
 def test_many_goals_keep_the_ways_in_both_directions(robot: tm.Robot) -> None:
     """A pillar bars the nearest way to each goal, but not the way round."""
     pillar = tm.Box("pillar", size=(0.1, 0.1, 2.0), position=(-0.3, 0.0, 0.4))

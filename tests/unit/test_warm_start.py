@@ -195,6 +195,17 @@ def test_a_warm_start_leaves_time_for_other_guesses(free, clock):
     assert solution.success and solution.status is not tm.Status.TIME_LIMIT
 
 
+def test_no_search_follows_a_motion_near_the_lower_bound():
+    ur5, goal = tm.load_robot("ur5"), tm.JointGoal([1.2, -1.2, 1.2, -1.5, -1.4, 0.3])
+    box = tm.Box("box", size=(0.1, 0.1, 0.5), position=(0.55, 0.45, 0.15))
+    problem = tm.Problem(ur5, [0.0, -1.3, 1.4, -1.6, -1.57, 0.0], goal, [box], 0.01)
+    former = tm.plan(problem)
+    changed = replace(problem, q_start=problem.q_start + 0.1)
+    again = tm.plan(changed, start=former)
+    assert again.gap < 0.01
+    assert {record.start for record in again.history} == {0}
+
+
 def test_other_guesses_follow_where_it_leads_to_nothing(planar3r, around, monkeypatch):
     warm_start = starts._warm_start_work
 

@@ -12,7 +12,7 @@ from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.planner.barriers import barrier_on_way
 from tominpmp.planner.candidate import Candidate
-from tominpmp.planner.plan_state import PlanState
+from tominpmp.planner.plan_state import PROMISE, PlanState
 from tominpmp.planner.work import Schedule
 from tominpmp.problem.problem import Problem
 from tominpmp.stopping import Stop
@@ -29,8 +29,8 @@ def candidates_of_alternatives(
     The goals with the smallest lower bounds come first. As long as there is no
     incumbent, a start may take only its share of the planning time: a goal may be out
     of reach, and that is not always known at once. Goals whose lower bound is not
-    below the duration of the incumbent are left out, and so are goals that a barrier
-    blocks, unless it blocks all of them.
+    below the duration of the incumbent are left out, and full turns that may gain no
+    more than PROMISE of it, and goals that a barrier blocks, unless it blocks all.
 
     Args:
         state: The plan of a problem with one goal or a set of goals.
@@ -50,6 +50,7 @@ def candidates_of_alternatives(
         for number, part in enumerate(parts)
     ]
     one_place = state.problem.goal.configuration is not None
+    worth = 1.0 - PROMISE if one_place else 1.0
     bounds = [state.lower_bound(part).T for part in parts]
     order = np.argsort(bounds, kind="stable").tolist()
     if entered is not None:
@@ -62,7 +63,7 @@ def candidates_of_alternatives(
     while order:
         again: list[int] = []
         for place, i in enumerate(order):
-            if bounds[i] >= state.best_duration:
+            if bounds[i] >= worth * state.best_duration:
                 continue
             # Alternatives of one configuration differ by full turns of joints, of which
             # the nearest ones are the likely ones.

@@ -35,7 +35,7 @@ from tominpmp.planner.descent import (
     guess_of,
     torques_rule,
 )
-from tominpmp.planner.plan_state import PlanState
+from tominpmp.planner.plan_state import PROMISE, PlanState
 from tominpmp.planner.torque_starts import (
     FEW_JOINTS,
     random_torque_starts,
@@ -67,9 +67,6 @@ TORQUE_INTERVALS, TORQUE_VARIABLES = 80, 640
 TORQUE_LOSS, SPEED_LOSS = 0.06, 0.01
 # Extrapolated gain of all remaining iterations, in multiples of the last gain.
 REMAINING = 3.0
-# Least predicted gain over the incumbent for which a coarse motion is finished, as a
-# share of T.
-PROMISE = 0.003
 # A guess is too slow if it is slower by this factor than a known motion, or, after the
 # first descents, than the guess of one: where obstacles move, descents from all guesses
 # take half as many programs more. Compared with known motions only, plans of a Fetch

@@ -39,6 +39,7 @@ from tominpmp.options import Options
 from tominpmp.planner.automatic_options import JUMPS_SHARE, SHOOTING
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.coarse_search import (
+    GAP,
     MOST_PATHS,
     coarse_grids_apply,
     search,
@@ -401,6 +402,8 @@ def _beatable(system: ProblemFunctions, state: PlanState) -> bool:
     """
     fixed = system.in_free_space and system.final_configuration is not None
     if fixed or system.parts or system.problem.scene.moving:
+        return False
+    if state.best_duration <= (1.0 + GAP) * state.lower_bound(system.problem).T:
         return False
     options = state.options
     rng = np.random.default_rng(options.seed)
