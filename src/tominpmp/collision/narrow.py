@@ -178,8 +178,9 @@ class Guard:
             self._results.collisionRequests, margin.tolist(), strict=True
         ):
             request.security_margin = value
-        # A plain list of boxes: the update of a tree costs more than it saves here.
-        self._manager = pin.BroadPhaseManager_NaiveCollisionManager(
+        # Sorted boxes: a plain list takes up to four times as long for height maps and
+        # occupancy grids, and the update of a tree costs more than it saves.
+        self._manager = pin.BroadPhaseManager_SSaPCollisionManager(
             narrow.model, narrow.geometry, self._results
         )
 
