@@ -168,7 +168,8 @@ def test_derivatives_of_a_basis_are_the_same_however_often_asked(degree):
     first, again = KnotVector(h, degree), KnotVector(h, degree)
     interval = np.searchsorted(nodes, times) - 1
     mine = points[interval[:, None] + np.arange(degree + 1)]
-    motion = SplineMotion(points, np.zeros(2), np.ones(1), h[:, None], first)
+    near = np.zeros((len(points), 1), dtype=np.int64)
+    motion = SplineMotion(points, np.zeros(2), np.ones(1), h[:, None], first, near)
 
     def at(knots, times, order):
         weights = knots.weights(Instants.at_times(times, h), order)

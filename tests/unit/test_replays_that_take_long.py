@@ -76,3 +76,19 @@ def test_one_thread_at_a_time_is_in_lsoda(swinging, monkeypatch) -> None:
     finally:
         sys.setswitchinterval(interval)
     assert max(most) == 1
+
+
+def test_a_piece_that_lsoda_refuses_is_integrated_step_by_step(
+    swinging, monkeypatch
+) -> None:
+    """Without dry friction the replay of a valid motion of 28 segments was lost."""
+
+    def refusing(*_args, **_options):
+        raise REPLAYS.ODEintWarning("Illegal input detected (internal error).")
+
+    whole = replay(*swinging)
+    monkeypatch.setattr(REPLAYS, "odeint", refusing)
+    found = replay(*swinging)
+
+    assert whole.complete and found.complete
+    np.testing.assert_allclose(found.q[-1], whole.q[-1], atol=1e-7)

@@ -63,11 +63,12 @@ def hindrance(problem: Problem) -> str:
         reason = _hindrance(system)
         if reason:
             return f"on segment {number + 1}, {reason}" if problem.segments else reason
-        q = phase.goal.configuration
-        if q is None:
-            q, missing = Target(system, phase.goal).solve(system.problem.q_start)
+        end = phase.goal.configuration
+        if end is None:
+            end, missing = Target(system, phase.goal).solve(q)
             if missing > REACHED:
                 return ""
+        q = end
     return ""
 
 

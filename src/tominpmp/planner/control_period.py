@@ -40,7 +40,7 @@ from tominpmp.solvers.stop import first_of
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Stop
-from tominpmp.transcription.grid import ROUNDING, ticks_of, whole_periods
+from tominpmp.transcription.grid import ticks_of, whole_periods
 from tominpmp.transcription.layout import Layout, on_ticks
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import TRACE, NonlinearProgram
@@ -286,8 +286,7 @@ class ClockTrial:
         spans: When its segments begin, meet their goals, and end.
         period: The period [s].
         lengths: Durations of the segments without a clock and without their dwells, in
-            periods, shape (k,); almost zero for a segment that waits for its earliest
-            arrival.
+            periods, shape (k,).
         wanted: Number of periods of each segment, without its dwell, before they are
             adapted to the windows of arrival.
         halvings: How often intervals of the motion are halved.
@@ -317,11 +316,15 @@ class ClockTrial:
         rounded = with_dwells(problem.alternative_of(motion), dwells)
         first = [arrival_window(segment)[0] for segment in problem.segments] or [0.0]
         begins, arrivals, _ = np.array(spans).T
+        # A segment that waits for its earliest arrival takes what this time asks for.
         waits = arrivals <= (1.0 + TRACE) * np.array(first)
-        lengths = np.where(waits, ROUNDING, (arrivals - begins) / period)
-        counts = tuple(ticks_of(length, 1.0) for length in lengths)
+        lengths = np.maximum((arrivals - begins) / period, 1.0)
+        counts = tuple(
+            ticks_of(length, 1.0) for length in np.where(waits, 0.0, lengths)
+        )
         system = ProblemFunctions.of(rounded)
-        return cls(system, motion, spans, period, lengths, counts)
+        trial = cls(system, motion, spans, period, lengths, counts)
+        return replace(trial, wanted=trial.periods)
 
     @property
     def segments(self) -> Sequence[Segment]:

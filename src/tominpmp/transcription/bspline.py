@@ -37,7 +37,6 @@ from tominpmp.transcription.curve import (
     PositionFunction,
     SplineMotion,
     clamped,
-    durations_near,
     nodes_of,
     of_each_joint,
     places,
@@ -96,7 +95,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
         breaks: Nodes, as the number of intervals before each, at which the derivative
             one order below the highest may jump: the acceleration for degree 3.
         knots_by_durations: Derivatives of the knots by the durations, shape (K, m).
-        near: Durations near each control point, shape (M, w).
+        near: Durations near each control point, see ``SplineMotion``, shape (M, w).
         point_map: Map from the unknowns to the control points.
         point_unknowns: Number of unknowns without the durations.
         acceleration_range: Acceleration that the full torque range of each joint gives,
@@ -122,7 +121,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
         self._base = system.problem.q_start
         self.acceleration_range = np.ones(self._n)
         self.knots_by_durations = clamped(shares, degree, breaks)
-        self.near = durations_near(self.knots_by_durations, degree)
+        self.near = _durations_near(self.knots_by_durations, degree)
         self.point_map = self._eliminated()
         self.point_unknowns = int(self.point_map.column.max()) + 1
         self.size = self.point_unknowns + self._m
@@ -471,6 +470,25 @@ def _reach(knots: Array, degree: int, count: int) -> Array:
     """
     spans = (knots[degree + 1 : degree + count] - knots[1:count]) / degree
     return nodes_of(spans)[:, None]
+
+
+def _durations_near(knots: Array, degree: int) -> IntArray:
+    """Durations on which the spline depends where a control point is the first one.
+
+    Args:
+        knots: Derivatives of the knots by the durations, shape (K, m).
+        degree: Degree of the spline.
+
+    Returns:
+        Indices of w consecutive durations for each control point, shape (M, w).
+    """
+    # The duration of each gap between knots; gaps between equal knots have the former.
+    owner = np.maximum.accumulate(np.argmax(np.diff(knots, axis=0) > 0.0, axis=1))
+    point = np.arange(len(knots) - degree - 1)
+    first = owner[point + 1]
+    last = owner[np.minimum(point + 2 * degree, owner.size - 1)]
+    width = int(np.max(last - first)) + 1
+    return places(np.minimum(first, knots.shape[1] - width), width)
 
 
 def _of_segments(of: BSplineTranscription, motion: Trajectory) -> Trajectory:

@@ -153,7 +153,8 @@ class SplineMotion:
         eta: Durations by which the shares are multiplied, shape (m,).
         shares: Lengths of the intervals by eta, shape (N, m).
         knots: Knots of the spline, in units of the last duration.
-        near: Durations near each control point, see :func:`durations_near`.
+        near: Durations on which the spline depends where a control point is the first
+            one, w consecutive ones, shape (M, w).
         finite: Whether all states are finite, which they always are.
     """
 
@@ -254,25 +255,6 @@ def clamped(h: Array, degree: int, breaks: tuple[int, ...] = ()) -> Array:
         nodes = np.insert(nodes, breaks, nodes[list(breaks)], axis=0)
     first, last = (np.repeat(nodes[[end]], degree, axis=0) for end in (0, -1))
     return np.concatenate([first, nodes, last])
-
-
-def durations_near(knots: Array, degree: int) -> IntArray:
-    """Durations on which the spline depends where a control point is the first one.
-
-    Args:
-        knots: Derivatives of the knots by the durations, shape (K, m).
-        degree: Degree of the spline.
-
-    Returns:
-        Indices of w consecutive durations for each control point, shape (M, w).
-    """
-    # The duration of each gap between knots; gaps between equal knots have the former.
-    owner = np.maximum.accumulate(np.argmax(np.diff(knots, axis=0) > 0.0, axis=1))
-    point = np.arange(len(knots) - degree - 1)
-    first = owner[point + 1]
-    last = owner[np.minimum(point + 2 * degree, owner.size - 1)]
-    width = int(np.max(last - first)) + 1
-    return places(np.minimum(first, knots.shape[1] - width), width)
 
 
 def places(first: IntArray, width: int) -> IntArray:

@@ -313,9 +313,10 @@ class Integration:
                 done = plant.unchanged(times, states)
                 rows, ways = states[1 : done + 1], np.tile(plant.way, (done, 1))
                 begin, x = float(times[done]), states[done]
-                if done == times.size - 1 or not plant.dry.any():
+                if done == times.size - 1 or self.evaluations > MAX_EVALUATIONS:
                     return rows, ways
-                # A joint stops or is released: the rest is integrated step by step.
+                # A joint stops or is released, or odeint has refused the piece, for
+                # which rounding suffices: the rest is integrated step by step.
             more, later = self._steps(plant, x, begin, times[len(rows) + 1 :])
         return np.vstack([rows, more]), np.vstack([ways, later])
 
