@@ -119,7 +119,7 @@ PROBLEMS: dict[str, Callable[[], tm.Problem]] = {
 }
 GRIDS = {
     "": lambda: interval_shares("cosine", INTERVALS),
-    ", two columns": lambda: delayed_shares("cosine", 4, 0.3),
+    ", two columns": lambda: delayed_shares(4, 0.3),
     ", free": lambda: np.eye(INTERVALS),
 }
 

@@ -90,7 +90,7 @@ def test_it_is_never_slower_than_on_the_grid_of_the_search(mode, limits):
 
 LAYOUTS = {
     "constant": (2, interval_shares("cosine", 12), [1.3], ()),
-    "constant, two lengths": (2, delayed_shares("cosine", 9, 0.3), [1.1, 1.4], ()),
+    "constant, two lengths": (2, delayed_shares(9, 0.3), [1.1, 1.4], ()),
     "linear": (3, interval_shares("cosine", 12), [1.3], ()),
     "smooth": (5, interval_shares("cosine", 12), [1.3], ()),
     "states": (0, interval_shares("cosine", 12), [1.3], ()),

@@ -80,7 +80,7 @@ def test_an_arc_that_vanishes_is_no_step_of_the_motion(length, tmp_path):
 def test_halved_intervals_keep_the_motion_and_what_may_stretch(kind, tmp_path):
     # A motion that waits has lengths of its own for the wait, which halving lost.
     system = ProblemFunctions.of(opening(tmp_path, 0.5, 1.0, 2.0))
-    shares = delayed_shares("cosine", 12, 0.4)
+    shares = delayed_shares(12, 0.4)
     program = kind(system, shares, 2.0)
     times = 2.0 * np.concatenate([[0.0], np.cumsum(shares.sum(axis=1))])
 

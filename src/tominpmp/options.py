@@ -146,8 +146,7 @@ class Options(Record):
             Several segments share them, each having 10 (or N) at least.
             The grid of the resulting motion may have more intervals, see ``refine``.
         grid: "cosine" (short intervals at both ends, see
-            :func:`~tominpmp.transcription.grid.interval_shares`) or "uniform", which is
-            always taken with limits of jerk or torque rate.
+            :func:`~tominpmp.transcription.grid.interval_shares`) or "uniform".
         control: How the torque (adjoint, collocation) or the acceleration (inverse)
             runs over an interval: "constant", or for "inverse" also "linear"
             (continuous accelerations) and "spline" (smooth ones); "auto" takes "linear"

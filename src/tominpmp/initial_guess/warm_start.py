@@ -161,7 +161,7 @@ class WarmStart(Guess):
         """B-spline program, and the spline that fits the motion best as its iterate."""
         lengths = np.diff(self.nodes)[:, None] / self.duration
         finer = self._finer(intervals)
-        shares = interval_shares(kind, finer or intervals)
+        shares = interval_shares(kind, finer or intervals, sudden=system.sudden)
         even = finer is None or lengths.min() >= SHORTEST * lengths.mean()
         if lengths.shape == shares.shape and even:
             shares = lengths

@@ -49,7 +49,7 @@ def first_program(
 ) -> InitialProgram:
     """Nonlinear program for a guess, and the guess as its initial iterate."""
     system = system.passing(guess.ends)
-    grid = options.intervals, _kind_of_grid(system, options)
+    grid = options.intervals, options.grid
     timed = GUESS_TIME_SCALE if guess.timed else 1.0
     if options.method == "collocation":
         if isinstance(guess, WarmStart):
@@ -110,22 +110,13 @@ def _guess_grid(
         number of intervals up to the end of each segment, which is empty for guesses
         that begin with a delay.
     """
-    smooth, kind = options.control in DEGREES, _kind_of_grid(system, options)
+    smooth, sudden = options.control in DEGREES, system.sudden
     if guess.delay > 0.0:
         # The delay before the arm starts to move has intervals of its own.
         delay = guess.delay / guess.duration
-        shares = delayed_shares(kind, options.intervals, delay)
+        shares = delayed_shares(options.intervals, delay, sudden=sudden)
         return np.sum(shares, axis=1, keepdims=True) if smooth else shares, ()
     durations = guess.durations
     counts = segment_intervals(options.intervals, durations)
-    shares = segmented_shares(kind, counts, durations, smooth)
+    shares = segmented_shares(options.grid, counts, durations, smooth, sudden=sudden)
     return shares, tuple(np.cumsum(counts).tolist())
-
-
-def _kind_of_grid(system: ProblemFunctions, options: Options) -> str:
-    """The kind of grid: uniform if accelerations begin and end at zero.
-
-    Short intervals at both ends would gain nothing there. They need excessive jerks,
-    and linear programs with jerk limits fail on them.
-    """
-    return options.grid if system.sudden else "uniform"

@@ -29,7 +29,7 @@ LEAST_INTERVALS = 10
 ROUNDING = 1e-6
 
 
-def interval_shares(kind: str, intervals: int) -> Array:
+def interval_shares(kind: str, intervals: int, *, sudden: bool = True) -> Array:
     """Lengths of the intervals as shares of the duration.
 
     Fast joints reach their speed almost at once when a motion begins and ends; with
@@ -41,45 +41,47 @@ def interval_shares(kind: str, intervals: int) -> Array:
     Args:
         kind: "uniform" or "cosine".
         intervals: Number N of intervals.
+        sudden: Whether accelerations may jump at the start and at the end of a motion.
+            If not, the first and the last interval are not split: shorter intervals
+            would need excessive jerks, and make linear programs with jerk limits fail.
 
     Returns:
         Shares that add up to 1, shape (N, 1).
     """
     if kind == "uniform":
         return np.diff(np.linspace(0.0, 1.0, intervals + 1))[:, None]
-    split = intervals >= 4 * len(END_NODES)
+    split = sudden and intervals >= 4 * len(END_NODES)
     return _cosine_shares(intervals, split, split)[:, None]
 
 
-def delayed_shares(kind: str, intervals: int, delay: float) -> Array:
+def delayed_shares(intervals: int, delay: float, *, sudden: bool = True) -> Array:
     """Lengths of the intervals of a motion that begins with a wait.
 
-    On the cosine grid intervals are short at both ends, but not where the wait and the
-    motion meet.
+    Intervals are short at both ends, as on the cosine grid, but not where the wait and
+    the motion meet.
 
     Args:
-        kind: "uniform" or "cosine".
         intervals: Number of intervals of the motion that follows the wait.
         delay: Share of the wait in the whole duration, between 0 and 1.
+        sudden: Whether accelerations may jump at the ends, see :func:`interval_shares`.
 
     Returns:
         Lengths of the intervals for a whole duration of 1, shape (W + N, 2): the wait
         and the motion have a column, that is a duration, each.
     """
     before = np.linspace(0.0, 1.0, DELAY_INTERVALS + 1)
-    after = interval_shares("uniform", intervals)[:, 0]
-    if kind == "cosine":
+    if sudden:
         before = np.sort(np.concatenate([before, before[1] * np.array(END_NODES)]))
-        after = _sine_shares(intervals)
+    after = _sine_shares(intervals, sudden)
     parts = delay * np.diff(before), (1.0 - delay) * after
     return np.asarray(block_diag(*(part[:, None] for part in parts)))
 
 
-def _sine_shares(intervals: int) -> Array:
+def _sine_shares(intervals: int, sudden: bool = True) -> Array:
     """Shares of intervals that become shorter towards the end only, (intervals,)."""
-    share = np.linspace(0.0, 1.0, intervals - len(END_NODES) + 1)
-    nodes = np.sin(0.5 * np.pi * share)
-    last = (1.0 - nodes[-2]) * np.array(END_NODES)
+    extra = len(END_NODES) if sudden else 0
+    nodes = np.sin(0.5 * np.pi * np.linspace(0.0, 1.0, intervals - extra + 1))
+    last = (1.0 - nodes[-2]) * np.array(END_NODES[:extra])
     return np.diff(np.sort(np.concatenate([nodes, 1.0 - last])))
 
 
@@ -99,7 +101,7 @@ def segment_intervals(intervals: int, durations: Array) -> IntArray:
 
 
 def segmented_shares(
-    kind: str, counts: IntArray, durations: Array, smooth: bool
+    kind: str, counts: IntArray, durations: Array, smooth: bool, *, sudden: bool = True
 ) -> Array:
     """Lengths of the intervals of several segments with separate durations.
 
@@ -113,6 +115,7 @@ def segmented_shares(
         counts: Number of intervals of each segment, shape (k,).
         durations: Durations of the segments, in any unit, shape (k,).
         smooth: Whether accelerations are continuous.
+        sudden: Whether accelerations may jump at the ends, see :func:`interval_shares`.
 
     Returns:
         Lengths of the intervals for a whole duration of 1, shape (sum of counts, k).
@@ -121,11 +124,11 @@ def segmented_shares(
     for k, intervals in enumerate(counts.tolist()):
         outer = (k == 0, k == count - 1)
         if kind == "uniform" or count == 1:
-            shares = interval_shares(kind, intervals)[:, 0]
+            shares = interval_shares(kind, intervals, sudden=sudden)[:, 0]
         elif smooth and not any(outer):
             shares = interval_shares("uniform", intervals)[:, 0]
         elif smooth:
-            shares = _sine_shares(intervals)
+            shares = _sine_shares(intervals, sudden)
             shares = shares[::-1] if k == 0 else shares
         else:
             shares = _cosine_shares(intervals, *outer)
