@@ -231,7 +231,8 @@ class CoarseSearch:
     variation of the torques leads to better optima on the coarse grid; on the fine grid
     it costs 0.1 % of T. If the grid will be refined anyway, motions in free space that
     torques rule are finished on twice as many intervals: they end 0.1 to 0.5 % faster
-    (six goals).
+    (six goals). With limits of jerk or torque rate, twice as many intervals gain
+    nothing (46 goals), and the interior-point method fails on their short ends.
 
     Args:
         system: Functions of the problem.
@@ -268,7 +269,7 @@ class CoarseSearch:
             self.fine = replace(self.fine, smoothing=options.smoothing or 0.0)
         if torques and system.in_free_space:
             self.coarse = replace(self.coarse, grid="uniform")
-            if options.refine == "auto":
+            if options.refine == "auto" and system.sudden:
                 most = min(TORQUE_INTERVALS, TORQUE_VARIABLES // system.n)
                 finer = max(options.intervals, min(2 * options.intervals, most))
                 self.fine = replace(self.fine, intervals=finer)
