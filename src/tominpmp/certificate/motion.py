@@ -24,7 +24,7 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.constraints.base import Partials, States
-from tominpmp.linear_programs.compressed import Compressed
+from tominpmp.linear_programs.sparse import rows_of_table
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.controls import driven_joints
 from tominpmp.transcription.instants import Instants
@@ -151,7 +151,7 @@ class Perturbations:
         lengths = self.size - N
         columns.append((lengths + interval)[:, None])
         places = np.concatenate(columns, axis=1)
-        matrix = Compressed.of_table(data, places, self.size).rows()
+        matrix = rows_of_table(data, places, self.size)
         matrix.sum_duplicates()
         if partials.by_t is not None:
             by_lengths = at.times(np.eye(N))[which]

@@ -12,7 +12,6 @@ import piqp
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray
-from tominpmp.linear_programs.compressed import Compressed
 from tominpmp.linear_programs.highs import HighsSolver
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.linear_programs.solver import MANY_COLUMNS, NO_BOUND, LpSolver
@@ -97,16 +96,16 @@ def with_sorted_columns(matrix: sp.csc_matrix) -> sp.csc_matrix:
     return matrix if matrix.has_sorted_indices else matrix.sorted_indices()
 
 
-def equation_scale(equations: Compressed) -> Array:
+def equation_scale(equations: sp.csr_matrix) -> Array:
     """Factors that scale the largest coefficient of each equation to 1, shape (m,).
 
     Equations with smaller coefficients are not scaled. Second differences over short
     intervals have coefficients of 1e10.
 
     Args:
-        equations: The equations, by columns.
+        equations: The equations.
     """
-    return np.asarray(1.0 / np.maximum(1.0, equations.largest()))
+    return np.asarray(1.0 / np.maximum(1.0, abs(equations).max(axis=1).toarray()[:, 0]))
 
 
 @cache
@@ -161,10 +160,10 @@ class PiqpSolver(LpSolver):
         others, equations = program.matrix, None
         self._scale = np.zeros(0)
         if equal.any():
-            matrix = Compressed.of(program.matrix)
-            others, equal_rows = matrix.chosen(~equal).columns(), matrix.chosen(equal)
-            self._scale = equation_scale(equal_rows)
-            equations = equal_rows.times(self._scale).columns()
+            matrix = program.matrix.tocsr()
+            others, equations = matrix[~equal].tocsc(), matrix[equal]
+            self._scale = equation_scale(equations)
+            equations = (sp.diags(self._scale) @ equations).tocsc()
         settings = self._solver.settings
         settings.kkt_solver = piqp.KKTSolver.sparse_ldlt
         if not self._stages_fail:

@@ -19,8 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse as sp
 
-from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.linear_programs.compressed import Compressed, sorted_in
+from tominpmp.arrays import Array, IntArray
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.solvers.iterate import NEGLIGIBLE, Iterate
 from tominpmp.solvers.objective import Model
@@ -88,38 +87,32 @@ def build_subproblem(
         accuracy: Duality gap below which the program counts as solved [s].
     """
     rows, steps = state.rows, linearization.steps
-    moving = steps.upper - steps.lower > 0.0
-    free = np.flatnonzero(moving)
-    chosen, body, low, high = _rows_within_reach(state, linearization, moving)
+    free = np.flatnonzero(steps.upper - steps.lower > 0.0)
+    chosen, body, low, high = _rows_within_reach(state, linearization, free)
     violation = rows.group_violation(state.values)
     slack_groups = np.flatnonzero(violation > NEGLIGIBLE)
-    every_row, count = body, chosen.size
+    elastic = _elastic_columns(state, chosen, violation, slack_groups)
+    blocks: list[list[sp.spmatrix | None]] = [[body, elastic]]
     # Costs, bounds and keys of the columns, and bounds and keys of the rows, by blocks.
     columns = [(model.gradient[free], steps.lower[free], steps.upper[free], free)]
     bounds = [(low, high, chosen)]
-    further: list[Compressed] = []
     if model.variation is not None:
         variation = model.variation
         differences = variation.at(state.z)
         k = differences.size
-        jumps = Compressed.of(variation.matrix).chosen(moving)
-        every_row, count = body.followed_by(jumps), count + k
-        either = np.repeat([-1.0, 1.0], k)
-        places = chosen.size + np.tile(np.arange(k), 2)
-        further.append(Compressed.of_table(either[:, None], places[:, None], count))
+        jumps, every = variation.matrix[:, free], sp.identity(k)
+        blocks = [[body, None, None, elastic], [jumps, -every, every, None]]
         weights, most = np.full(2 * k, model.weight), np.full(2 * k, np.inf)
         keys = _KEY_BLOCK + np.arange(2 * k)
         columns.append((weights, np.zeros(2 * k), most, keys))
         bounds.append((-differences, -differences, keys[:k]))
-    elastic = _elastic_columns(state, chosen, violation, slack_groups, count)
     weights = state.weights[rows.group_kind[slack_groups]]
     most = np.maximum(violation[slack_groups] * (1.0 + 1e-9), LEAST_ROOM)
     keys = 2 * _KEY_BLOCK + slack_groups
     columns.append((weights, np.zeros(keys.size), most, keys))
     cost, lower, upper, column_keys = map(np.concatenate, zip(*columns, strict=True))
     row_lower, row_upper, row_keys = map(np.concatenate, zip(*bounds, strict=True))
-    of_unknowns = Compressed.of(every_row.rows().tocsc())
-    matrix = of_unknowns.followed_by(*further, elastic).columns()
+    matrix = sp.bmat(blocks, format="csc")
     program = LinearProgram(
         cost,
         matrix,
@@ -132,17 +125,16 @@ def build_subproblem(
         _curvature(model, free, matrix.shape[1]),
         accuracy,
     )
-    return Subproblem(program, free, chosen, state.z.size, rows.size, body.rows())
+    return Subproblem(program, free, chosen, state.z.size, rows.size, body)
 
 
 def _curvature(model: Model, free: IntArray, size: int) -> sp.csc_matrix | None:
     """Hessian of the objective for all columns, from the roots for the unknowns."""
     diagonal, root, proximal = None, model.root, model.proximal
     if proximal is not None:
-        squares = np.zeros(size)
-        squares[: free.size] = proximal[free] ** 2
-        every = np.arange(size)
-        diagonal = Compressed.of_table(squares[:, None], every[:, None], size).columns()
+        diagonal = sp.diags(proximal[free] ** 2, format="csc")
+        diagonal.resize(size, size)
+        diagonal.eliminate_zeros()
     if root is None:
         return diagonal
     of_step = root[:, free]
@@ -152,8 +144,8 @@ def _curvature(model: Model, free: IntArray, size: int) -> sp.csc_matrix | None:
 
 
 def _rows_within_reach(
-    state: Iterate, linearization: Linearization, moving: BoolArray
-) -> tuple[IntArray, Compressed, Array, Array]:
+    state: Iterate, linearization: Linearization, free: IntArray
+) -> tuple[IntArray, sp.csr_matrix, Array, Array]:
     """Rows that may reach a bound within the box for the step; others are left out.
 
     Returns:
@@ -162,15 +154,14 @@ def _rows_within_reach(
         infinite, which helps the solver.
     """
     every, matrix, (lower, upper) = linearization
-    body = Compressed.of(matrix)
-    change = body.reach(np.maximum(np.abs(lower), np.abs(upper)))
+    change = abs(matrix) @ np.maximum(np.abs(lower), np.abs(upper))
     rows, here = state.rows, state.values[every]
     low, high = rows.lower[every], rows.upper[every]
     keep = (here + change >= high) | (here - change <= low)
     here, low, high, change = here[keep], low[keep], high[keep], change[keep]
     low = np.where(here - change > low, -np.inf, low) - here
     high = np.where(here + change < high, np.inf, high) - here
-    return every[keep], body.chosen(moving, keep), low, high
+    return every[keep], matrix[keep][:, free], low, high
 
 
 def _elastic_columns(
@@ -178,8 +169,7 @@ def _elastic_columns(
     chosen: IntArray,
     violation: Array,
     slack_groups: IntArray,
-    count: int,
-) -> Compressed:
+) -> sp.csc_matrix:
     """Coefficients of the elastic variables in the chosen rows."""
     rows, here = state.rows, state.values[chosen]
     low, high = rows.lower[chosen], rows.upper[chosen]
@@ -191,4 +181,5 @@ def _elastic_columns(
     share = (here - high)[equal] / np.maximum(violation[group[equal]], NEGLIGIBLE)
     sign[equal] = share
     used = np.flatnonzero((sign != 0.0) & (column[group] >= 0))
-    return sorted_in(column[group[used]], used, -sign[used], slack_groups.size, count)
+    places, shape = (used, column[group[used]]), (chosen.size, slack_groups.size)
+    return sp.csc_matrix((-sign[used], places), shape=shape)

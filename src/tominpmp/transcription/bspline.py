@@ -29,7 +29,7 @@ from scipy.sparse.linalg import spsolve
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.base import Partials, States
 from tominpmp.constraints.joint_limits import JointLimit
-from tominpmp.linear_programs.compressed import Compressed
+from tominpmp.linear_programs.sparse import rows_of_table
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.base import HullRows, StepBounds, Transcription, Variation
 from tominpmp.transcription.curve import (
@@ -186,11 +186,11 @@ class BSplineTranscription(Transcription[SplineMotion]):
             slopes = mapping.slopes[points[:, :, None], near[:, None]]
             by_durations = by_durations + np.einsum("kw,kwd->kd", by_points, slopes)
         columns = mapping.column[points], self.point_unknowns + near
-        matrix = Compressed.of_table(
+        matrix = rows_of_table(
             np.concatenate([by_points, by_durations], axis=1),
             np.concatenate(columns, axis=1),
             self.size,
-        ).rows()
+        )
         if not mapping.one_to_one:
             matrix.sum_duplicates()
         return matrix
@@ -249,7 +249,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
         design = knots.design(times * knots.knots[-1])
         design = sp.kron(design, sp.identity(self._n), format="csr")
         ones, column = np.ones((mapping.column.size, 1)), mapping.column[:, None]
-        by_free = design @ Compressed.of_table(ones, column, self.point_unknowns).rows()
+        by_free = design @ rows_of_table(ones, column, self.point_unknowns)
         fixed = mapping.offset + mapping.slopes @ eta
         rest = (q - self._base).ravel() - design @ fixed
         points = spsolve((by_free.T @ by_free).tocsc(), by_free.T @ rest)

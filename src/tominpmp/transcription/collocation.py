@@ -20,7 +20,7 @@ import scipy.sparse as sp
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.base import Partials
 from tominpmp.constraints.friction import Signs
-from tominpmp.linear_programs.compressed import Compressed
+from tominpmp.linear_programs.sparse import rows_of_table
 from tominpmp.transcription.base import NOT_INTEGRATED, HullRows, StepBounds
 from tominpmp.transcription.controls import (
     SPEED_FACTOR,
@@ -235,7 +235,7 @@ class CollocationTranscription(TorqueTranscription):
         by_eta = length * self.shares[interval] + by_eta
         parts = [ends, torques * self.system.effort_half, by_eta]
         data = np.concatenate(parts, axis=1)
-        return Compressed.of_table(data, self._columns[interval], self.size).rows()
+        return rows_of_table(data, self._columns[interval], self.size)
 
     # -- the rest of the interface -----------------------------------------------------
 
