@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -57,11 +56,10 @@ def record(search, **changes):
     return IterationRecord(**(values | changes))
 
 
-def loop(search, records, rows=10):
+def loop(search, records):
     """A loop with records, at the motion that the search has found last."""
     _, (program, iterate, _), *_ = search.state.fallback
-    there = SimpleNamespace(rows=np.zeros(rows), transcription=program.transcription)
-    return loop_with(records, program=there, best=None, state=iterate)
+    return loop_with(records, program=program, best=None, state=iterate)
 
 
 def test_a_start_ends_that_will_be_no_faster_than_one_before(monkeypatch):
