@@ -224,10 +224,13 @@ def draw_problem(rng: np.random.Generator, case: Case) -> tm.Problem:
         )
         return cell.problem(
             start=dict(zip("ab", starts, strict=True)),
-            goal={k: tm.JointGoal(q) for k, q in zip("ab", ends, strict=True)},
+            goal={
+                k: tm.JointGoal(q, wrap=False) for k, q in zip("ab", ends, strict=True)
+            },
             **common,
         )
-    target: tm.Goal = tm.JointGoal(goal, v_end if moving else None)
+    # The judge takes the positions of continuous joints as they are, without turns.
+    target: tm.Goal = tm.JointGoal(goal, v_end if moving else None, wrap=False)
     if kind == "hand_goal":
         model = robots[0].model
         data, frame = model.createData(), TOOLS[case["arms"][0]["robot"]]
