@@ -76,6 +76,7 @@ def test_duals_are_those_of_the_equations_as_they_were_given() -> None:
 def test_equations_have_coefficients_of_one_at_most() -> None:
     matrix = sp.csr_matrix(np.array([[1e10, -2.0], [0.5, 0.1]]))
     assert equation_scale(matrix) == pytest.approx([1e-10, 1.0])
+    assert equation_scale(matrix[:0]).shape == (0,)
 
 
 def overlapping_limits() -> LinearProgram:

@@ -11,7 +11,7 @@ from tominpmp.arrays import Array, IntArray
 def rows_of_table(data: Array, places: IntArray, width: int) -> sp.csr_matrix:
     """Sparse matrix whose rows have up to w entries each; zeros are left out.
 
-    It skips the checks of SciPy, which would take longer than all the rest.
+    The rows are written as they are stored: from coordinates SciPy would sort them.
 
     Args:
         data: Entries, shape (m, w).

@@ -363,9 +363,9 @@ class BSplineTranscription(Transcription[SplineMotion]):
             by_points /= np.tile(scale, points.size)[:, None]
             by_points /= motion.unit**order
             near = self.near[points]
-            by_durations = np.vstack([*motion.by_durations(of_motion, order, near)])
+            by_eta = motion.by_durations(of_motion, order, near)
             near = np.repeat(near, limit.count, axis=0)
-            return self.by_unknowns(by_points, places, by_durations, near)
+            return self.by_unknowns(by_points, places, by_eta.reshape(near.shape), near)
 
         def values(motion: SplineMotion) -> Array:
             return of_motion(motion).ravel()
@@ -416,12 +416,12 @@ class BSplineTranscription(Transcription[SplineMotion]):
         data, points = of_each_joint(between, np.arange(len(between)), every, self._n)
         data /= np.tile(scale, len(between))[:, None]
         near = self.near[: len(between)]
-        by_durations = np.zeros((len(data), near.shape[1]))
+        by_eta = np.zeros((len(between), self._n, near.shape[1]))
         if self._m > 1:
             # The jumps depend on the ratios of the durations, too.
-            by_durations = np.vstack([*motion.by_durations(jumps, 2, near)])
+            by_eta = motion.by_durations(jumps, 2, near)
         near = np.repeat(near, self._n, axis=0)
-        matrix = self.by_unknowns(data, points, by_durations, near)
+        matrix = self.by_unknowns(data, points, by_eta.reshape(near.shape), near)
         return Variation(matrix, jumps(motion).ravel() - matrix @ z)
 
     @property
