@@ -242,8 +242,7 @@ def end_velocity(system: ProblemFunctions, q_end: Array) -> Array:
     goal, v = system.problem.goal, system.v_start
     if not goal.fixes_velocity and goal.speed_count(v.size):
         return np.asarray(GoalVelocity(system, goal).nearest(q_end[None])[0][0])
-    missing, _, by_v = goal.motion_residual(system.kinematics, q_end, v)
-    return np.asarray(v - np.linalg.pinv(by_v) @ missing)
+    return goal.final_velocity(v.size) if goal.fixes_velocity else v
 
 
 def path_guess(system: ProblemFunctions, corners: Array) -> Guess:

@@ -76,19 +76,16 @@ class GoalVelocity:
             Joint velocities at configurations, near to those at the start, shape (m,
             n), and the velocities that they lack, shape (m, 3) [m/s].
         """
-        top, start = self.system.problem.robot.limits.velocity, self.system.v_start
+        top = self.system.problem.robot.limits.velocity
         value, slope = padded(self._residual(row, 0.0 * row)[::2] for row in q)
 
         def missing(v: Array, rows: IntArray) -> tuple[Array, Array]:
             return value[rows] + (slope[rows] @ v[:, :, None])[:, :, 0], slope[rows]
 
-        v, scale, bounds = (
-            np.tile(start, (len(q), 1)),
-            1.0 / speed_weights(top),
-            (-top, top),
-        )
+        v, scale = np.tile(self.system.v_start, (len(q), 1)), 1.0 / speed_weights(top)
+        ends, far = (-top, top), 2.0 * scale
         v, _ = least_squares(
-            missing, v, bounds, scale, 2.0 * scale, reached=TOLERANCE, steps=STEPS
+            missing, v, ends, scale, far, reached=TOLERANCE, steps=STEPS
         )
         return v, missing(v, np.arange(len(q)))[0]
 

@@ -202,15 +202,13 @@ class StateChecks:
             ProblemError: If a constraint is violated by more than rounding.
         """
         limits = self.robot.limits
-        side = 1.0 * (q >= limits.position_upper) - (q <= limits.position_lower)
-        outward = side * v
+        outward = np.where(q >= limits.position_upper, v, 0.0)
+        outward -= np.where(q <= limits.position_lower, v, 0.0)
         wrong = outward if which == "start" else np.abs(outward)
         # A slower joint stops within rounding of its limit.
         for i in np.flatnonzero(wrong > math.sqrt(SNAP)).tolist():
-            unit, way = (
-                unit_of(self.robot, i),
-                "leaves" if outward[i] > 0.0 else "enters",
-            )
+            unit = unit_of(self.robot, i)
+            way = "leaves" if outward[i] > 0.0 else "enters"
             raise ProblemError(
                 f"{which}: joint {self.robot.joint_names[i]!r} {way} its range there: "
                 f"it has {v[i]:.4g} {unit}/s at its limit of {q[i]:.4g} {unit}",
