@@ -129,7 +129,7 @@ def test_samples_that_break_limits_between_them_are_told_of(
     tour: tm.Tour, tmp_path: Path
 ) -> None:
     tour.export(tmp_path / "nodes.yaml")  # a warning would be an error
-    told = r"on segment 1 .*, joint joint1 is .* beyond its acceleration limit"
+    told = r"on segment \d .*, joint joint1 is .* beyond its acceleration limit"
     with pytest.warns(tm.TominpmpWarning, match=told):
         tour.export(tmp_path / "samples.yaml", dt=0.1)
 
