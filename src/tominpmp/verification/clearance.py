@@ -308,9 +308,7 @@ def _rows(trajectory: Trajectory, deviation: Array | None) -> tuple[Replay, Arra
     drift = np.zeros(trajectory.n) if deviation is None else np.abs(deviation)
     path = replace(trajectory, inverse_dynamics=None)  # torques are not needed
     rows = planned(path)
-    if rows.t.size < 2:
-        return rows, drift
     probes = (rows.t[:-1] + np.diff(rows.t) * np.array([[0.3], [0.5]])).ravel()
     cubic, *_ = Curve(rows.t, rows.q, rows.v).states(probes)
     gaps = np.abs(cubic - path(probes).q)
-    return rows, drift + SAFETY * np.max(gaps, axis=0)
+    return rows, drift + SAFETY * np.max(gaps, axis=0, initial=0.0)
