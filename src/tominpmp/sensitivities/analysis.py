@@ -247,18 +247,17 @@ class SegmentRows:
 
     def _clearances(self) -> Iterator[Sensitivity]:
         """Clearances by obstacle, by pair of links, and the margin of all pairs."""
-        problem, pairs = self._problem, self._problem.checker.pairs
-        gain = self._sums("clearance", self.rows.value, len(pairs))
+        problem, checker = self._problem, self._problem.checker
+        gain = self._sums("clearance", self.rows.value, len(checker.pairs))
         names: dict[str, float] = {item.name: 0.0 for item in problem.scene}
-        for index, (first, second) in enumerate(pairs):
-            if index < problem.checker.obstacle_pairs:
-                names[second] += float(gain[index])
-            elif gain[index] > 0.0:
-                pair = f"{first} and {second}"
-                names[pair] = names.get(pair, 0.0) + float(gain[index])
+        for index in np.flatnonzero(gain > 0.0).tolist():
+            link, other = checker.pairs[index]
+            own = index >= checker.obstacle_pairs
+            name = f"{link} and {other}" if own else other
+            names[name] = names.get(name, 0.0) + float(gain[index])
         for name, value in names.items():
             yield Sensitivity("clearance", None, name, value, "1/m")
-        margin = float(gain[problem.checker.margins(1.0) > 0.0].sum())
+        margin = float(gain[checker.margins(1.0) > 0.0].sum())
         value, unit = _by_share(margin, problem.margin, "m")
         limit = max(problem.margin, 0.0)
         yield Sensitivity("margin", None, "", value, unit, limit, "m")
@@ -356,8 +355,6 @@ class SegmentRows:
         obstacles = rows.of("clearance") & (rows.subject < checker.obstacle_pairs)
         rows = rows.selected(obstacles & (rows.y > NOTHING * rows.unit))
         out: dict[str, Array] = {}
-        if not rows.subject.size:
-            return out
         times, pairs = rows.at.times(self.motion.changes.h), rows.subject
         q = self.motion.path(times).q
         normal, _, point = checker.witnesses(q, np.arange(len(q)), pairs, times)
