@@ -62,19 +62,14 @@ class Arcs:
         held: 1 or -1 if a joint moves at its speed limit forwards or backwards, 0
             otherwise, shape (K, n).
         follows: Whether a torque follows from held joints, shape (K, n); each arc has
-            one such torque for each held joint, by default the torque of the joint.
+            one such torque for each held joint, mostly the torque of the joint.
     """
 
     lengths: Array
     levels: Array
     free: BoolArray
     held: IntArray
-    follows: BoolArray = None  # type: ignore[assignment]
-
-    def __post_init__(self) -> None:
-        """By default, the torques of held joints follow."""
-        if self.follows is None:
-            object.__setattr__(self, "follows", self.held != 0)
+    follows: BoolArray
 
     @property
     def count(self) -> int:
@@ -181,7 +176,8 @@ def read_arcs(lengths: Array, shares: Array, speeds: Array, driven: BoolArray) -
         of = np.searchsorted(rows[:, 0], ends - 0.5 * lengths)
         table[:, :, j] = rows[np.minimum(of, len(track) - 1)].T
     _, levels, free, held = table
-    return Arcs(lengths, levels, free > 0.0, held.astype(np.int64)).cleaned()
+    follows = held != 0.0
+    return Arcs(lengths, levels, free > 0.0, held.astype(np.int64), follows).cleaned()
 
 
 def _read_joint(t: Array, shares: Array, speeds: Array) -> list[_JointArc]:

@@ -165,9 +165,6 @@ class Plant:
         Returns:
             The time just after the event; the end of the step without an event.
         """
-        if not self.dry.any():
-            return end
-
         early, late = begin, end
         step = np.array([begin, end]), np.array([curve(begin), curve(end)])
         if self.unchanged(*step):
