@@ -200,6 +200,22 @@ def test_records_are_data() -> None:
     assert item.joint == item.subject and item.limit and item.limit_unit
 
 
+@pytest.mark.parametrize(
+    ("kind", "subject", "label"),
+    [
+        ("velocity", "y", "y: velocity"),
+        ("payload", "load", "load: mass"),
+        ("clearance", "ear", "ear: clearance"),
+        ("speed of frame tip", "frame tip", "speed of frame tip"),
+        ("goal", "goal", "goal"),
+        ("gravity", "", "gravity"),
+    ],
+)
+def test_labels_name_their_subjects(kind: str, subject: str, label: str) -> None:
+    """Subjects whose names are letters of the kind were left out."""
+    assert Sensitivity(kind, None, subject, 0.1).label == label
+
+
 def test_the_command_line_reports_what_holds(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     words = "plan planar3r --start 0.5 1.7 -1.7 --goal 1.2 0.8 -0.4 --no-output"

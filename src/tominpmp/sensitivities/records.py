@@ -90,7 +90,8 @@ class Sensitivity(Record):
     @property
     def label(self) -> str:
         """Subject and kind, in words."""
-        if self.subject == "" or self.subject in self.kind:
+        # Names of constraints contain their subjects, as words: "speed of frame tip".
+        if self.subject == "" or f" {self.subject} " in f" {self.kind} ":
             return self.kind
         return f"{self.subject}: {SHOWN.get(self.kind, self.kind)}"
 
