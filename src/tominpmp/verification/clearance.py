@@ -164,10 +164,9 @@ WITHOUT_PAIRS = ClearanceProof(True, (), None, 0.0, False, 0)
 
 def _merged(distances: Iterable[ProvedDistance]) -> tuple[ProvedDistance, ...]:
     """Merge proved distances of equal kind and margin into the least of them."""
-    least: dict[tuple[str, float], float] = {}
-    for pairs, margin, bound in distances:
-        least[pairs, margin] = min(bound, least.get((pairs, margin), math.inf))
-    return tuple(ProvedDistance(*kind, bound) for kind, bound in sorted(least.items()))
+    # In falling order the least bound of each kind and margin comes last.
+    least = {item[:2]: item for item in sorted(distances, reverse=True)}
+    return tuple(sorted(least.values()))
 
 
 def _required(margin: float) -> str:
