@@ -177,8 +177,6 @@ def _overlaps(
         wanted: Names of the links of each pair; None for all candidates.
     """
     pairs = _candidates(robot, bodies) if wanted is None else _named(bodies, wanted)
-    if not pairs.size:
-        return {}
     narrow = NarrowPhase(robot.model, bodies, pairs)
     overlaps = np.array([narrow.overlaps(row, FLUSH) for row in _configurations(robot)])
     return {
