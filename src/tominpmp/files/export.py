@@ -44,7 +44,7 @@ from tominpmp.files.tables import (
     write_npz,
 )
 from tominpmp.files.writing import write_file
-from tominpmp.motion.samples import Interpolation, Samples, check_interpolation
+from tominpmp.motion.samples import INTERPOLATIONS, Interpolation, Samples
 from tominpmp.motion.trajectory import Trajectory
 
 # Largest files: the first holds tables up to the limits of
@@ -196,7 +196,7 @@ def read_motion(
     """
     read = READERS[checked_ending(path, READERS, NOT_KEPT)]
     if interpolation is not None:
-        check_interpolation(interpolation)
+        choice(interpolation, INTERPOLATIONS, "interpolation")
     path = checked_path(path)
     message = None
     largest = MAX_MESSAGE if is_message(path) else MAX_BYTES

@@ -108,7 +108,7 @@ class Samples(TimedRows):
     def __post_init__(self) -> None:
         """Check the shapes and make the arrays read-only."""
         self._take_rows("samples: {}", "time", "qvau")
-        check_interpolation(self.interpolation)
+        choice(self.interpolation, INTERPOLATIONS, "interpolation")
         if self.segment_ends is not None:
             self._check_segments()
 
@@ -135,15 +135,6 @@ class Samples(TimedRows):
             f"<Samples of {len(self.joint_names)} joints ({joints}): {self.t.size} "
             f"rows, {span}>"
         )
-
-
-def check_interpolation(name: object) -> None:
-    """Check the name of an interpolation of samples.
-
-    Raises:
-        ProblemError: If no interpolation has the name.
-    """
-    choice(name, INTERPOLATIONS, "interpolation")
 
 
 def clock(duration: float, period: float) -> Array:
