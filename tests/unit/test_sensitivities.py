@@ -175,6 +175,10 @@ def test_a_cycle_is_the_sum_of_its_motions() -> None:
         Sensitivities.of_cycle([one], "long")  # type: ignore[arg-type]
     with pytest.raises(tm.ProblemError, match="names"):
         Sensitivities.of_cycle([one, one], names=["pick"])
+    with pytest.raises(tm.ProblemError, match="names is 5"):
+        Sensitivities.of_cycle([one], names=5)  # type: ignore[arg-type]
+    with pytest.raises(tm.ProblemError, match="parts is None"):
+        Sensitivities.of_cycle(None)  # type: ignore[arg-type]
 
 
 def test_goals_of_a_cycle_stay_apart() -> None:
