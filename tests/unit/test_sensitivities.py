@@ -40,6 +40,7 @@ def planned(case: str) -> tm.Solution:
     weightless = {"gravity": (0.0, 0.0, 0.0)}
     free = arm(damping=0.0, **weightless)
     loaded = arm().with_payload(tm.Payload(0.02, "tip", com=(0.1, 0.0, 0.0)))
+    lopsided = arm().with_changes(effort=[(-30.0, 20.0), (-5.0, 9.0), (-2.0, 3.0)])
     problems: dict[str, Any] = {
         "free": lambda: tm.Problem(free, START, JOINTS),
         "slow": lambda: tm.Problem(
@@ -51,6 +52,7 @@ def planned(case: str) -> tm.Solution:
         "rubbing": lambda: tm.Problem(arm(friction=0.3), START, JOINTS),
         "curve": lambda: tm.Problem(arm(), START, JOINTS, motion_limits=CURVE),
         "loaded": lambda: tm.Problem(loaded, START, JOINTS),
+        "lopsided": lambda: tm.Problem(lopsided, START, JOINTS),
         "obstacle": lambda: tm.Problem(arm(**weightless), START, TIP, OBSTACLE, 0.1),
     }
     # On 32 intervals one of the plans past a smaller obstacle needs a finer grid.
@@ -74,12 +76,15 @@ def test_time_scaling(case: str) -> None:
     assert max(worth) <= 1e-6 and min(worth) < -0.1
 
 
-@pytest.mark.parametrize("case", ["gravity", "damped", "rubbing", "curve", "loaded"])
+@pytest.mark.parametrize(
+    "case", ["gravity", "damped", "rubbing", "curve", "loaded", "lopsided"]
+)
 def test_time_scaling_of_what_makes_torques(case: str) -> None:
     found = planned(case).sensitivities
     assert found.balance == pytest.approx(0.0, abs=1e-6)
     parts = {"gravity": "gravity", "damped": "damping", "rubbing": "friction"}
     parts |= {"curve": "speed of effort curve", "loaded": "gravity"}
+    parts["lopsided"] = "effort"  # the middle of its range grows, too
     assert abs(found.total(parts[case])) > 1e-3
 
 

@@ -205,9 +205,10 @@ class SegmentRows:
 
         A multiplier is weighted by the share of the limit that the motion uses: then
         the sums satisfy the time scaling identity also for motions away from the
-        optimum, as time scaling changes the used shares.
+        optimum, as time scaling changes the used shares. Torque limits that differ in
+        both directions grow with their middle: shares are counted from the middle.
         """
-        rows = self.rows
+        rows, system = self.rows, self.motion.system
         # Torques may exceed limits between nodes: their used share is not clipped.
         control = control_kind(self._robot).name
         used = np.where(rows.of(control), rows.used, 1.0 - rows.slack)
@@ -225,6 +226,9 @@ class SegmentRows:
                 sides.append(("lower position", item.lower, gain * ~upper))
             for name, limit, values in sides:
                 value = 0.0 - self._sums(kind.name, values, limit.size)
+                if kind.quantity == "u":
+                    shift = system.effort_middle / system.effort_half
+                    value -= shift * self._sums(kind.name, rows.y, limit.size)
                 for j in np.flatnonzero(np.isfinite(limit)).tolist():
                     # Positions may be zero, and have no derivative by a share.
                     per = f"1/{units[j]}" if kind.quantity == "q" else ""
