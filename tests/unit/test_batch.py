@@ -403,6 +403,17 @@ def test_parquet(folder: Path) -> None:
     assert len(table) == 2 and table[0]["success"] and len(table[0]["q"]) > 8
 
 
+def test_parquet_has_the_motions_after_a_result_without_one(folder: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    results = folder / "late"
+    cases = [folder / "missing.toml", *problems(folder, 1)]
+    list(tm.plan_many(cases, results=results, workers=1, **QUICK))
+    path = tm.Dataset(results).to_parquet(folder / "late.parquet")
+    broken, planned = parquet.read_table(path).to_pylist()
+    assert broken["q"] is None and not broken["success"]
+    assert len(planned["q"]) > 8 and planned["robot"]
+
+
 def test_files_that_are_no_results(tmp_path: Path) -> None:
     path = tmp_path / "a.npz"
     np.savez(path, x=np.zeros(3))
