@@ -197,20 +197,16 @@ def read_motion(
     read = READERS[checked_ending(path, READERS, NOT_KEPT)]
     if interpolation is not None:
         choice(interpolation, INTERPOLATIONS, "interpolation")
-    path = checked_path(path)
-    message = None
-    largest = MAX_MESSAGE if is_message(path) else MAX_BYTES
+    path, held = checked_path(path), is_message(path)
     try:
-        content = read(read_bytes(path, largest), path)
-        if is_message(path):
-            message = content
-            content = read_message(Field(message, path))
-        samples = _checked(content, path)
+        content = read(read_bytes(path, MAX_MESSAGE if held else MAX_BYTES), path)
+        whole = read_message(Field(content, path)) if held else content
+        samples = _checked(whole, path)
     except ProblemError as error:  # the content is not valid samples
         raise ScenarioError(f"{path}: {error}", path, error.field) from error
     if interpolation is not None:
         samples = replace(samples, interpolation=interpolation)
-    return samples, message
+    return samples, content if held else None
 
 
 def _checked(samples: Samples, path: Path) -> Samples:
