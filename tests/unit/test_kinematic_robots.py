@@ -49,6 +49,8 @@ def test_rest_to_rest(solution: tm.Solution) -> None:
     assert np.isnan(motion.sample(0.01).u).all()
     assert np.isnan(solution.initial.u).all()
     assert np.isfinite(motion.a).all()
+    copy = pickle.loads(pickle.dumps(motion))
+    assert copy == motion and hash(copy) == hash(motion)  # torques are undefined
 
 
 def test_speed_limits_make_trapezoids() -> None:
