@@ -117,11 +117,11 @@ lock: ## Resolve the dependencies anew (LOCK_ARGS=--upgrade for newer releases)
 	UV_CUSTOM_COMPILE_COMMAND='make lock' .venv-lock/bin/uv pip compile pyproject.toml \
 	    --extra plots --group dev \
 	    --universal --python-version 3.10 --generate-hashes --no-emit-index-url \
-	    --quiet $(LOCK_ARGS) --output-file requirements.lock
+	    --no-strip-extras --quiet $(LOCK_ARGS) --output-file requirements.lock
 	UV_CUSTOM_COMPILE_COMMAND='make lock' .venv-lock/bin/uv pip compile pyproject.toml \
 	    --group docs --constraint requirements.lock \
 	    --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
-	    --quiet $(LOCK_ARGS) --output-file docs/requirements.lock
+	    --no-strip-extras --quiet $(LOCK_ARGS) --output-file docs/requirements.lock
 
 .PHONY: clean
 clean: ## Remove what was built and written: out/, dist/, caches

@@ -68,7 +68,8 @@ def test_an_arc_that_vanishes_is_no_step_of_the_motion(length, tmp_path):
     problem = opening(tmp_path, 0.01, 0.02, 5.0)
     lengths = np.array([0.3, length, 0.3])
     none = np.zeros((3, 1), dtype=np.int64)
-    arcs = Arcs(lengths, np.array([[1.0], [0.2], [-1.0]]), none != 0, none)
+    no = none != 0
+    arcs = Arcs(lengths, np.array([[1.0], [0.2], [-1.0]]), no, none, no)
     program = ArcProgram(ProblemFunctions.of(problem), arcs, steps_of(arcs, 20))
     motion = program.trajectory(program.pack())
     assert np.min(np.diff(motion.t)) > 1e-3

@@ -209,7 +209,7 @@ def arcs(lengths: list[float], levels: list[float]) -> Arcs:
     shape = (len(lengths), 1)
     none = np.zeros(shape, dtype=np.int64)
     column = np.array(levels)[:, None]
-    return Arcs(np.array(lengths), column, none.astype(bool), none)
+    return Arcs(np.array(lengths), column, none != 0, none, none != 0)
 
 
 def test_lengths_of_a_rail() -> None:
@@ -249,7 +249,7 @@ def test_derivatives_by_lengths_and_torques(rng: np.random.Generator) -> None:
     system = ProblemFunctions.of(case.problem())
     levels = np.array([[0.5, -0.4], [0.3, 0.0], [-0.2, 0.6]])
     held = np.array([[0, 0], [0, 1], [0, 0]])
-    rough = Arcs(np.array([0.1, 0.15, 0.1]), levels, held == 0, held)
+    rough = Arcs(np.array([0.1, 0.15, 0.1]), levels, held == 0, held, held != 0)
     program = ArcProgram(system, rough, np.array([4, 4, 4]))
     y = program.pack()
     first = program.shoot(y)
@@ -280,7 +280,8 @@ def test_switching_functions_heed_clearances_and_goal_regions(
     arm, start = tm.load_robot("planar3r"), (0.5, 1.7, -1.7)
     system = ProblemFunctions.of(tm.Problem(arm, start, corner, [ball]))
     held = np.zeros((3, 3), dtype=int)
-    rough = Arcs(np.full(3, 0.1), rng.uniform(-0.5, 0.5, (3, 3)), held == 0, held)
+    levels = rng.uniform(-0.5, 0.5, (3, 3))
+    rough = Arcs(np.full(3, 0.1), levels, held == 0, held, held != 0)
     program = ArcProgram(system, rough, np.array([4, 5, 6]))
     y = program.pack()
     first = program.shoot(y)
@@ -310,7 +311,8 @@ def test_held_joint_keeps_its_speed() -> None:
     case = all_cases()["vertical rods"]
     system = ProblemFunctions.of(case.problem())
     held = np.array([[0, 1]])
-    rough = Arcs(np.array([0.2]), np.array([[0.7, 0.0]]), held == 2, held)
+    levels = np.array([[0.7, 0.0]])
+    rough = Arcs(np.array([0.2]), levels, held == 2, held, held != 0)
     shot = ArcProgram(system, rough, np.array([8])).shoot(np.array([1.0]))
     assert shot is not None
     v = shot.motion.x[:, 3]

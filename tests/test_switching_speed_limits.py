@@ -90,7 +90,8 @@ def test_a_torque_holds_its_joint_or_another(
 
 def test_torques_between_limits_give_way_to_such_at_limits() -> None:
     one = np.ones((1, 1))
-    arcs = Arcs(np.array([2.0]), 0.5 * one, one > 0.0, np.zeros((1, 1), dtype=int))
+    none = np.zeros((1, 1), dtype=int)
+    arcs = Arcs(np.array([2.0]), 0.5 * one, one > 0.0, none, none != 0)
     found = arcs.divided(0, (0.25, 0.75), [Edit(0, 0, -1.0), Edit(1, 0, 1.0)])
     np.testing.assert_allclose(found.lengths, [0.5, 1.5])
     np.testing.assert_allclose(found.levels[:, 0], [-1.0, 1.0])
@@ -99,7 +100,8 @@ def test_torques_between_limits_give_way_to_such_at_limits() -> None:
 
 def test_another_torque_takes_over_before_an_arc_or_behind_it() -> None:
     held = np.array([[1, 0]])
-    arcs = Arcs(np.array([2.0]), np.array([[0.0, 1.0]]), held == 2, held)
+    levels = np.array([[0.0, 1.0]])
+    arcs = Arcs(np.array([2.0]), levels, held == 2, held, held != 0)
     for new in (0, 1):
         edits = [Edit(new, 0, -1.0, 1), Edit(new, 1, 1.0, follows=True)]
         found = arcs.divided(0, (float(new), 1.0 - new), edits)

@@ -135,11 +135,14 @@ def is_single(value: object) -> bool:
 
 
 def comparable(value: Any) -> Any:
-    """Turn an array into its shape and numbers; return other values unchanged."""
+    """Turn an array of numbers into its shape and bytes; return other values unchanged.
+
+    By its bytes a number that is undefined (NaN) is equal to itself.
+    """
     # Poses of Pinocchio are compared by their matrices.
     value = getattr(value, "homogeneous", value)
     if isinstance(value, np.ndarray):
-        return value.shape, tuple(value.ravel().tolist())
+        return value.shape, (value + 0.0).tobytes()  # -0.0 becomes 0.0
     return value
 
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from command_line import invoke
 
 import tominpmp as tm
+from tominpmp.cell import running
 from tominpmp.cell.tours.tour_file import load_tour
 
 HEAD = """
@@ -101,6 +104,19 @@ def test_a_file_of_a_tour_that_fails_its_check_is_an_error(tmp_path: Path) -> No
     assert code == 1
     assert "cycle.yaml does not pass" in output and "drill" in output
     assert (tmp_path / "cycle.yaml").exists()
+
+
+def test_the_error_of_a_file_is_told_if_the_planning_was_interrupted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(**arguments: Any) -> tm.Tour:
+        return replace(tm.plan_tour(**arguments), status=tm.Status.INTERRUPTED)
+
+    monkeypatch.setattr(running, "plan_tour", interrupted)
+    path = scenario(tmp_path, STATIONS)
+    code, output = run(path, "-o", tmp_path / "cycle.yaml", "--dt", "0.1")
+    assert code == 130
+    assert "cycle.yaml does not pass" in output
 
 
 def test_a_tour_that_stays_at_the_start_has_no_motion_to_write(tmp_path: Path) -> None:

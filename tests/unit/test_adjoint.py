@@ -242,3 +242,14 @@ def test_the_papers_example(free, gravity, least, most):
     if not free:
         assert np.all(motion.q >= limits.position_lower - 1e-6)
         assert nlp.system.clearance.values(motion.q).max() <= 1e-6
+
+
+def test_a_shooting_method_that_fails_names_the_method_that_does_not():
+    """The message advised another goal, but torques without feedback were the cause."""
+    robot = tm.load_robot("z1", limits="urdf")
+    low, high = robot.limits.position_lower, robot.limits.position_upper
+    start, goal = low + 0.3 * (high - low), low + 0.6 * (high - low)
+    problem = tm.Problem(robot, start, tm.JointGoal(goal), self_collision=False)
+    solution = tm.plan(problem, method="adjoint", intervals=6, starts=1)
+    assert solution.status is Status.INFEASIBLE
+    assert "method 'inverse' does not depend on it" in solution.message

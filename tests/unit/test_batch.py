@@ -309,15 +309,14 @@ def test_warm_starts_do_not_depend_on_workers(folder: Path) -> None:
 
 def test_neighbours_are_near_and_known_before(folder: Path) -> None:
     given = [*problems(folder, 12), None]
-    found = rounds_of(given)
-    assert sorted(np.concatenate(found.rounds).tolist()) == list(range(13))
+    rounds, near = rounds_of(given)
+    assert sorted(k for numbers in rounds for k in numbers) == list(range(13))
     known: set[int] = set()
-    for numbers in found.rounds:
-        for k in numbers.tolist():
-            assert {j for j, _ in found.near[k]} <= known
-        known |= set(numbers.tolist())
-    last = found.rounds[-1].tolist()
-    assert all(min(abs(k - j) for j, _ in found.near[k]) == 1 for k in last)
+    for numbers in rounds:
+        for k in numbers:
+            assert {j for j, _ in near[k]} <= known
+        known |= set(numbers)
+    assert all(min(abs(k - j) for j, _ in near[k]) == 1 for k in rounds[-1])
 
 
 def test_progress(folder: Path) -> None:
@@ -401,6 +400,17 @@ def test_parquet(folder: Path) -> None:
     path = tm.Dataset(results).to_parquet(folder / "table.parquet")
     table = parquet.read_table(path).to_pylist()
     assert len(table) == 2 and table[0]["success"] and len(table[0]["q"]) > 8
+
+
+def test_parquet_has_the_motions_after_a_result_without_one(folder: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    results = folder / "late"
+    cases = [folder / "missing.toml", *problems(folder, 1)]
+    list(tm.plan_many(cases, results=results, workers=1, **QUICK))
+    path = tm.Dataset(results).to_parquet(folder / "late.parquet")
+    broken, planned = parquet.read_table(path).to_pylist()
+    assert broken["q"] is None and not broken["success"]
+    assert len(planned["q"]) > 8 and planned["robot"]
 
 
 def test_files_that_are_no_results(tmp_path: Path) -> None:

@@ -492,6 +492,16 @@ def test_closest_pair(planar3r: Robot) -> None:
     assert contact.distance == pytest.approx(np.hypot(0.2, 0.05) - 0.101, abs=1e-9)
 
 
+def test_margins_that_change_in_place(planar3r: Robot) -> None:
+    """The check of the margins before was used again for the same array."""
+    scene = Scene([Sphere("ball", radius=0.1, position=(0, -5, 0))])
+    checker = CollisionChecker(planar3r, scene)
+    margin = np.zeros(len(checker.pairs))
+    assert checker.is_free(np.zeros(3), margin)
+    margin[:] = 10.0
+    assert not checker.is_free(np.zeros(3), margin)
+
+
 def test_unknown_kind_of_obstacle() -> None:
     with pytest.raises(
         SceneError, match="'o': there is no collision shape for a Obst"

@@ -73,6 +73,17 @@ def test_motion_that_is_too_strong_is_told_with_its_time() -> None:
     assert "What may help" not in first  # this start was not finished
 
 
+def test_a_motor_that_is_weaker_in_one_direction() -> None:
+    """The larger of its two limits was named, whichever the motion exceeds."""
+    arm = make_arm(ROD, effort=50.0)
+    arm = replace(arm, limits=replace(arm.limits, effort_lower=np.array([-2.0])))
+    motion = smooth(arm, np.zeros(1), np.ones(1), 0.8)
+    problem = Problem(arm, np.zeros(1), JointGoal(np.ones(1)))
+    found = explain(problem, motion, Status.TIME_LIMIT, TRIED)
+    assert "joint joint1 is 1.1" in found
+    assert "N m beyond its effort limit at 0.800 s" in found
+
+
 def test_excess_over_an_effort_curve_is_not_added_to_the_plain_limit() -> None:
     arm = make_arm(ROD, effort=2.0)
     motion = smooth(arm, np.zeros(1), np.ones(1), 0.8)

@@ -49,6 +49,8 @@ def test_rest_to_rest(solution: tm.Solution) -> None:
     assert np.isnan(motion.sample(0.01).u).all()
     assert np.isnan(solution.initial.u).all()
     assert np.isfinite(motion.a).all()
+    copy = pickle.loads(pickle.dumps(motion))
+    assert copy == motion and hash(copy) == hash(motion)  # torques are undefined
 
 
 def test_speed_limits_make_trapezoids() -> None:
@@ -352,3 +354,11 @@ def test_panda_of_moveit_on_its_limits(tmp_path: Path) -> None:
     way, v, a = goal - start, np.array(speeds), np.array(accelerations)
     alone = np.where(way > v**2 / a, way / v + v / a, 2.0 * np.sqrt(way / a))
     assert found.T == pytest.approx(alone.max(), rel=1e-3)
+
+
+def test_samples_of_a_motion_that_hardly_exceeds_its_last_tick(tmp_path: Path) -> None:
+    """A last interval of 87 ns made accelerations of rounded speeds."""
+    found = planned(arm())
+    file = found.export(tmp_path / "motion.csv", dt=found.T / (70.0 + 1e-5))
+    times = tm.load_motion(file).t
+    assert times.size == 71 and times[-1] == found.T

@@ -10,7 +10,7 @@ import pytest
 import tests.sample_arms as arms
 import tominpmp as tm
 from tests.schedules import loop_with
-from tominpmp.cell.batch.neighbours import Rounds
+from tominpmp.cell.batch.neighbours import nearest_start
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.planner.descent import PATIENCE, stop_if_hopeless
 from tominpmp.planner.starts import WARM_FAR
@@ -40,10 +40,10 @@ def motion(middle: float) -> tm.Trajectory:
 def test_where_neighbours_lead_different_ways_a_search_decides(
     middles: dict[int, float], expected: int | None
 ) -> None:
-    rounds = Rounds((), {0: [(1, 0.2), (2, 0.4), (3, 2.9)]})
+    near = [(1, 0.2), (2, 0.4), (3, 2.9)]
     found = {number: motion(middle) for number, middle in middles.items()}
     start = None if expected is None else (expected, found[expected])
-    assert rounds.start(0, found) == start
+    assert nearest_start(near, found) == start
 
 
 @pytest.fixture(scope="module")

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from tominpmp.exceptions import ScenarioError, TominpmpWarning
-from tominpmp.files.moveit import load_moveit
+from tominpmp.files.moveit import load_moveit, request_locks
 from tominpmp.goals.joints import JointGoal
 from tominpmp.problem.problem import Problem
-from tominpmp.robot.robot import Robot, load_robot
+from tominpmp.robot.robot import Robot, load_robot, read_source
 
 UR5 = [
     f"{name}_joint"
@@ -144,6 +144,17 @@ def test_joints_that_the_user_locked_remain_locked(tmp_path: Path) -> None:
     problem = load_moveit(robot, *paths)
     assert problem.robot.joint_names == tuple(PANDA[:6])
     assert problem.goal == JointGoal([v + 0.1 for v in READY[:6]])
+
+
+def test_locks_beside_a_request_move_the_joints_that_follow(tmp_path: Path) -> None:
+    start = dict(zip(PANDA, READY, strict=True))
+    fingers = {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}
+    paths = files(tmp_path, "panda_arm", {**start, **fingers}, start)
+    locks = request_locks(read_source("panda"), paths[1])
+    assert load_robot("panda", locked_joints=locks).locked_joints == fingers
+    locks["panda_finger_joint1"] = 0.01  # as --lock sets it
+    robot = load_robot("panda", locked_joints=locks)
+    assert robot.locked_joints == dict.fromkeys(fingers, 0.01)
 
 
 def test_an_unknown_group_with_a_goal_of_a_link(tmp_path: Path) -> None:

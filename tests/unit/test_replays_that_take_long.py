@@ -78,14 +78,24 @@ def test_one_thread_at_a_time_is_in_lsoda(swinging, monkeypatch) -> None:
     assert max(most) == 1
 
 
+def refusing(*_args, **_options):
+    raise REPLAYS.ODEintWarning("Illegal input detected (internal error).")
+
+
+def test_an_arm_at_rest_in_a_piece_that_lsoda_refuses(monkeypatch) -> None:
+    """With dry friction this was an IndexError: rows of the piece were looked for."""
+    robot = make_arm(ROD, effort=1.0, friction=0.5)
+    problem = tm.Problem(robot, [0.0], tm.JointGoal([0.0]))
+    t, none = np.array([0.0, 0.1]), np.zeros((2, 1))
+    monkeypatch.setattr(REPLAYS, "odeint", refusing)
+    found = replay(problem, tm.Trajectory(("joint1",), t, none, none, none))
+    assert found.complete and not found.q.any()
+
+
 def test_a_piece_that_lsoda_refuses_is_integrated_step_by_step(
     swinging, monkeypatch
 ) -> None:
     """Without dry friction the replay of a valid motion of 28 segments was lost."""
-
-    def refusing(*_args, **_options):
-        raise REPLAYS.ODEintWarning("Illegal input detected (internal error).")
-
     whole = replay(*swinging)
     monkeypatch.setattr(REPLAYS, "odeint", refusing)
     found = replay(*swinging)

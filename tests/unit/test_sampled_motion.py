@@ -122,6 +122,30 @@ def test_first_point_after_the_start(planar3r: Robot) -> None:
         join(early, planar3r, HERE, start=start)
 
 
+@pytest.mark.parametrize("interpolation", ["auto", "controller"])
+@pytest.mark.parametrize(
+    ("times", "position", "row"),
+    [
+        ([0.0, 1.0, 1.0, 2.0], 0.3, 3),
+        ([0.0, np.nan, 1.0, 2.0], 0.3, 2),
+        ([0.0, 1.0, 2.0, np.inf], 0.3, 4),
+        ([0.0, 0.5, 1.0, 2.0], np.nan, 2),
+        ([0.0, 0.5, 1.0, 2.0], np.inf, 2),
+        ([], 0.3, 1),
+    ],
+)
+def test_rows_without_an_order_or_a_place(
+    planar3r: Robot, interpolation: str, times: list[float], position: float, row: int
+) -> None:
+    """Motions of a caller: SciPy refused to join them, in words of its own."""
+    q = np.zeros((len(times), 3))
+    q[1:2, 1] = position
+    lacking = np.full(q.shape, np.nan)
+    samples = Samples(NAMES, times, q, lacking, lacking, lacking, interpolation)
+    with pytest.raises(ScenarioError, match=f"the motion, row {row}: expected finite"):
+        join(samples, planar3r)
+
+
 def test_columns_by_name(planar3r: Robot) -> None:
     t = np.linspace(0.0, 2.0, 21)
     whole = samples_of(t)

@@ -40,6 +40,7 @@ def planned(case: str) -> tm.Solution:
     weightless = {"gravity": (0.0, 0.0, 0.0)}
     free = arm(damping=0.0, **weightless)
     loaded = arm().with_payload(tm.Payload(0.02, "tip", com=(0.1, 0.0, 0.0)))
+    lopsided = arm().with_changes(effort=[(-30.0, 20.0), (-5.0, 9.0), (-2.0, 3.0)])
     problems: dict[str, Any] = {
         "free": lambda: tm.Problem(free, START, JOINTS),
         "slow": lambda: tm.Problem(
@@ -51,6 +52,7 @@ def planned(case: str) -> tm.Solution:
         "rubbing": lambda: tm.Problem(arm(friction=0.3), START, JOINTS),
         "curve": lambda: tm.Problem(arm(), START, JOINTS, motion_limits=CURVE),
         "loaded": lambda: tm.Problem(loaded, START, JOINTS),
+        "lopsided": lambda: tm.Problem(lopsided, START, JOINTS),
         "obstacle": lambda: tm.Problem(arm(**weightless), START, TIP, OBSTACLE, 0.1),
     }
     # On 32 intervals one of the plans past a smaller obstacle needs a finer grid.
@@ -74,12 +76,15 @@ def test_time_scaling(case: str) -> None:
     assert max(worth) <= 1e-6 and min(worth) < -0.1
 
 
-@pytest.mark.parametrize("case", ["gravity", "damped", "rubbing", "curve", "loaded"])
+@pytest.mark.parametrize(
+    "case", ["gravity", "damped", "rubbing", "curve", "loaded", "lopsided"]
+)
 def test_time_scaling_of_what_makes_torques(case: str) -> None:
     found = planned(case).sensitivities
     assert found.balance == pytest.approx(0.0, abs=1e-6)
     parts = {"gravity": "gravity", "damped": "damping", "rubbing": "friction"}
     parts |= {"curve": "speed of effort curve", "loaded": "gravity"}
+    parts["lopsided"] = "effort"  # the middle of its range grows, too
     assert abs(found.total(parts[case])) > 1e-3
 
 
@@ -175,6 +180,10 @@ def test_a_cycle_is_the_sum_of_its_motions() -> None:
         Sensitivities.of_cycle([one], "long")  # type: ignore[arg-type]
     with pytest.raises(tm.ProblemError, match="names"):
         Sensitivities.of_cycle([one, one], names=["pick"])
+    with pytest.raises(tm.ProblemError, match="names is 5"):
+        Sensitivities.of_cycle([one], names=5)  # type: ignore[arg-type]
+    with pytest.raises(tm.ProblemError, match="parts is None"):
+        Sensitivities.of_cycle(None)  # type: ignore[arg-type]
 
 
 def test_goals_of_a_cycle_stay_apart() -> None:
@@ -198,6 +207,22 @@ def test_records_are_data() -> None:
     item = planned("free").sensitivities[0]
     assert isinstance(item, Sensitivity) and item == replace(item)
     assert item.joint == item.subject and item.limit and item.limit_unit
+
+
+@pytest.mark.parametrize(
+    ("kind", "subject", "label"),
+    [
+        ("velocity", "y", "y: velocity"),
+        ("payload", "load", "load: mass"),
+        ("clearance", "ear", "ear: clearance"),
+        ("speed of frame tip", "frame tip", "speed of frame tip"),
+        ("goal", "goal", "goal"),
+        ("gravity", "", "gravity"),
+    ],
+)
+def test_labels_name_their_subjects(kind: str, subject: str, label: str) -> None:
+    """Subjects whose names are letters of the kind were left out."""
+    assert Sensitivity(kind, None, subject, 0.1).label == label
 
 
 def test_the_command_line_reports_what_holds(tmp_path: Path) -> None:

@@ -463,9 +463,8 @@ class Panel:
             "Open a URDF file", mime_type=".urdf,.xml,text/xml"
         )
         self._robots.on_update(by_user(lambda: self._choose(self._robots.value)))
-        self._groups.on_update(by_user(self._choose_part))
-        self._datasheet.on_update(by_user(self._choose_part))
-        self._kinematic.on_update(by_user(self._choose_part))
+        for part in (self._groups, self._datasheet, self._kinematic):
+            part.on_update(by_user(self._choose_part))
         upload.on_upload(by_user(lambda: self._take_file(upload.value)))
 
     def _choose(self, source: str, **options: Any) -> None:
@@ -499,16 +498,14 @@ class Panel:
         gui, page = self._gui, self._page
         self._goals = gui.add_dropdown("Goal is", tuple(GOAL_WORDS))
         self._frames = gui.add_dropdown("Frame", ("",))
-        swap = gui.add_button("Swap start and goal")
-        add = gui.add_button("Add a via point")
+        gui.add_button("Swap start and goal").on_click(by_user(self._swap))
+        gui.add_button("Add a via point").on_click(by_user(self._add_point))
         self._fewer = gui.add_button("Remove the last via point")
         show = gui.add_checkbox("Show handles", True)
         self._goals.on_update(
             by_user(lambda: page.ask(goal=GOAL_WORDS[self._goals.value]))
         )
         self._frames.on_update(by_user(lambda: page.ask(frame=self._frames.value)))
-        swap.on_click(by_user(self._swap))
-        add.on_click(by_user(self._add_point))
         self._fewer.on_click(by_user(lambda: page.ask(via=self._request.via[:-1])))
         show.on_update(by_user(lambda: page.handles.show(show.value)))
 

@@ -75,9 +75,8 @@ def tool_speed_bounds(problem: Problem, goal: Goal) -> list[LowerBound]:
             on_frame = [item for item in goal.members if item.frame_name == frame]
             apart = [item.distances(begin[None]) for item in on_frame]
             far = max((float(row[0]) for row in apart if row is not None), default=0.0)
-        if far > 0.0:
-            reason = f"frame {frame} has {far:.4g} m to go, at {top:.4g} m/s at most"
-            bounds.append(LowerBound(far / top, reason))
+        reason = f"frame {frame} has {far:.4g} m to go, at {top:.4g} m/s at most"
+        bounds.append(LowerBound(far / top, reason))
     return bounds
 
 

@@ -21,7 +21,7 @@ from tominpmp.bounds.least_time import Drive, Ramp, SpeedLaw
 from tominpmp.bounds.result import LowerBound
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.goals.turns import TURN
-from tominpmp.kinematics import prismatic_joints
+from tominpmp.kinematics import prismatic_joints, unit_of
 from tominpmp.problem.joint_limits import joint_limits
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import Robot
@@ -56,9 +56,8 @@ def joints_of(problem: Problem, smooth_ends: bool) -> list[Joint]:
         smooth_ends: Whether accelerations that may not jump are zero at both ends.
     """
     tightest, joints = tightest_limits(problem), []
-    names, slides = problem.robot.joint_names, prismatic_joints(problem.robot)
-    for i, name in enumerate(names):
-        unit = "m" if slides[i] else "rad"
+    for i, name in enumerate(problem.robot.joint_names):
+        unit = unit_of(problem.robot, i)
         top, acceleration, jerk, _ = (float(most[i]) for most in tightest.values())
         ramp = Ramp(acceleration, jerk if smooth_ends else math.inf)
         limits = _in_words((top, ramp.acceleration, ramp.jerk), unit)

@@ -320,44 +320,6 @@ def _moved(
     return tuple(obstacles)
 
 
-@dataclass(frozen=True, eq=False)
-class _Point:
-    """An iterate: a placement at which all tasks have motions.
-
-    Attributes:
-        x: The coordinates, shape (k,) [m or rad].
-        T: Sum of the weighted durations of the tasks [s].
-        gradient: Derivative of T by the coordinates, shape (k,) [s/m or s/rad].
-        solutions: The motions of the tasks.
-    """
-
-    x: Array
-    T: float
-    gradient: Array
-    solutions: tuple[Solution, ...]
-
-    def step(self, hessian: Array, low: Array, high: Array) -> tuple[Array, float]:
-        """Minimise the quadratic model of T, which is convex, within a box.
-
-        Args:
-            hessian: Second derivatives of the model, shape (k, k).
-            low: Lower ends of the box, shape (k,) [m or rad].
-            high: Its upper ends, shape (k,) [m or rad].
-
-        Returns:
-            The minimiser, shape (k,) [m or rad], and the predicted reduction of T [s].
-        """
-        gradient, x = self.gradient, self.x
-        result = minimize(
-            lambda d: (gradient @ d + 0.5 * d @ hessian @ d, gradient + hessian @ d),
-            np.zeros(x.size),
-            jac=True,
-            bounds=np.stack([low - x, high - x], axis=1),
-            method="L-BFGS-B",
-        )
-        return np.clip(x + result.x, low, high), -float(result.fun)
-
-
 @dataclass(eq=False)
 class _Search:
     """Quasi-Newton method with a trust region within bounds."""
@@ -371,43 +333,43 @@ class _Search:
 
     def run(self, low: Array, high: Array, most_plans: int) -> ImprovedPlacement:
         """Descend until the predicted reduction, the trust region or plans run out."""
-        span = high - low
-        start = np.zeros(low.size)
-        best = self._point(start, self._motions(start, [None] * len(self.tasks)))
-        radius, hessian = FIRST_RADIUS, np.zeros((low.size, low.size))
+        span, n = high - low, low.size
+        solutions = self._motions(np.zeros(n), [None] * len(self.tasks))
+        best, gradient = self._noted(np.zeros(n), solutions)
+        radius, hessian = FIRST_RADIUS, np.zeros((n, n))
         # Updates with negative curvature are skipped; the first update sets the scale.
         model = BFGS(exception_strategy="skip_update", init_scale="auto")
-        model.initialize(low.size, "hess")
+        model.initialize(n, "hess")
         while self.plans + len(self.tasks) <= most_plans and radius > LEAST_RADIUS:
-            reach = radius * span
-            box = np.maximum(low, best.x - reach), np.minimum(high, best.x + reach)
-            x, predicted = best.step(hessian, *box)
+            x, reach = best.values, radius * span
+            box = np.maximum(low, x - reach), np.minimum(high, x + reach)
+            place, predicted = _step(x, gradient, hessian, *box)
             if predicted < LEAST_REDUCTION * best.T:
                 break
             try:
-                motions = self._motions(x, best.solutions)
+                found = self._motions(place, solutions)
             except TominpmpError:
-                self.trials.append(Trial(frozen_array(x), math.inf, self.plans))
+                self.trials.append(Trial(frozen_array(place), math.inf, self.plans))
                 radius *= SHRINK
                 continue
-            point = self._point(x, motions)
-            model.update(point.x - best.x, point.gradient - best.gradient)
+            trial, slope = self._noted(place, found)
+            model.update(place - x, slope - gradient)
             hessian = model.get_matrix()
-            if point.T >= best.T:
+            if trial.T >= best.T:
                 radius *= SHRINK
                 continue
-            if best.T - point.T > 0.5 * predicted:
+            if best.T - trial.T > 0.5 * predicted:
                 radius = min(radius * GROW, 1.0)
-            best = point
+            best, gradient, solutions = trial, slope, found
         return ImprovedPlacement(
             names=self.moves.names,
-            values=frozen_array(best.x),
-            placement=self.moves.placement(best.x),
+            values=best.values,
+            placement=self.moves.placement(best.values),
             T=best.T,
             T_before=self.trials[0].T,
             plans=self.plans,
             trials=tuple(self.trials),
-            solutions=best.solutions,
+            solutions=tuple(solutions),
         )
 
     def _motions(self, x: Array, starts: Sequence[Solution | None]) -> list[Solution]:
@@ -438,9 +400,39 @@ class _Search:
             solutions.append(solution)
         return solutions
 
-    def _point(self, x: Array, solutions: list[Solution]) -> _Point:
-        """The iterate of the motions at a placement, which is noted as a trial."""
+    def _noted(self, x: Array, solutions: Sequence[Solution]) -> tuple[Trial, Array]:
+        """The trial of the motions at a placement, which is noted, and its gradient.
+
+        Returns:
+            The trial; and the derivative of its T by the coordinates, shape (k,)
+            [s/m or s/rad].
+        """
         T = float(self.weights @ np.array([item.T for item in solutions]))
         slopes = [self.moves.gradient(item.sensitivities, x) for item in solutions]
         self.trials.append(Trial(frozen_array(x), T, self.plans))
-        return _Point(x, T, self.weights @ np.array(slopes), tuple(solutions))
+        return self.trials[-1], self.weights @ np.array(slopes)
+
+
+def _step(
+    x: Array, gradient: Array, hessian: Array, low: Array, high: Array
+) -> tuple[Array, float]:
+    """Minimise the quadratic model of T about a placement, which is convex, in a box.
+
+    Args:
+        x: The coordinates, shape (k,) [m or rad].
+        gradient: First derivatives of the model there, shape (k,) [s/m or s/rad].
+        hessian: Second derivatives of the model, shape (k, k).
+        low: Lower ends of the box, shape (k,) [m or rad].
+        high: Its upper ends, shape (k,) [m or rad].
+
+    Returns:
+        The minimiser, shape (k,) [m or rad], and the predicted reduction of T [s].
+    """
+    result = minimize(
+        lambda d: (gradient @ d + 0.5 * d @ hessian @ d, gradient + hessian @ d),
+        np.zeros(x.size),
+        jac=True,
+        bounds=np.stack([low - x, high - x], axis=1),
+        method="L-BFGS-B",
+    )
+    return np.clip(x + result.x, low, high), -float(result.fun)

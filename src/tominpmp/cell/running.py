@@ -201,10 +201,10 @@ def run_tour(scenario: Path, args: TourOptions) -> int:
         say(json_text(data | {"motions": motions, "files": files}))
     else:
         say(_tour_text(tour, files))
-    if tour.status is Status.INTERRUPTED:
-        return INTERRUPTED
     if fault:
         complain("error", fault)
+    if tour.status is Status.INTERRUPTED:
+        return INTERRUPTED
     return NO_PLAN if fault or not tour.success else PLANNED
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from tominpmp.arrays import Array, IntArray
 from tominpmp.certificate.motion import GridMotion
 from tominpmp.constraints.clearance import ClearanceConstraint
-from tominpmp.motion.extrema import local_maxima, rising_then_falling
+from tominpmp.motion.extrema import local_maxima
 
 # Shares of intervals at which pairs that stay near have rows in addition, and at which
 # constraints have rows wherever they are near their bounds: middles and ends.
@@ -135,21 +135,21 @@ class _Clearances:
         """
         first, last = self.motion.changes.t[list(self.motion.span)]
         padded = np.concatenate([[first], times, [last]])
-        ends = rising_then_falling(
-            lambda at: self.slopes(at, pair).speed,
-            padded[rows],
-            padded[rows + 2],
-            HALVINGS,
-        )
-        before, after = (self.slopes(time, pair) for time in ends)
+        early, late = padded[rows], padded[rows + 2]
+        for _ in range(HALVINGS):
+            middle = 0.5 * (early + late)
+            rising = self.slopes(middle, pair).speed > 0.0
+            early = np.where(rising, middle, early)
+            late = np.where(rising, late, middle)
+        before, after = self.slopes(early, pair), self.slopes(late, pair)
         # The missing clearance rises before its maximum and falls after it; otherwise
         # the maximum is at an end of the motion.
         rises, falls = np.maximum(before.speed, 0.0), np.maximum(-after.speed, 0.0)
         total = np.maximum(rises + falls, 1e-300)
-        late = np.where(rises + falls > 0.0, rises / total, 0.5)
-        time = (1.0 - late) * ends[0] + late * ends[1]
-        by_q = (1.0 - late)[:, None] * before.by_q + late[:, None] * after.by_q
-        by_t = (1.0 - late) * before.by_t + late * after.by_t
+        share = np.where(rises + falls > 0.0, rises / total, 0.5)
+        time = (1.0 - share) * early + share * late
+        by_q = (1.0 - share)[:, None] * before.by_q + share[:, None] * after.by_q
+        by_t = (1.0 - share) * before.by_t + share * after.by_t
         peak = self.missing(time)[np.arange(pair.size), pair]
         most = np.maximum(peak, missing[rows, pair])
         return NearestInstants(time, pair, most, by_q, by_t)

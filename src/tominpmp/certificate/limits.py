@@ -192,10 +192,7 @@ def limits_of(motion: GridMotion, near: bool = True) -> LimitRows:
     every = [*_arrivals(motion)]
     for number, part in enumerate(motion.segments):
         for limit in limits_of_joints(part):
-            if limit.order > 2:
-                every.append(_slopes(part, limit))
-            else:
-                every += _of_joints(part, limit)
+            every += (_slopes if limit.order > 2 else _of_joints)(part, limit)
         numbered = [*(_clearances(part) if near else ()), _goal(part)]
         for index, item in enumerate(part.system.problem.ready_constraints):
             numbered.append(_of_constraint(part, item, index))
@@ -404,12 +401,12 @@ def _may_peak(part: GridMotion, item: JointLimit, excess: Array) -> BoolArray:
     return np.asarray(h * strongest / 8.0 > -excess[:, MIDDLE] * item.scale)
 
 
-def _slopes(part: GridMotion, item: JointLimit | MotorLimit) -> LimitRows:
+def _slopes(part: GridMotion, item: JointLimit | MotorLimit) -> Iterator[LimitRows]:
     """Rows of rates of torques and of accelerations (jerks)."""
     first, end = part.span
     interval = np.arange(first, end - (part.changes.profile != "ramps"))
     sampled = SampledConstraint.of(part, item, part.changes.pairs(interval))
-    return sampled.rows(item.kind.name, item.of_joints)
+    yield sampled.rows(item.kind.name, item.of_joints)
 
 
 # -- clearances and constraints of the problem -----------------------------------------

@@ -79,11 +79,9 @@ def _obstacle_parts(obstacle: Obstacle) -> list[tuple[Array, Any]]:
             (centre, coal.Box(*size))
             for centre, size in zip(*obstacle.boxes, strict=True)
         ]
-    shape = obstacle_shape(obstacle)
-    if isinstance(obstacle, Mesh):
-        geometry = MESHES[obstacle.convex]
-        return [(origin, piece) for piece in _pieces(shape, geometry, obstacle.name)]
-    return [(origin, shape)]
+    geometry = MESHES[obstacle.convex] if isinstance(obstacle, Mesh) else "mesh"
+    pieces = _pieces(obstacle_shape(obstacle), geometry, obstacle.name)
+    return [(origin, piece) for piece in pieces]
 
 
 def obstacle_shape(obstacle: Obstacle) -> Any:

@@ -93,7 +93,7 @@ class CollisionChecker(PairDistances):
                 f"the robot {robot.name!r} has no collision geometry on its moving "
                 "links, so that its clearance from the scene is unknown"
             )
-        self._guard: tuple[float | Array, Guard] | None = None
+        self._guard: tuple[bytes, Guard] | None = None
         self._variants: dict[frozenset[str], CollisionChecker] = {}
         if len(scene):
             _ = self.broad, self.narrow  # set up now, as every plan uses them
@@ -200,10 +200,11 @@ class CollisionChecker(PairDistances):
             Whether each configuration is free.
         """
         rows = self.robot.expand(q)
-        # A sampler calls this tens of thousands of times with the same margin object.
-        if self._guard is None or self._guard[0] is not margin:
-            limit = np.broadcast_to(np.asarray(margin, np.float64), len(self.pairs))
-            self._guard = margin, Guard(self.narrow, limit)
+        # A sampler calls this tens of thousands of times with the same margin.
+        limit = np.asarray(margin, np.float64)
+        if self._guard is None or self._guard[0] != limit.tobytes():
+            every = np.broadcast_to(limit, len(self.pairs))
+            self._guard = limit.tobytes(), Guard(self.narrow, every)
         guard, (R, p) = self._guard[1], self.obstacles.placements(np.array([time]))
         for row in rows:
             yield guard.is_free(row, R[0], p[0])

@@ -151,8 +151,6 @@ def _clip(triangles: Array, normal: Array, height: float) -> Array:
     parts = [triangles[inside == 3]]
     for count in (1, 2):
         chosen = np.flatnonzero(inside == count)
-        if not chosen.size:
-            continue
         # Rotate the corner that is alone on its side of the plane to the front.
         alone = (above[chosen] >= 0.0) == (count == 1)
         order = (np.argmax(alone, axis=1)[:, None] + np.arange(3)) % 3
@@ -192,7 +190,7 @@ class Measure:
 
     def part(self, triangles: Array) -> _Part | None:
         """Part of a mesh from its triangles; None if the triangles are flat."""
-        hull = _hull(triangles.reshape(-1, 3)) if len(triangles) else None
+        hull = _hull(triangles.reshape(-1, 3))
         if hull is None:
             return None
         return _Part(triangles, hull, self._outward(hull))

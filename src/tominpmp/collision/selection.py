@@ -176,10 +176,7 @@ def _overlaps(
         bodies: Bodies of the links.
         wanted: Names of the links of each pair; None for all candidates.
     """
-    every = wanted is None
-    pairs = _candidates(robot, bodies) if every else _named(bodies, wanted or ())
-    if not pairs.size:
-        return {}
+    pairs = _candidates(robot, bodies) if wanted is None else _named(bodies, wanted)
     narrow = NarrowPhase(robot.model, bodies, pairs)
     overlaps = np.array([narrow.overlaps(row, FLUSH) for row in _configurations(robot)])
     return {

@@ -7,7 +7,6 @@ the limits to which its margin is small.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -160,7 +159,6 @@ class ArcProgram:
         self.guess = np.tile(self._start, (self.arc_of_step.size, STAGES, 1))
         self._last: tuple[Array, Shot | None] | None = None
         self._base: tuple[Array, Shot] | None = None
-        self._speed = SPEED_FACTOR / self.duration * system.step_scale
 
     def watch(self, watched: WatchedLimits) -> None:
         """Replace the limits that are rows."""
@@ -308,12 +306,12 @@ class ArcProgram:
         system, n = self.system, self._n
         x, goal = motion.x, system.problem.goal
         value, by_q, by_v = goal.residual(system.kinematics, x[-1, :n], x[-1, n:])
-        scale = np.ones(value.size)
+        scale, speed = np.ones(value.size), SPEED_FACTOR / self.duration
         if goal.fixes_velocity:
             scale[:-n] = system.step_scale if value.size == 2 * n else 1.0
-            scale[-n:] = self._speed
+            scale[-n:] = speed * system.step_scale
         else:
-            scale[-3:] = SPEED_FACTOR / self.duration
+            scale[-3:] = speed
         low, high = system.goal_bounds
         exact = low == high
         above, below = ~exact & np.isfinite(high), ~exact & np.isfinite(low)
@@ -323,15 +321,14 @@ class ArcProgram:
         node = (np.cumsum(self.steps) - self.steps)[arc]
         limit = system.problem.robot.limits.velocity[joint]
         entry = x[node, n + joint] / limit - self.arcs.held[arc, joint]
-        parts = (
+        parts = [
             EndRows.of_states(to_low[exact], end, slope[exact]),
             EndRows.of_states(entry, node, np.eye(2 * n)[n + joint] / limit[:, None]),
             EndRows.of_states(to_high[above], end, -slope[above]),
             EndRows.of_states(to_low[below], end, slope[below]),
             self._watched_rows(motion),
-        )
-        columns: Iterator[Any] = zip(*parts, strict=True)
-        rows = EndRows(*map(np.concatenate, columns))
+        ]
+        rows = EndRows(*map(np.concatenate, zip(*parts, strict=True)))
         by, by_stages = self.propagate(motion)
         value, slopes = rows.value, self._slopes(rows, by)
         equal = int(exact.sum()) + entry.size
@@ -401,9 +398,7 @@ class ArcProgram:
                 kinds, signs = np.full_like(step, kind), np.full_like(step, sign)
                 small = margin[step, index]
                 parts.append(WatchedLimits(kinds, step + 1, index, signs, small))
-        return WatchedLimits(
-            *(np.concatenate(part) for part in zip(*parts, strict=True))
-        )
+        return WatchedLimits(*map(np.concatenate, zip(*parts, strict=True)))
 
     def _watched_rows(self, motion: IntegratedArcs) -> EndRows:
         """Margins to the watched limits, with derivatives."""

@@ -62,19 +62,14 @@ class Arcs:
         held: 1 or -1 if a joint moves at its speed limit forwards or backwards, 0
             otherwise, shape (K, n).
         follows: Whether a torque follows from held joints, shape (K, n); each arc has
-            one such torque for each held joint, by default the torque of the joint.
+            one such torque for each held joint, mostly the torque of the joint.
     """
 
     lengths: Array
     levels: Array
     free: BoolArray
     held: IntArray
-    follows: BoolArray = None  # type: ignore[assignment]
-
-    def __post_init__(self) -> None:
-        """By default, the torques of held joints follow."""
-        if self.follows is None:
-            object.__setattr__(self, "follows", self.held != 0)
+    follows: BoolArray
 
     @property
     def count(self) -> int:
@@ -181,7 +176,8 @@ def read_arcs(lengths: Array, shares: Array, speeds: Array, driven: BoolArray) -
         of = np.searchsorted(rows[:, 0], ends - 0.5 * lengths)
         table[:, :, j] = rows[np.minimum(of, len(track) - 1)].T
     _, levels, free, held = table
-    return Arcs(lengths, levels, free > 0.0, held.astype(np.int64)).cleaned()
+    follows = held != 0.0
+    return Arcs(lengths, levels, free > 0.0, held.astype(np.int64), follows).cleaned()
 
 
 def _read_joint(t: Array, shares: Array, speeds: Array) -> list[_JointArc]:
@@ -207,7 +203,7 @@ def _read_joint(t: Array, shares: Array, speeds: Array) -> list[_JointArc]:
         elif kind != 0:
             out.append(_JointArc(end, float(kind), False, 0))
         elif b - a <= SWITCH_INTERVALS or t[b] - t[a] <= SWITCH_SHARE * t[-1]:
-            before = out[-1] if out else None
+            before = out[-1].level if out else 0.0
             after = runs[index + 1][2] if index + 1 < len(runs) else 0
             out += _switches(t[a : b + 1], shares[a:b], before, after)
         else:
@@ -220,15 +216,14 @@ def _read_joint(t: Array, shares: Array, speeds: Array) -> list[_JointArc]:
     return out
 
 
-def _switches(
-    t: Array, shares: Array, before: _JointArc | None, after: int
-) -> list[_JointArc]:
+def _switches(t: Array, shares: Array, left: float, after: int) -> list[_JointArc]:
     """Saturated arcs with the same mean torque as a few intervals.
 
     Args:
         t: Nodes of the intervals [s], shape (N + 1,).
         shares: Torques of the intervals as shares of their limits, shape (N,).
-        before: The arc of the joint before the intervals; None at the start.
+        left: Torque before the intervals as a share of its limits; 0 at the start, and
+            for a held joint.
         after: 1, -1 or 0 for a torque at the upper, lower or no limit after them; 2 or
             -2 for a held joint.
     """
@@ -236,7 +231,6 @@ def _switches(
     mean = float(h @ shares / h.sum())
     begin, end = float(t[0]), float(t[-1])
     high = 0.5 * (1.0 + mean) * (end - begin)  # total time at the upper limit
-    left = before.level if before is not None and before.held == 0 else 0.0
     right = float(after) if abs(after) == 1 else 0.0
     if abs(left) != 1.0 and abs(right) != 1.0:
         return [_JointArc(end, float(np.sign(mean) or 1.0), False, 0)]

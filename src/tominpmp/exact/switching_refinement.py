@@ -14,14 +14,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from tominpmp.arrays import Array
 from tominpmp.exact.detection import arcs_of, constant_signs
-from tominpmp.exact.structure import Arcs
-from tominpmp.exact.switching_times import (
-    OptimisedArcs,
-    StateFunction,
-    refine_arcs,
-    sharpen,
-)
+from tominpmp.exact.switching_times import OptimisedArcs, refine_arcs, sharpen
 from tominpmp.initial_guess.bumps import bumps
 from tominpmp.initial_guess.guess import Guess, straight_guess
 from tominpmp.initial_guess.inverse_kinematics import Target, find_configurations
@@ -113,17 +108,24 @@ class Search:
         status = self.progress.show_in_time(record)
         return status or (Status.TIME_LIMIT if self.budget.spent else None)
 
-    def optimise(self, arcs: Arcs, states: StateFunction, evaluations: int) -> bool:
-        """Optimise approximate arcs; returns whether the motion is short enough.
+    def optimise(self, trajectory: Trajectory, evaluations: int) -> bool:
+        """Detect the arcs of a motion and optimise them.
 
         Args:
-            arcs: The arcs.
-            states: States (q, v) at times, shape (m,) to (m, 2n), as a guess.
+            trajectory: The motion, whose states are the guess.
             evaluations: Largest number of evaluations of the dynamics.
+
+        Returns:
+            Whether the motion of the optimised arcs is short enough.
         """
+        arcs = arcs_of(self.system, trajectory)
         if arcs.count + int(arcs.free.sum()) > MOST_UNKNOWNS or self.budget.spent:
             return False
         budget = self.budget.share(evaluations)
+
+        def states(times: Array) -> Array:
+            return np.hstack(trajectory(times)[:2])  # q and v
+
         motion = refine_arcs(self.system, arcs, states, budget)
         if motion is None:
             return False
@@ -133,25 +135,17 @@ class Search:
             self.progress.keep(motion.program, motion.iterate)
         return motion.duration <= self.limit
 
-    def optimise_motion(self, trajectory: Trajectory, evaluations: int) -> bool:
-        """Detect the arcs of a motion and optimise them, see :meth:`optimise`."""
-        arcs = arcs_of(self.system, trajectory)
-        # The state (q, v) is the first two fields of a sample.
-        return self.optimise(
-            arcs, lambda times: np.hstack(trajectory(times)[:2]), evaluations
-        )
-
     def run(self, plan: Trajectory) -> None:
         """Optimise arcs of the plan, of other guesses, and of finer grids."""
         small = driven_joints(self.system).size <= EXPLORED_MOTORS
-        near = self.optimise_motion(plan, TRY_EVALUATIONS if small else EVALUATIONS)
+        near = self.optimise(plan, TRY_EVALUATIONS if small else EVALUATIONS)
         # No multi-start for options with a single start, nor with assumed velocity
         # signs, which other motions would not have.
         if small and self.options.starts != 1 and self.system.signs is None:
             self._explore(plan)
         # Arcs near the plan remain of interest even if others were found.
         if small and not near:
-            near = self.optimise_motion(plan, EVALUATIONS)
+            near = self.optimise(plan, EVALUATIONS)
         most = min(self.options.max_iterations, GRID_ITERATIONS)
         few = replace(self.options, max_iterations=most)
         guess = Guess.of_motion("plan", plan)
@@ -159,7 +153,7 @@ class Search:
             if near or self.budget.spent:
                 return
             motion = self._on_grid(few, guess, intervals)
-            near = self.optimise_motion(motion, EVALUATIONS)
+            near = self.optimise(motion, EVALUATIONS)
 
     def _explore(self, plan: Trajectory) -> None:
         """Multi-start: optimise arcs of motions from other initial guesses."""
@@ -176,7 +170,7 @@ class Search:
             if self.budget.spent:
                 return
             motion = self._on_grid(rough, guess, INTERVALS)
-            self.optimise_motion(motion, TRY_EVALUATIONS)
+            self.optimise(motion, TRY_EVALUATIONS)
 
     def _detours(self, plan: Trajectory, rng: np.random.Generator) -> Iterator[Guess]:
         """Generate straight lines to the goal, then detours from them, without end."""

@@ -80,15 +80,12 @@ class OptimisedArcs:
         program: The program.
         y: Unknowns at the solution.
         shot: The motion, with its rows.
-        violation: Largest violation of goal, held speeds and limits, the limits beyond
-            their slack, in the scaled units of the rows.
         excess: Largest violation of limits, on all steps.
     """
 
     program: ArcProgram
     y: Array
     shot: Shot
-    violation: float
     excess: float
 
     @property
@@ -109,7 +106,7 @@ class OptimisedArcs:
     @property
     def feasible(self) -> bool:
         """Whether goal and limits are kept within their tolerances."""
-        return self.violation <= EXACT and self.excess <= SLACK
+        return _violation(self.shot) <= EXACT and self.excess <= SLACK
 
     def states(self, times: Array) -> Array:
         """States (q, v) at times, linearly interpolated as a guess, shape (m, 2n)."""
@@ -161,13 +158,11 @@ def solve_lengths(
         excess = np.inf if shot is None else program.excess(shot.motion, 0.1 * SLACK)
         if excess <= SLACK:
             break
-    if shot is None:
-        return None
-    return OptimisedArcs(program, y, shot, _violation(shot), excess)
+    return None if shot is None else OptimisedArcs(program, y, shot, excess)
 
 
 def _violation(shot: Shot) -> float:
-    """Largest residual of equations, or violation of limits beyond the slack."""
+    """Largest residual of equations, or scaled violation of limits beyond the slack."""
     return max(
         float(np.max(np.abs(shot.equal), initial=0.0)),
         float(np.max(-shot.margin, initial=0.0)) - SLACK,
@@ -271,7 +266,11 @@ def _independent(rows: Array) -> Array:
 def polish(
     optimised: OptimisedArcs, budget: Budget, total: int
 ) -> OptimisedArcs | None:
-    """Drop arcs of zero length and solve again, until no arc has zero length."""
+    """Drop arcs of zero length and solve again, until no arc has zero length.
+
+    Returns:
+        The optimised arcs; None if no motion was found that keeps goal and limits.
+    """
     system, found = optimised.program.system, None
     for _ in range(CLEANINGS):
         last = found or optimised
@@ -282,7 +281,7 @@ def polish(
         if after is None or (found is not None and not after.feasible):
             break
         found = after
-    return found
+    return found if found is not None and found.feasible else None
 
 
 def improve(optimised: OptimisedArcs, budget: Budget, total: int) -> OptimisedArcs:
@@ -299,9 +298,7 @@ def improve(optimised: OptimisedArcs, budget: Budget, total: int) -> OptimisedAr
             arcs = arcs.divided(change.arc, change.shares, change.edits)
         found = solve_lengths(system, arcs, optimised.states, budget, total)
         better = None if found is None else polish(found, budget, total)
-        if better is None or not better.feasible:
-            break
-        if better.duration >= T * (1.0 - PROGRESS):
+        if better is None or better.duration >= T * (1.0 - PROGRESS):
             break
         optimised = better
     return optimised
@@ -325,9 +322,7 @@ def refine_arcs(
     found = solve_lengths(system, arcs, states, budget, FEWER_STEPS)
     if found is None or not found.feasible:
         return None
-    polished = polish(found, budget, FEWER_STEPS)
-    if polished is not None and polished.feasible:
-        found = polished
+    found = polish(found, budget, FEWER_STEPS) or found
     return improve(found, budget, FEWER_STEPS)
 
 
@@ -341,7 +336,7 @@ def sharpen(optimised: OptimisedArcs, budget: Budget) -> OptimisedArcs:
     while total < MOST_STEPS:
         total *= 2
         finer = polish(optimised, reserve, total)
-        if finer is None or not finer.feasible:
+        if finer is None:
             break
         change = abs(finer.duration / optimised.duration - 1.0)
         if change > ACCURACY and total <= CHANGED_STEPS:

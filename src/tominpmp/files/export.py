@@ -44,7 +44,7 @@ from tominpmp.files.tables import (
     write_npz,
 )
 from tominpmp.files.writing import write_file
-from tominpmp.motion.samples import Interpolation, Samples, check_interpolation
+from tominpmp.motion.samples import INTERPOLATIONS, Interpolation, Samples
 from tominpmp.motion.trajectory import Trajectory
 
 # Largest files: the first holds tables up to the limits of
@@ -196,21 +196,17 @@ def read_motion(
     """
     read = READERS[checked_ending(path, READERS, NOT_KEPT)]
     if interpolation is not None:
-        check_interpolation(interpolation)
-    path = checked_path(path)
-    message = None
-    largest = MAX_MESSAGE if is_message(path) else MAX_BYTES
+        choice(interpolation, INTERPOLATIONS, "interpolation")
+    path, held = checked_path(path), is_message(path)
     try:
-        content = read(read_bytes(path, largest), path)
-        if is_message(path):
-            message = content
-            content = read_message(Field(message, path))
-        samples = _checked(content, path)
+        content = read(read_bytes(path, MAX_MESSAGE if held else MAX_BYTES), path)
+        whole = read_message(Field(content, path)) if held else content
+        samples = _checked(whole, path)
     except ProblemError as error:  # the content is not valid samples
         raise ScenarioError(f"{path}: {error}", path, error.field) from error
     if interpolation is not None:
         samples = replace(samples, interpolation=interpolation)
-    return samples, message
+    return samples, content if held else None
 
 
 def _checked(samples: Samples, path: Path) -> Samples:

@@ -448,9 +448,6 @@ def _mesh_file(name: Field, frames: _Frames) -> Path:
     return path
 
 
-# Largest deviation of a following (mimic) joint from the position that its leader gives
-# it [rad or m].
-MIMIC_OFFSET = 1e-9
 # Largest deviation of a locked joint from its position in the request [rad or m].
 LOCK_OFFSET = 1e-3
 # Tolerances up to this express the accuracy that MoveIt's tools set, not a freedom [m
@@ -651,21 +648,17 @@ def request_locks(source: RobotSource, request_path: str | Path) -> dict[str, fl
 def _locks(
     request: Field, start: Mapping[str, float], source: RobotSource
 ) -> dict[str, float]:
-    """Positions of joints to lock for a request, and of their followers [rad or m]."""
+    """Positions of joints to lock for a request, without those that follow [rad or m].
+
+    Joints that follow them are locked with them; if the request has them elsewhere, a
+    warning says so later.
+    """
     description, moved = source.description, _goal_joints(request)
     locks = _outside_group(request, start, description, source.semantics)
     # A goal for a link may move any joint.
     if moved and not _goal_links(request):
         still = (j.name for j in description.joints if j.mimic is None)
         locks |= {k: start[k] for k in still if k in start and k not in moved}
-    for joint in description.joints:
-        mimic = joint.mimic
-        if mimic is not None and mimic.leader in locks and joint.name in start:
-            there = mimic.multiplier * locks[mimic.leader] + mimic.offset
-            # A deviating follower is not locked here but causes a warning later: a
-            # caller's lock of it must not contradict one from this function.
-            if abs(there - start[joint.name]) <= MIMIC_OFFSET:
-                locks[joint.name] = start[joint.name]
     return locks
 
 

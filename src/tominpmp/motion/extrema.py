@@ -39,28 +39,6 @@ def least_between(
     return float(times[k]), float(values[k])
 
 
-def rising_then_falling(
-    rate: Callable[[Array], Array], begin: Array, end: Array, halvings: int
-) -> tuple[Array, Array]:
-    """Bracket the times at which many values stop rising, by bisection.
-
-    Args:
-        rate: Function from one time for each value to the rates of the values, both of
-            shape (m,).
-        begin: Times at which the values rise [s], shape (m,).
-        end: Times at which the values no longer rise [s], shape (m,).
-        halvings: Number of bisections.
-
-    Returns:
-        Times before and after the maxima [s], shape (m,) each.
-    """
-    for _ in range(halvings):
-        middle = 0.5 * (begin + end)
-        rises = rate(middle) > 0.0
-        begin, end = np.where(rises, middle, begin), np.where(rises, end, middle)
-    return begin, end
-
-
 def local_maxima(table: Array) -> BoolArray:
     """Whether each value is a local maximum of its column; of equal values the last.
 

@@ -97,13 +97,23 @@ def join(
         The trajectory, from time 0, and its interpolation.
 
     Raises:
-        ScenarioError: If the samples are not of this robot, do not begin at 0, or lack
-            the derivatives that the interpolation needs.
+        ScenarioError: If the samples are not of this robot, have no rows, positions
+            that are not finite or times that do not increase, do not begin at 0, or
+            lack the derivatives that the interpolation needs.
     """
     chosen = samples.interpolation
     columns = _columns(samples, robot, path)
     parts = (samples.q, samples.v, samples.a, samples.u)
     rows = _Rows(robot, samples.t, *(part[:, columns] for part in parts))
+    valid = np.all(np.isfinite(np.column_stack([rows.t, rows.q])), axis=1)
+    valid[1:] &= rows.t[1:] > rows.t[:-1]
+    row = int(np.argmin(np.append(valid, False)))
+    if row < max(valid.size, 1):
+        raise ScenarioError(
+            f"{_named(path)}, row {row + 1}: expected finite positions, and a time [s] "
+            "after the time of the row before",
+            path,
+        )
     if samples.segment_ends is not None:
         # With a payload on each segment, torques differ from the torques of the bare
         # robot; they are computed later, from the movement.
@@ -175,11 +185,8 @@ class _Rows(NamedTuple):
 
     def recorded(self, manner: str, a: Array | None = None) -> Joined:
         """The motion with accelerations, and with the recorded torques if known."""
-        if not self.known("u"):
-            return Joined(self.motion(self.v, a), manner)
-        inverse = torques_of(self.robot)
-        motion = replace(self.curve(a), u=self.u, inverse_dynamics=inverse)
-        return Joined(motion, manner)
+        motion = self.motion(self.v, a)
+        return Joined(replace(motion, u=self.u) if self.known("u") else motion, manner)
 
 
 def _from_start(rows: _Rows, start: Array, velocity: Array | None) -> _Rows:
@@ -398,11 +405,9 @@ def _stepwise_motion(rows: _Rows) -> tuple[_Rows, Array] | None:
         np.sum(gap[jumps] * jump[jumps], axis=1) / size, 0.0, h[jumps]
     )
     gap_q = np.diff(q, axis=0) - h[:, None] * (v[:-1] + 0.5 * h[:, None] * before)
-    if _ramps(h, jumps, remaining):
-        return None
     missed = np.abs(gap - remaining[:, None] * jump) > slack_v
     missed_q = np.abs(gap_q - 0.5 * remaining[:, None] ** 2 * jump) > slack_q
-    if np.any(missed) or np.any(missed_q):
+    if _ramps(h, jumps, remaining) or np.any(missed) or np.any(missed_q):
         return None
     at = np.flatnonzero(jumps)
     s = (h[at] - remaining[at])[:, None]

@@ -17,6 +17,10 @@ INTERPOLATIONS = get_args(Interpolation)
 # Nanoseconds in a second: the clocks of controllers count nanoseconds.
 BILLION = 10**9
 
+# Shortest last interval of a clock, in periods: in a shorter one the differences of
+# rounded positions and speeds would be accelerations.
+SHORTEST = 1e-3
+
 
 class TimedRows(Record):
     """Base of records with joint names, and a row of numbers for each time."""
@@ -108,7 +112,7 @@ class Samples(TimedRows):
     def __post_init__(self) -> None:
         """Check the shapes and make the arrays read-only."""
         self._take_rows("samples: {}", "time", "qvau")
-        check_interpolation(self.interpolation)
+        choice(self.interpolation, INTERPOLATIONS, "interpolation")
         if self.segment_ends is not None:
             self._check_segments()
 
@@ -137,23 +141,14 @@ class Samples(TimedRows):
         )
 
 
-def check_interpolation(name: object) -> None:
-    """Check the name of an interpolation of samples.
-
-    Raises:
-        ProblemError: If no interpolation has the name.
-    """
-    choice(name, INTERPOLATIONS, "interpolation")
-
-
 def clock(duration: float, period: float) -> Array:
     """Times of a clock over a motion [s]: 0, period, 2 period, ..., duration.
 
     Each time is a multiple of the period, not a sum of periods, and a whole number of
-    nanoseconds if the period is: the number that a user would type. The last interval
-    is shorter if the duration is not a multiple of the period.
+    nanoseconds if the period is: the number that a user would type. If the duration is
+    no multiple of the period, the last interval is shorter, or up to SHORTEST longer.
     """
-    count = int(np.ceil(duration / period * (1.0 - 1e-9)))
+    count = max(int(np.ceil(duration / period * (1.0 - 1e-9) - SHORTEST)), 1)
     return np.append(multiples(np.arange(count), period), duration)
 
 

@@ -382,18 +382,7 @@ def torque_breaks(trajectory: Trajectory, friction: Array) -> Array:
         The nodes, and, if torques follow from inverse dynamics, the reversals of joints
         with dry friction between them; in the order of time.
     """
-    if trajectory.inverse_dynamics is None:
+    dry = friction > 0.0
+    if trajectory.inverse_dynamics is None or not np.any(dry):
         return trajectory.t
-    return np.union1d(trajectory.t, reversals(trajectory, friction))
-
-
-def reversals(trajectory: Trajectory, friction: Array) -> Array:
-    """Times of reversals of joints with dry friction between the nodes [s].
-
-    Args:
-        trajectory: The motion.
-        friction: Dry friction of the joints, shape (n,) [N m or N].
-    """
-    if not np.any(friction > 0.0):
-        return np.zeros(0)
-    return trajectory.turns.of_joints(friction > 0.0)
+    return np.union1d(trajectory.t, trajectory.turns.of_joints(dry))

@@ -58,20 +58,20 @@ class Turns:
             velocity: Velocities as polynomials of the elapsed share x of each interval:
                 coefficients of 1, x, x^2, ..., shape (N, n, K) [rad/s or m/s].
         """
-        h = np.diff(t)
-        first = _bounded_direction(velocity)
-        slow = np.abs(_bernstein(velocity)).max(axis=-1) <= STANDSTILL
+        h, bounds = np.diff(t), _bernstein(velocity)
+        low, high = bounds.min(axis=-1), bounds.max(axis=-1)
+        # NaN for joints that may reverse.
+        first = np.where(low >= 0.0, 1.0, np.where(high <= 0.0, -1.0, np.nan))
+        slow = np.abs(bounds).max(axis=-1) <= STANDSTILL
         rests = _rests(velocity, h, slow)
         first[rests] = 0.0
         k, joint = np.nonzero(np.isnan(first))
         begins, sign, moves = _sections(velocity[k, joint], SAME * t[-1] / h[k])
         # Sections that are not movements get the direction of the last movement, or of
-        # the next one.
-        way = np.where(moves, sign, 0.0)
-        for i in range(1, way.shape[1]):
-            way[:, i] = np.where(moves[:, i], way[:, i], way[:, i - 1])
-        for i in range(way.shape[1] - 2, -1, -1):
-            way[:, i] = np.where(way[:, i] == 0.0, way[:, i + 1], way[:, i])
+        # the first one.
+        latest = np.maximum.accumulate(moves * np.arange(moves.shape[1]), axis=1)
+        latest = np.maximum(latest, np.argmax(moves, axis=1)[:, None])
+        way = np.take_along_axis(sign, latest, axis=1)
         last = first.copy()
         first[k, joint], last[k, joint] = way[:, 0], way[:, -1]
         slow_only = _adopt_directions(first, last, slow & ~rests)
@@ -121,13 +121,6 @@ def _bernstein(c: Array) -> Array:
     # b_i = sum over j <= i of C(i, j) / C(K - 1, j) c_j.
     binomials = pascal(c.shape[-1], kind="lower", exact=False)
     return np.asarray(c @ (binomials / binomials[-1]).T)
-
-
-def _bounded_direction(velocity: Array) -> Array:
-    """Directions on intervals by a bound; NaN where a joint may reverse, (N, n)."""
-    bounds = _bernstein(velocity)
-    low, high = bounds.min(axis=-1), bounds.max(axis=-1)
-    return np.where(low >= 0.0, 1.0, np.where(high <= 0.0, -1.0, np.nan))
 
 
 def _rests(velocity: Array, h: Array, slow: BoolArray) -> BoolArray:

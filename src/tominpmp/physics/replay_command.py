@@ -68,14 +68,10 @@ def run_replay(
 def _text(result: PhysicsReplay, path: Path) -> str:
     verdict = "ends at its goal" if result.ok else "does not end at its goal"
     rows = [("engine", f"{result.engine}, {result.integrator}")]
-    for name, run in (
-        ("torques alone", result.open_loop),
-        ("with feedback", result.with_feedback),
-    ):
-        errors = (
-            f"{run.goal_error:.1e} off at the end, {run.tracking_error:.1e} at most"
-        )
-        rows.append((name, f"{errors} (rad or m)"))
+    runs = {"torques alone": result.open_loop, "with feedback": result.with_feedback}
+    for name, run in runs.items():
+        errors = f"{run.goal_error:.1e} off at the end, {run.tracking_error:.1e}"
+        rows.append((name, f"{errors} at most (rad or m)"))
     rows.append(("torques differ", f"by {result.torque_difference:.1e} of the largest"))
     return rows_text(f"The motion in {path} {verdict}.", rows)
 

@@ -190,8 +190,8 @@ def _advice(problem: Problem, options: Options, status: Status, best: Candidate)
     leaves its path without feedback.
     """
     advice = ""
-    explained = (Status.INFEASIBLE, Status.INTERRUPTED)
-    if not best.confirmed and status not in explained and options.method != "inverse":
+    interrupted = status is Status.INTERRUPTED
+    if not (best.confirmed or interrupted or options.method == "inverse"):
         longest = float(np.max(np.diff(best.trajectory.t)))
         advice = (
             f" Method {options.method!r} keeps torques for up to {longest:.3g} s, in "

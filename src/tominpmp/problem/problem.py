@@ -231,21 +231,16 @@ class Problem(Record):
         last = number == len(self.segments) - 1
         goal = segment.goal if last else segment.goal_on_the_way()
         goal.validate(robot)
-        if number == 0:
+        before = self.segments[number - 1] if number else None
+        if before is None:
             phase._checks.start(q_start, phase.v_start)
-        elif self.segments[number - 1].goal.configuration is not None:
+        elif before.goal.configuration is not None:
             if not same:
                 phase._checks.clear(q_start, "start", later=True)
-            passing = not self.segments[number - 1].stop
-            phase._checks.admit(q_start, phase.v_start, "start", passing=passing)
-        rests = goal is segment.goal
-        before = self.segments[number - 1].goal if number else None
-        wrapped = phase._wrapped(segment.goal, before)
-        checked_goal, messages = phase._checks.goal(wrapped, rests)
-        if not rests:
-            checked_goal = passed(checked_goal)
-        phase._keep(goal=checked_goal)
-        return phase, messages
+            passing, v = not before.stop, phase.v_start
+            phase._checks.admit(q_start, v, "start", passing=passing)
+        rests, former = goal is segment.goal, before.goal if before else None
+        return phase, phase._take_goal(segment.goal, former, rests)
 
     def _take_segments(self) -> None:
         """Check the segments, and take the goal of the last one for the problem."""
@@ -265,10 +260,19 @@ class Problem(Record):
             before = segments[-1].goal.configuration
         self._keep(segments=tuple(segments), goal=segments[-1].goal)
 
-    def _take_goal(self, goal: Goal) -> list[str]:
-        """Check a goal and keep it, with its nearest joint angles; returns warnings."""
-        checked_goal, messages = self._checks.goal(self._wrapped(goal))
-        self._keep(goal=checked_goal)
+    def _take_goal(
+        self, goal: Goal, before: Goal | None = None, rests: bool = True
+    ) -> list[str]:
+        """Check a goal and keep it, with its nearest joint angles; returns warnings.
+
+        Args:
+            goal: The goal.
+            before: The goal of the segment before; None for the first segment.
+            rests: Whether the arm meets the goal itself; otherwise it passes there.
+        """
+        wrapped = self._wrapped(goal, before)
+        checked_goal, messages = self._checks.goal(wrapped, rests)
+        self._keep(goal=checked_goal if rests else passed(checked_goal))
         return messages
 
     def _wrapped(self, goal: Goal, before: Goal | None = None, rivals: int = 1) -> Goal:

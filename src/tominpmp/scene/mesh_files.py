@@ -15,7 +15,6 @@ import re
 import warnings
 from array import array
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -37,7 +36,6 @@ OTHERS = (".dae", ".glb", ".gltf", ".off", ".ply")
 ARCHIVES = (b"PK", b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"7z\xbc\xaf", b"Rar!")
 # Largest length of a line of a mesh file [bytes].
 LONGEST_LINE = 100_000
-NEWLINE = b"\n"
 # Matches lines that are not empty, as there may be millions of empty lines.
 _LINE = re.compile(rb"[^\s][^\r\n]*")
 STL_HEADER = 84
@@ -87,9 +85,9 @@ def _read_stl(data: bytes) -> tuple[Array, IntArray]:
             "of a binary STL file with its number of triangles"
         )
     numbers = array("d")
-    for place, words in _lines(data):
+    for line, words in _lines(data):
         if words[0] == b"vertex":
-            numbers.extend(_floats(words[1:4], place))
+            numbers.extend(_floats(words[1:4], line))
             _check_count(len(numbers) // 9)
     if len(numbers) % 9:
         raise ProblemError("the number of vertices is not a multiple of three")
@@ -101,25 +99,18 @@ def _binary_size(data: bytes) -> int:
     return STL_HEADER + STL_TRIANGLE * int.from_bytes(data[80:STL_HEADER], "little")
 
 
-def _lines(data: bytes) -> Iterator[tuple[_Place, list[bytes]]]:
-    """Position and words of each line that is not empty."""
-    for found in _LINE.finditer(data):
-        place = _Place(data, found.start())
-        if found.end() - found.start() > LONGEST_LINE:
-            raise ProblemError(f"{place} is longer than {LONGEST_LINE} bytes")
-        yield place, found.group().split()
+def _lines(data: bytes) -> Iterator[tuple[re.Match[bytes], list[bytes]]]:
+    """Each line that is not empty, as a match, and its words."""
+    for line in _LINE.finditer(data):
+        if line.end() - line.start() > LONGEST_LINE:
+            raise ProblemError(f"{_named(line)} is longer than {LONGEST_LINE} bytes")
+        yield line, line.group().split()
 
 
-@dataclass(frozen=True)
-class _Place:
-    """Position of a line in a file; its number is only counted for a message."""
-
-    data: bytes
-    begin: int
-
-    def __str__(self) -> str:
-        """Name the line."""
-        return f"line {self.data.count(NEWLINE, 0, self.begin) + 1}"
+def _named(line: re.Match[bytes]) -> str:
+    """Name a line by its number, which is only counted for a message."""
+    number = line.string.count(b"\n", 0, line.start()) + 1
+    return f"line {number}"
 
 
 def _check_count(triangles: int) -> None:
@@ -134,27 +125,27 @@ def _merged(points: Array) -> tuple[Array, IntArray]:
     return vertices, corners.reshape(-1, 3).astype(np.int64)
 
 
-def _floats(words: list[bytes], place: _Place) -> list[float]:
+def _floats(words: list[bytes], line: re.Match[bytes]) -> list[float]:
     """Three numbers of a line."""
     try:
         numbers = [float(word) for word in words]
     except ValueError:
         numbers = []
     if len(numbers) != 3:
-        raise ProblemError(f"{place}: expected three numbers")
+        raise ProblemError(f"{_named(line)}: expected three numbers")
     return numbers
 
 
 def _read_obj(data: bytes) -> tuple[Array, IntArray]:
     """Read an OBJ file; faces with more than three corners become triangle fans."""
     vertices, corners = array("d"), array("q")
-    for place, words in _lines(data):
+    for line, words in _lines(data):
         if words[0] == b"v":
-            vertices.extend(_floats(words[1:4], place))
+            vertices.extend(_floats(words[1:4], line))
             # A triangle has at most three vertices, so that more are too many.
             _check_count(len(vertices) // 9)
         elif words[0] == b"f":
-            face = _face(words[1:], len(vertices) // 3, place)
+            face = _face(words[1:], len(vertices) // 3, line)
             for a, b in pairwise(face[1:]):
                 corners.extend((face[0], a, b))
             _check_count(len(corners) // 3)
@@ -164,17 +155,19 @@ def _read_obj(data: bytes) -> tuple[Array, IntArray]:
     )
 
 
-def _face(words: list[bytes], vertices: int, place: _Place) -> list[int]:
+def _face(words: list[bytes], vertices: int, line: re.Match[bytes]) -> list[int]:
     """Vertex indices of the corners of a face, which refers to earlier vertices."""
     try:
         corners = [int(word.split(b"/")[0]) for word in words]
     except ValueError as error:
+        place = _named(line)
         raise ProblemError(f"{place}: a corner is not a whole number") from error
     face = [c - 1 if c > 0 else vertices + c for c in corners]
     if len(face) < 3:
-        raise ProblemError(f"{place}: expected a face of three corners or more")
+        raise ProblemError(f"{_named(line)}: expected a face of three corners or more")
     if not all(0 <= corner < vertices for corner in face):
-        raise ProblemError(f"{place}: a corner refers to a vertex that is not defined")
+        fault = "a corner refers to a vertex that is not defined"
+        raise ProblemError(f"{_named(line)}: {fault}")
     return face
 
 

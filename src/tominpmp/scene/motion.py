@@ -103,8 +103,12 @@ class Motion(Record, ABC):
         """Check the values."""
         try:
             super().__post_init__()
+            self._check()
         except ProblemError as error:
             raise SceneError(f"motion: {error}") from error
+
+    def _check(self) -> None:
+        """Check what the values of a subclass have in common, and convert them."""
 
     def start(self, given: Placement) -> Placement:
         """Placement at time 0.
@@ -180,11 +184,6 @@ def _checked_intervals(begin: Array, end: Array) -> tuple[Array, Array]:
     return begin, array(end, "end", begin.shape, "times [s], one for each beginning")
 
 
-def _checked_placement(value: Placement, name: str = "start") -> Placement:
-    """Check a caller's placement."""
-    return instance(value, Placement, name)
-
-
 # -- motions that are given by numbers -------------------------------------------------
 
 
@@ -258,12 +257,11 @@ class ConstantVelocity(Motion):
     begin: Begin = 0.0
     end: End = np.inf
 
-    def __post_init__(self) -> None:
-        """Check the values."""
-        super().__post_init__()
+    def _check(self) -> None:
+        """Check that the end is after the beginning."""
         if not self.end > self.begin:
             expected = f"a time after the beginning at {self.begin:g} s"
-            raise SceneError(f"motion: end is {self.end:g}, expected {expected}")
+            raise ProblemError(f"end is {self.end:g}, expected {expected}")
 
     @property
     def kinks(self) -> Array:
@@ -285,7 +283,7 @@ class ConstantVelocity(Motion):
 
     def _lever(self, start: Placement) -> Array:
         """Vector from the pivot to the origin of the obstacle at the start [m]."""
-        p = _checked_placement(start).p
+        p = instance(start, Placement, "start").p
         return np.zeros(3) if self.pivot is None else p - self.pivot
 
     def poses(self, times: Array, start: Placement) -> Placement:
@@ -340,8 +338,8 @@ def _matrices(given: Array) -> Array:
         try:
             each.append(rotation_matrix(value))
         except ProblemError as error:
-            raise SceneError(
-                f"motion: rotations: waypoint {k} (counted from 0) is "
+            raise ProblemError(
+                f"rotations: waypoint {k} (counted from 0) is "
                 f"{value.tolist()}, expected a rotation matrix or a quaternion "
                 "(x, y, z, w) whose length is not zero"
             ) from error
@@ -349,9 +347,9 @@ def _matrices(given: Array) -> Array:
     turns = np.linalg.norm(_turns(matrices), axis=1)
     if np.any(turns > MOST_TURN):
         k = int(np.argmax(turns))
-        raise SceneError(
-            f"motion: rotations: half a turn from waypoint {k} to {k + 1} (counted "
-            "from 0) has no unique direction; put another waypoint between them"
+        raise ProblemError(
+            f"rotations: half a turn from waypoint {k} to {k + 1} (counted from 0) has "
+            "no unique direction; put another waypoint between them"
         )
     return matrices
 
@@ -390,11 +388,10 @@ class Waypoints(Motion):
     positions: NumbersOrNone = default(None)
     rotations: RotationsOrNone = default(None)
 
-    def __post_init__(self) -> None:
+    def _check(self) -> None:
         """Check that each time has a position, or a rotation."""
-        super().__post_init__()
         if self.positions is None and self.rotations is None:
-            raise SceneError("motion: Waypoints needs positions, rotations, or both")
+            raise ProblemError("Waypoints needs positions, rotations, or both")
         count = self.times.size
         for name, shapes in (
             ("positions", [(count, 3)]),
@@ -402,8 +399,8 @@ class Waypoints(Motion):
         ):
             value = getattr(self, name)
             if value is not None and value.shape not in shapes:
-                raise SceneError(
-                    f"motion: {name} has shape {value.shape}, expected "
+                raise ProblemError(
+                    f"{name} has shape {value.shape}, expected "
                     f"{' or '.join(map(str, shapes))}, as there are {count} times"
                 )
         if self.rotations is not None:
@@ -411,7 +408,7 @@ class Waypoints(Motion):
 
     def start(self, given: Placement) -> Placement:
         """Placement at the first waypoint."""
-        given = _checked_placement(given, "given")
+        given = instance(given, Placement, "given")
         R = given.R if self.rotations is None else self.rotations[0]
         p = given.p if self.positions is None else self.positions[0]
         return agreed_start(given, Placement(R, p))
@@ -443,7 +440,7 @@ class Waypoints(Motion):
 
     def poses(self, times: Array, start: Placement) -> Placement:
         """Placements at times."""
-        times, start = checked_times(times), _checked_placement(start)
+        times, start = checked_times(times), instance(start, Placement, "start")
         k = self._passed(times)
         since = np.maximum(times - self.times[k], 0.0)[:, None]
         R = start.R if self.rotations is None else self.rotations[k]
@@ -532,7 +529,7 @@ class PoseFunction(Motion):
 
     def start(self, given: Placement) -> Placement:
         """Placement at time 0."""
-        given = _checked_placement(given, "given")
+        given = instance(given, Placement, "given")
         return agreed_start(given, self._pose(0.0))
 
     def _pose(self, time: float) -> Placement:
@@ -584,24 +581,15 @@ class PoseFunction(Motion):
         # Slope of the parabola through the values after zero, one and two steps.
         rate = first * (2.0 - 2.0 * centre) + second * (centre - 0.5)
         twist = Twist(rate[:, :3], rate[:, 3:])
-        self._check_speed(times, "speed", self.speed, twist.linear)
-        self._check_speed(times, "angular_speed", self.angular_speed, twist.angular)
+        for name, velocity in zip(("speed", "angular_speed"), twist, strict=True):
+            bound, speeds = getattr(self, name), np.linalg.norm(velocity, axis=1)
+            if bound is not None and np.any(speeds > bound * (1.0 + FASTER) + FASTER):
+                k = int(np.argmax(speeds))
+                raise SceneError(
+                    f"motion: {name} is {bound:g}, and at {times[k]:g} s the function "
+                    f"has the speed {speeds[k]:.6g}: expected an upper bound"
+                )
         return twist
-
-    @staticmethod
-    def _check_speed(
-        times: Array, name: str, bound: float | None, velocity: Array
-    ) -> None:
-        """Check that sampled speeds do not exceed a bound from the caller."""
-        if bound is None or not times.size:
-            return
-        speeds = np.linalg.norm(velocity, axis=1)
-        k = int(np.argmax(speeds))
-        if speeds[k] > bound * (1.0 + FASTER) + FASTER:
-            raise SceneError(
-                f"motion: {name} is {bound:g}, and at {times[k]:g} s the function has "
-                f"the speed {speeds[k]:.6g}: expected an upper bound"
-            )
 
     def speed_bounds(self, begin: Array, end: Array, start: Placement) -> SpeedBounds:
         """Bounds on the speeds within time intervals; estimates without bounds."""

@@ -72,10 +72,8 @@ def checked_pose(pose: object, name: str) -> pin.SE3:
     Raises:
         ProblemError: If the pose is invalid.
     """
-    parts = split_pose(pose)
-    position = array_or_nan(None if parts is None else parts[0])
-    turn = array_or_nan(None if parts is None else parts[1])
-    if parts is None or position.shape != (3,) or turn.shape not in ((3, 3), (4,)):
+    position, turn = map(array_or_nan, split_pose(pose) or (None, None))
+    if position.shape != (3,) or turn.shape not in ((3, 3), (4,)):
         raise wrong(pose, name, POSE)
     if not (np.all(np.isfinite(position)) and np.all(np.isfinite(turn))):
         raise ProblemError(f"{name} is not finite", field=name)

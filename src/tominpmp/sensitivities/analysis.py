@@ -205,9 +205,10 @@ class SegmentRows:
 
         A multiplier is weighted by the share of the limit that the motion uses: then
         the sums satisfy the time scaling identity also for motions away from the
-        optimum, as time scaling changes the used shares.
+        optimum, as time scaling changes the used shares. Torque limits that differ in
+        both directions grow with their middle: shares are counted from the middle.
         """
-        rows = self.rows
+        rows, system = self.rows, self.motion.system
         # Torques may exceed limits between nodes: their used share is not clipped.
         control = control_kind(self._robot).name
         used = np.where(rows.of(control), rows.used, 1.0 - rows.slack)
@@ -225,6 +226,9 @@ class SegmentRows:
                 sides.append(("lower position", item.lower, gain * ~upper))
             for name, limit, values in sides:
                 value = 0.0 - self._sums(kind.name, values, limit.size)
+                if kind.quantity == "u":
+                    shift = system.effort_middle / system.effort_half
+                    value -= shift * self._sums(kind.name, rows.y, limit.size)
                 for j in np.flatnonzero(np.isfinite(limit)).tolist():
                     # Positions may be zero, and have no derivative by a share.
                     per = f"1/{units[j]}" if kind.quantity == "q" else ""
@@ -247,18 +251,17 @@ class SegmentRows:
 
     def _clearances(self) -> Iterator[Sensitivity]:
         """Clearances by obstacle, by pair of links, and the margin of all pairs."""
-        problem, pairs = self._problem, self._problem.checker.pairs
-        gain = self._sums("clearance", self.rows.value, len(pairs))
+        problem, checker = self._problem, self._problem.checker
+        gain = self._sums("clearance", self.rows.value, len(checker.pairs))
         names: dict[str, float] = {item.name: 0.0 for item in problem.scene}
-        for index, (first, second) in enumerate(pairs):
-            if index < problem.checker.obstacle_pairs:
-                names[second] += float(gain[index])
-            elif gain[index] > 0.0:
-                pair = f"{first} and {second}"
-                names[pair] = names.get(pair, 0.0) + float(gain[index])
+        for index in np.flatnonzero(gain > 0.0).tolist():
+            link, other = checker.pairs[index]
+            own = index >= checker.obstacle_pairs
+            name = f"{link} and {other}" if own else other
+            names[name] = names.get(name, 0.0) + float(gain[index])
         for name, value in names.items():
             yield Sensitivity("clearance", None, name, value, "1/m")
-        margin = float(gain[problem.checker.margins(1.0) > 0.0].sum())
+        margin = float(gain[checker.margins(1.0) > 0.0].sum())
         value, unit = _by_share(margin, problem.margin, "m")
         limit = max(problem.margin, 0.0)
         yield Sensitivity("margin", None, "", value, unit, limit, "m")
@@ -356,8 +359,6 @@ class SegmentRows:
         obstacles = rows.of("clearance") & (rows.subject < checker.obstacle_pairs)
         rows = rows.selected(obstacles & (rows.y > NOTHING * rows.unit))
         out: dict[str, Array] = {}
-        if not rows.subject.size:
-            return out
         times, pairs = rows.at.times(self.motion.changes.h), rows.subject
         q = self.motion.path(times).q
         normal, _, point = checker.witnesses(q, np.arange(len(q)), pairs, times)

@@ -90,7 +90,8 @@ class Sensitivity(Record):
     @property
     def label(self) -> str:
         """Subject and kind, in words."""
-        if self.subject == "" or self.subject in self.kind:
+        # Names of constraints contain their subjects, as words: "speed of frame tip".
+        if self.subject == "" or f" {self.subject} " in f" {self.kind} ":
             return self.kind
         return f"{self.subject}: {SHOWN.get(self.kind, self.kind)}"
 
@@ -196,7 +197,7 @@ class Sensitivities(Record):
                 the cycle is less than the sum of the durations, or names are too few or
                 too many.
         """
-        items = list(parts)
+        items = list(instance(parts, Iterable, "parts", "Sensitivities of motions"))
         goals = [f"goal {k + 1}" for k in range(len(items))] if names is None else names
         for item in items:
             instance(item, Sensitivities, "parts", "Sensitivities of motions")
@@ -204,7 +205,7 @@ class Sensitivities(Record):
         whole = total if T is None else number_or_nan(T)
         if not items or not whole >= total * (1.0 - 1e-9):
             raise wrong(T, "T", f"at least {total:.4g} s, and at least one motion")
-        if len(goals) != len(items):
+        if not isinstance(goals, Sequence) or len(goals) != len(items):
             raise wrong(names, "names", "a name for each motion")
         scaled = []
         longest = whole or 1.0  # all values of motions without duration are 0

@@ -16,7 +16,7 @@ from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.base import Partials, States
 from tominpmp.constraints.friction import EFFORT_TOLERANCE, Signs, interval_signs
 from tominpmp.dynamics import directions
-from tominpmp.motion.trajectory import Trajectory, reversals
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.controls import control_bounds
 from tominpmp.transcription.base import Transcription, Variation
 from tominpmp.transcription.instants import Instants
@@ -187,7 +187,7 @@ class TorqueTranscription(Transcription[SteppedMotion]):
         if self.system.friction is None:
             return held
         friction, signs = self.system.problem.robot.friction, self.signs
-        t = np.sort(np.concatenate([held.t, reversals(held, friction)]))
+        t = np.sort(np.concatenate([held.t, held.turns.of_joints(friction > 0.0)]))
         middle = 0.5 * (t[1:] + t[:-1])
         sign = held.turns.at(middle)
         if signs is not None:

@@ -164,10 +164,9 @@ WITHOUT_PAIRS = ClearanceProof(True, (), None, 0.0, False, 0)
 
 def _merged(distances: Iterable[ProvedDistance]) -> tuple[ProvedDistance, ...]:
     """Merge proved distances of equal kind and margin into the least of them."""
-    least: dict[tuple[str, float], float] = {}
-    for pairs, margin, bound in distances:
-        least[pairs, margin] = min(bound, least.get((pairs, margin), math.inf))
-    return tuple(ProvedDistance(*kind, bound) for kind, bound in sorted(least.items()))
+    # In falling order the least bound of each kind and margin comes last.
+    least = {item[:2]: item for item in sorted(distances, reverse=True)}
+    return tuple(sorted(least.values()))
 
 
 def _required(margin: float) -> str:
@@ -308,9 +307,7 @@ def _rows(trajectory: Trajectory, deviation: Array | None) -> tuple[Replay, Arra
     drift = np.zeros(trajectory.n) if deviation is None else np.abs(deviation)
     path = replace(trajectory, inverse_dynamics=None)  # torques are not needed
     rows = planned(path)
-    if rows.t.size < 2:
-        return rows, drift
     probes = (rows.t[:-1] + np.diff(rows.t) * np.array([[0.3], [0.5]])).ravel()
     cubic, *_ = Curve(rows.t, rows.q, rows.v).states(probes)
     gaps = np.abs(cubic - path(probes).q)
-    return rows, drift + SAFETY * np.max(gaps, axis=0)
+    return rows, drift + SAFETY * np.max(gaps, axis=0, initial=0.0)

@@ -125,12 +125,11 @@ def _clause(stage: Stage, motion: Trajectory, item: LimitViolation) -> str:
             f"{friction:.3g} {item.unit}: {needed:.3g} {item.unit} needed to "
             f"move, [{low:.3g}, {high:.3g}] allowed"
         )
-    if item.name in curves:
-        return item.clause  # the limit depends on the speed
-    bound = max(abs(low), abs(high))
+    if item.name in curves or low != -high:
+        return item.clause  # the limit depends on the speed, or on the direction
     return (
-        f"joint {item.name} would need {bound + item.amount:.3g} {item.unit} at "
-        f"{item.time:.2f} s, {bound:.3g} allowed"
+        f"joint {item.name} would need {high + item.amount:.3g} {item.unit} at "
+        f"{item.time:.2f} s, {high:.3g} allowed"
     )
 
 

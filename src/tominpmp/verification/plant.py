@@ -165,9 +165,6 @@ class Plant:
         Returns:
             The time just after the event; the end of the step without an event.
         """
-        if not self.dry.any():
-            return end
-
         early, late = begin, end
         step = np.array([begin, end]), np.array([curve(begin), curve(end)])
         if self.unchanged(*step):
@@ -203,7 +200,8 @@ class Plant:
         back = np.flatnonzero((slowest < 0.0).any(axis=1))
         count = int(back[0]) if back.size else count
         rows = np.arange(count if self._holds else 0)
-        if not v.any():  # torques of a resting arm are smooth: some instants suffice
+        if count and not v.any():
+            # Torques of a resting arm are smooth: some instants suffice.
             rows = np.unique(np.linspace(0, count - 1, TESTED_INSTANTS).astype(int))
         valid = 0
         for k in rows.tolist():

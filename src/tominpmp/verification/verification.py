@@ -215,8 +215,7 @@ def verify(
     assert findings is not None  # noqa: S101
     if findings.violations:
         gaps = np.abs(integration.defects()[:, : robot.n])
-        gaps = np.where(np.isfinite(gaps), gaps, np.inf)
-        defect = float(np.max(gaps, initial=0.0))
+        defect = float(np.max(np.nan_to_num(gaps, nan=np.inf), initial=0.0))
     replayed = findings.replay
     # Without inverse dynamics, which would take most of the time of the evaluation.
     plan = replace(trajectory, inverse_dynamics=None)(replayed.t).q

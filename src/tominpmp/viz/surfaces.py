@@ -154,7 +154,7 @@ def obstacle_surface(obstacle: Obstacle) -> Trimesh:
     if isinstance(obstacle, Mesh):
         return Trimesh(obstacle.points, obstacle.triangles, process=False)
     if isinstance(obstacle, HeightField):
-        return _prisms(np.array(list(obstacle.cells)))
+        return _prisms(obstacle.cells)
     if isinstance(obstacle, OcTree):
         places = zip(*obstacle.boxes, strict=True)
         cubes = [trimesh.creation.box(size, transform(at)) for at, size in places]

@@ -415,5 +415,7 @@ class Dataset(Record):
             }
             for entry in self
         ]
-        table = pa.Table.from_pylist(rows)
+        # Results without a motion lack columns that others have.
+        names = dict.fromkeys(name for row in rows for name in row)
+        table = pa.table({name: [row.get(name) for row in rows] for name in names})
         return write_file(path, lambda file: pq.write_table(table, file))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from importlib import import_module
 from typing import Any, TypeVar
 
@@ -42,22 +43,17 @@ class Executor:
     def __init__(
         self, function: Callable[..., Any], workers: int | None, backend: str | None
     ) -> None:
-        self._function = function
-        try:
-            self._backend, self.workers = _chosen(backend, workers)
-            self._parallel(self.workers)  # so that errors are raised now
-        except (ImportError, ValueError, TypeError, KeyError) as error:
-            raise _wrong(backend, error) from error
-
-    def _parallel(self, workers: int | None) -> Any:
         from joblib import Parallel
 
-        return Parallel(
-            n_jobs=workers,
-            backend=self._backend,
-            return_as="generator_unordered",
-            batch_size=1,
-        )
+        self._function = function
+        try:
+            chosen, self.workers = _chosen(backend, workers)
+            self._parallel = partial(
+                Parallel, backend=chosen, return_as="generator_unordered", batch_size=1
+            )
+            self._parallel(n_jobs=self.workers)  # so that errors are raised now
+        except (ImportError, ValueError, TypeError, KeyError) as error:
+            raise _wrong(backend, error) from error
 
     @contextmanager
     def _running(
@@ -66,9 +62,8 @@ class Executor:
         """Context with the results as they finish, with the numbers of their work."""
         from joblib import delayed
 
-        stream = self._parallel(workers)(
-            delayed(self._function)(*item) for item in work
-        )
+        calls = (delayed(self._function)(*item) for item in work)
+        stream = self._parallel(n_jobs=workers)(calls)
         try:
             yield stream
         finally:

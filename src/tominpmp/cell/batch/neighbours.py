@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -35,40 +34,30 @@ GAP, SLOPE, SAMPLES = 0.3, 1.0, 7
 
 # A warm start: the number of the problem that the motion solves, and the motion.
 Start = tuple[int, Trajectory]
+# Numbers of the problems whose motions may be the warm start of a problem, and their
+# distances, the nearest first.
+Near = list[tuple[int, float]]
 
 
-@dataclass(frozen=True, eq=False)
-class Rounds:
-    """The order in which the problems of a batch are planned.
+def nearest_start(near: Near, motions: Mapping[int, Trajectory]) -> Start | None:
+    """The warm start of a problem; None for a cold one.
 
-    Attributes:
-        rounds: Numbers of the problems of each round.
-        near: By the number of a problem, the numbers of the problems whose motions may
-            be its warm start, and their distances, the nearest first.
+    It is the nearest problem that has a motion, unless the second nearest takes another
+    path: only a search finds out which of two paths is the faster here.
+
+    Args:
+        near: Problems near the one to be planned.
+        motions: Motions found so far, by the numbers of their problems.
     """
-
-    rounds: tuple[IntArray, ...]
-    near: dict[int, list[tuple[int, float]]]
-
-    def start(self, number: int, motions: Mapping[int, Trajectory]) -> Start | None:
-        """The warm start of a problem; None for a cold one.
-
-        It is the nearest problem that has a motion, unless the second nearest takes
-        another path: only a search finds out which of two paths is the faster here.
-
-        Args:
-            number: Number of the problem to be planned.
-            motions: Motions found so far, by the numbers of their problems.
-        """
-        solved = [item for item in self.near[number] if item[0] in motions]
-        if not solved:
+    solved = [item for item in near if item[0] in motions]
+    if not solved:
+        return None
+    (first, apart), *others = solved
+    for second, away in others[:1]:
+        paths = [_path(motions[k]) for k in (first, second)]
+        if np.max(np.abs(paths[0] - paths[1])) > GAP + SLOPE * (apart + away):
             return None
-        (first, apart), *others = solved
-        for second, away in others[:1]:
-            paths = [_path(motions[k]) for k in (first, second)]
-            if np.max(np.abs(paths[0] - paths[1])) > GAP + SLOPE * (apart + away):
-                return None
-        return first, motions[first]
+    return first, motions[first]
 
 
 def _path(motion: Trajectory) -> Array:
@@ -76,16 +65,22 @@ def _path(motion: Trajectory) -> Array:
     return motion(np.linspace(0.0, motion.duration, SAMPLES)).q
 
 
-def rounds_of(problems: Sequence[Problem | None]) -> Rounds:
+def rounds_of(
+    problems: Sequence[Problem | None],
+) -> tuple[list[list[int]], dict[int, Near]]:
     """Order the problems of a batch.
 
     Args:
         problems: The problems; None for a broken one.
+
+    Returns:
+        Numbers of the problems of each round; and by the number of a problem, those
+        near it in earlier rounds.
     """
     groups: defaultdict[Any, list[int]] = defaultdict(list)
     rounds: defaultdict[int, list[int]] = defaultdict(list)
     places: dict[int, Array] = {}
-    near: dict[int, list[tuple[int, float]]] = {}
+    near: dict[int, Near] = {}
     for index, problem in enumerate(problems):
         key, places[index] = _place(problem)
         groups[key].append(index)
@@ -99,12 +94,10 @@ def rounds_of(problems: Sequence[Problem | None]) -> Rounds:
             before = order[: size << number - 1] if number else order[:0]
             rounds[number].append(members[k])
             near[members[k]] = _nearest(table, k, before, members)
-    return Rounds(tuple(np.array(sorted(rounds[k])) for k in sorted(rounds)), near)
+    return [sorted(rounds[k]) for k in sorted(rounds)], near
 
 
-def _nearest(
-    table: Array, index: int, before: IntArray, members: list[int]
-) -> list[tuple[int, float]]:
+def _nearest(table: Array, index: int, before: IntArray, members: list[int]) -> Near:
     """The nearest of the earlier problems, three at most, with their distances."""
     away = np.linalg.norm(table[before] - table[index], axis=1)
     order = np.argsort(away, kind="stable")[:3]

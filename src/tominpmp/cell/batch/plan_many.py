@@ -29,7 +29,7 @@ import numpy as np
 from tominpmp.arrays import Record
 from tominpmp.cell.batch.dataset import LIST, Entry, Outcome, file_of, write_outcome
 from tominpmp.cell.batch.executor import Executor
-from tominpmp.cell.batch.neighbours import Start, rounds_of
+from tominpmp.cell.batch.neighbours import Start, nearest_start, rounds_of
 from tominpmp.checks import flag, instance, whole, wrong
 from tominpmp.description.paths import checked_path
 from tominpmp.description.urdf import urdf_file
@@ -210,10 +210,10 @@ def _in_rounds(executor: Executor, tasks: Iterable[BatchTask]) -> Iterator[Outco
     for k, task in enumerate(all_tasks):
         with suppress(TominpmpError):
             problems[k] = _problem(task.source, Options())[0]
-    rounds = rounds_of(problems)
+    rounds, near = rounds_of(problems)
     motions: dict[int, Trajectory] = {}
-    for numbers in rounds.rounds:
-        starts = {k: rounds.start(k, motions) for k in numbers.tolist()}
+    for numbers in rounds:
+        starts = {k: nearest_start(near[k], motions) for k in numbers}
         chosen = [replace(all_tasks[k], start=start) for k, start in starts.items()]
         for outcome in _outcomes(executor, chosen):
             solution = outcome.solution

@@ -410,26 +410,22 @@ class Configurations:
                 "no configuration within the position limits reaches its goal; the "
                 f"nearest one misses it by {min(rests):.2g} m or rad"
             )
-        row = q[good][0]
-        for problem, when in (
-            (self.problem, "in collision"),
-            (self.leaving.get(g), "in collision with what is carried from there"),
-        ):
+        row, loaded = q[good][0], self.leaving.get(g)
+        load = "with what is carried from there"
+        for problem, more in ((self.problem, ""), (loaded, f" {load}")):
             if problem is None:
                 continue
             contact = problem.checker.closest(row, problem.margins)
             if contact is not None and contact.distance < contact.margin:
                 return (
-                    f"all configurations found that reach its goal are {when}, as "
-                    f"{contact.link!r} with {contact.obstacle!r} "
+                    "all configurations found that reach its goal are in collision"
+                    f"{more}, as {contact.link!r} with {contact.obstacle!r} "
                     f"({contact.distance:.3g} m)"
                 )
-        loaded = self.leaving.get(g)
         if loaded is not None and self.stations[g].stop:
             for row in q[good]:
                 if _keeps(self.problem, row) and _keeps(loaded, row):
-                    fault = unheld(loaded.robot, row)
-                    return f"with what is carried from there, {fault}"
+                    return f"{load}, {unheld(loaded.robot, row)}"
         return "all configurations that reach its goal break a constraint"
 
 

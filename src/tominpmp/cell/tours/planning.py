@@ -50,7 +50,7 @@ from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import known_names
 from tominpmp.problem.state_checks import joint_vector, onto_limits
 from tominpmp.robot.robot import Robot
-from tominpmp.scene.scene import Scene
+from tominpmp.scene.scene import Scene, as_scene
 from tominpmp.solution import Solution
 from tominpmp.status import Status
 from tominpmp.stopping import Stop, bounded
@@ -423,8 +423,8 @@ def _problem(
     if isinstance(q_end, str) and q_end != "start":
         raise wrong(q_end, "q_end", 'a configuration, "start" or None')
     instance(robot, Robot, "robot", "a Robot (see load_robot)")
-    scene = fields["scene"]
-    if isinstance(scene, Scene) and scene.moving:
+    fields["scene"] = as_scene(fields["scene"], "scene")
+    if fields["scene"].moving:
         raise ProblemError(
             "scene: an obstacle moves, and when a tour comes by is not known "
             "beforehand; expected obstacles at rest",
@@ -432,17 +432,16 @@ def _problem(
         )
     anywhere = q_end is None or isinstance(q_end, str)
     name, end = ("q_start", q_start) if anywhere else ("q_end", q_end)
+    position = joint_vector(robot, end, name)
+    q, snapped = onto_limits(robot, "position", position, name)
+    for message in snapped:
+        warn_caller(message)
     try:
-        position = joint_vector(robot, end, name)
-        q, snapped = onto_limits(robot, "position", position, name)
-        for message in snapped:
-            warn_caller(message)
         return Problem(robot, q if anywhere else q_start, JointGoal(q), **fields)
     except ProblemError as error:
-        text = str(error)
-        if not text.startswith("goal"):
+        if error.field != "goal":
             raise
-        text = name + text.removeprefix("goal.q").removeprefix("goal")
+        text = name + str(error).removeprefix("goal")
         raise ProblemError(text, name) from error
 
 

@@ -112,5 +112,4 @@ def _read_station(table: Field, robot: Robot, q_start: Array) -> Station:
     try:
         return Station(name, scenario.read_goal(goal, robot, q_start), **conditions)
     except ProblemError as error:
-        field = (error.field or "").removeprefix("station.")
-        (table.get(field) if field in KEYS else table).fail(str(error))
+        scenario.key_of(table, error.field, KEYS).fail(str(error))
