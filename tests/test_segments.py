@@ -80,6 +80,17 @@ def test_a_stop_and_a_stay():
     near(planned(problem_on_rail(at(1.0, dwell=0.2))).T, rail_time(1.0, PUSH) + 0.2)
 
 
+def test_accelerations_that_cannot_jump_are_zero_at_a_stay():
+    """They were not: near the stay the force was 1.37 times its limit, for 0.4 ms."""
+    solution = planned(problem_on_rail(at(1.4, dwell=0.1), at(1.0)), control="spline")
+    near(solution.T - 0.1, rail_time(1.4, PUSH) + rail_time(0.4, PUSH), 0.02)
+    first = solution.segments[0]
+    times = [
+        np.linspace(end - 0.01, end + 0.01, 4001) for end in (first.arrival, first.end)
+    ]
+    assert np.max(np.abs(solution.trajectory(np.concatenate(times)).u)) < 1.005 * FORCE
+
+
 def test_there_and_back():
     near(
         planned(problem_on_rail(at(1.0), at(0.4))).T,

@@ -450,6 +450,8 @@ def test_octree(ball: Robot, rng: np.random.Generator) -> None:
     assert np.sum(np.prod(sizes, axis=1)) == pytest.approx(cubes * 0.25**3)
     surface = obstacle_surface(sparse)
     assert len(surface.faces) == 12 * len(centres)
+    far = OcTree("f", points=np.array([[1e20, 0.0, 0.0]]), resolution=0.1)
+    assert far.boxes[0][0, 0] == pytest.approx(1e20)
 
 
 @pytest.mark.parametrize(

@@ -116,6 +116,13 @@ def test_an_archive_is_no_mesh(ending: str, begin: bytes, tmp_path: Path) -> Non
         tm.Mesh("m", path=path)
 
 
+def test_a_binary_mesh_may_begin_like_an_archive(tmp_path: Path) -> None:
+    triangle = np.array([0, 0, 0, *np.eye(3).ravel()], "<f4").tobytes() + bytes(2)
+    data = b"PKG-7 bracket".ljust(80) + struct.pack("<I", 1) + triangle
+    (tmp_path / "a.stl").write_bytes(data)
+    assert len(tm.Mesh("m", path=tmp_path / "a.stl").vertices) == 3
+
+
 @pytest.mark.parametrize("ending", [".3mf", ".zae", ".txt", ""])
 def test_other_endings_are_not_tried(ending: str, tmp_path: Path) -> None:
     path = tmp_path / f"a{ending}"

@@ -12,8 +12,10 @@ from tominpmp.initial_guess.guess import (
     end_velocity,
     initial_guesses,
 )
+from tominpmp.initial_guess.inverse_kinematics import GoalVelocity
 from tominpmp.initial_guess.segments import segmented_guesses
 from tominpmp.initial_guess.timing import between_velocities
+from tominpmp.kinematics import RobotKinematics
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 UR5 = tm.load_robot("ur5")
@@ -213,3 +215,45 @@ def test_a_weak_rail_overshoots_or_takes_a_run_up(v, acceleration, top, effort):
     for problem in problems:
         solution = tm.plan(problem, effort=effort)
         assert solution.success and solution.T == pytest.approx(least, rel=2e-3)
+
+
+# -- velocities of frames at goals -----------------------------------------------------
+
+THROWN = np.array([0.8, -1.2, 1.2, -1.5, -1.5, 0.0])
+
+
+def throw(speed: float) -> tm.PositionGoal:
+    """A place that tool0 of a UR5 passes along y at up to 1.8612 m/s.
+
+    SLSQP over configurations and joint velocities found this speed, from 60 starts.
+    """
+    place = RobotKinematics(UR5).placement(THROWN, "tool0").translation
+    return tm.PositionGoal("tool0", place, v=(0.0, speed, 0.0))
+
+
+@pytest.mark.parametrize("segment", ["", "segment 2 of 3: "])
+def test_a_velocity_beyond_the_joint_speeds_is_refused_before_a_search(segment) -> None:
+    fast, via = throw(1.9), tm.JointGoal(START + 0.1 * ALONG)
+    problem = tm.Problem(UR5, START, fast)
+    if segment:
+        segments = [tm.Segment(goal) for goal in (via, fast, via)]
+        problem = tm.Problem(UR5, START, segments=segments)
+    message = (
+        f"^{segment}goal: .* velocity of the goal: .* is 0.0.* m/s off with joint "
+    )
+    with pytest.raises(tm.ProblemError, match=f"{message}.* its limit of 3.142 rad/s"):
+        tm.plan(problem)
+
+
+def test_a_throw_near_the_speed_limits_ends_where_the_joints_can_do_it() -> None:
+    solution = tm.plan(tm.Problem(UR5, START, throw(1.82)))
+    assert solution, solution.message
+
+
+def test_derivatives_of_the_speed_that_a_goal_lacks() -> None:
+    goal, step = throw(3.0), 1e-6
+    lacks = GoalVelocity(ProblemFunctions.of(tm.Problem(UR5, START, goal)), goal)
+    _, (slope,) = lacks.excess_at_rest(THROWN[None])
+    ends = [THROWN + sign * step * np.eye(6) for sign in (1, -1)]
+    ahead, behind = (lacks.excess_at_rest(q)[0][:, 0] for q in ends)
+    np.testing.assert_allclose(slope[0], (ahead - behind) / (2 * step), atol=1e-4)

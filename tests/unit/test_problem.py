@@ -23,6 +23,7 @@ from tominpmp.goals.frames import PoseGoal, PositionGoal
 from tominpmp.goals.joints import JointGoal
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.problem.problem import Problem
+from tominpmp.problem.segments import Segment
 from tominpmp.problem.state_checks import SNAP
 from tominpmp.robot.robot import Robot, load_robot
 from tominpmp.scene.obstacles import Box, Sphere
@@ -209,10 +210,25 @@ def test_a_hair_outside_limits_is_mended_with_a_warning(
 def test_limits_themselves_are_allowed(planar3r: Robot) -> None:
     limits = planar3r.limits
     light = planar3r.with_changes(gravity=(0, 0, 0))
-    goal = JointGoal(limits.position_upper, -limits.velocity)
+    goal = JointGoal(limits.position_upper)
     problem = Problem(light, limits.position_lower, goal, v_start=limits.velocity)
     np.testing.assert_array_equal(problem.q_start, limits.position_lower)
     assert problem.goal is goal
+
+
+@pytest.mark.parametrize("last", [True, False])
+def test_no_joint_leaves_its_range_at_an_end(planar3r: Robot, last: bool) -> None:
+    at_limit, out = (3.0, 0.5, 0.5), (1.0, 0.0, 0.0)
+    says = "joint 'joint1' {} its range there: it has {} rad/s at its limit of 3 rad"
+    for sign, way in ((1, "leaves"), (-1, "enters")):
+        goal = JointGoal(at_limit, sign * np.array(out))
+        segments = [Segment(goal)] if last else [Segment(goal), Segment(GOAL)]
+        with pytest.raises(ProblemError, match=f"goal: {says.format(way, sign)}"):
+            Problem(planar3r, START, segments=segments)
+    with pytest.raises(ProblemError, match=f"start: {says.format('leaves', 1)}"):
+        Problem(planar3r, at_limit, GOAL, v_start=out)
+    Problem(planar3r, at_limit, GOAL, v_start=(-1.0, 0.0, 0.0))
+    Problem(planar3r, at_limit, GOAL, v_start=(1e-3, 0.0, 0.0))
 
 
 def test_continuous_joints_have_no_position_limits(tmp_path: Path) -> None:

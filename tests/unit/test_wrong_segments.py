@@ -161,6 +161,15 @@ def test_constraints_of_segments_that_are_none_are_told(given: object) -> None:
     assert str(found.value.field).startswith("segments[0].constraints")
 
 
+def test_segments_keep_no_list_of_a_caller() -> None:
+    """After a scenario was saved and loaded, its problem was another one."""
+    given = [tm.ToolSpeed("tip", 1.0)]
+    segment = tm.Segment(tm.JointGoal([0.5]), constraints=given)
+    assert segment == tm.Segment(tm.JointGoal([0.5]), constraints=tuple(given))
+    given.clear()
+    assert segment.constraints
+
+
 def test_the_start_is_checked_among_what_the_first_segment_has() -> None:
     """It was among what the problem has: a retreat was refused, a collision was not."""
     robot = tm.load_robot("planar3r")

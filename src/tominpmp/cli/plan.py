@@ -30,8 +30,6 @@ from tominpmp.exceptions import OptionsError
 from tominpmp.solution import Solution
 from tominpmp.status import IterationRecord, Status
 
-# Least time limit of planning, where loading has used up the limit [s].
-LEAST_TIME = 1e-3
 # Least time between lines of progress outside a terminal [s].
 PERIOD = 3.0
 # Logger of the decomposition of meshes, which takes seconds and has no callback.
@@ -58,7 +56,6 @@ def run_plan(
     Raises:
         TominpmpError: If an argument or a file is wrong.
     """
-    begin = time.perf_counter()
     motion = motion_file(args)
     # Importing the libraries takes long, and may be interrupted.
     from tominpmp.cli.problem import load_problem
@@ -84,10 +81,7 @@ def run_plan(
             refuse_arrival_times(problem)
         if args.save_scenario is not None:
             save_scenario(args.save_scenario, problem, chosen)
-        limit = chosen.max_planning_time
-        if limit is not None:  # loading counts, too
-            limit = max(limit - (time.perf_counter() - begin), LEAST_TIME)
-        chosen = replace(chosen, callback=progress, max_planning_time=limit)
+        chosen = replace(chosen, callback=progress)
         former = None if args.start_from is None else load_motion(args.start_from)
         progress.phase("planning")
         signals.check()

@@ -15,6 +15,7 @@ from tominpmp.constraints.path import PathConstraint
 from tominpmp.dynamics import directions
 from tominpmp.initial_guess.constrained import CLOSE, feasible_path, largest_excess
 from tominpmp.initial_guess.inverse_kinematics import (
+    GoalVelocity,
     Target,
     all_blocked,
     find_configurations,
@@ -239,8 +240,9 @@ def end_velocity(system: ProblemFunctions, q_end: Array) -> Array:
         q_end: Final configuration, shape (n,).
     """
     goal, v = system.problem.goal, system.v_start
-    missing, _, by_v = goal.motion_residual(system.kinematics, q_end, v)
-    return np.asarray(v - np.linalg.pinv(by_v) @ missing)
+    if not goal.fixes_velocity and goal.speed_count(v.size):
+        return np.asarray(GoalVelocity(system, goal).nearest(q_end[None])[0][0])
+    return goal.final_velocity(v.size) if goal.fixes_velocity else v
 
 
 def path_guess(system: ProblemFunctions, corners: Array) -> Guess:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, IntArray
 from tominpmp.collision.query import ROUNDING
 from tominpmp.constraints.clearance import ClearanceConstraint
 from tominpmp.constraints.path import PathConstraint
@@ -19,6 +19,7 @@ from tominpmp.goals.place import Scales
 from tominpmp.goals.turns import TURN
 from tominpmp.initial_guess.path import speed_weights
 from tominpmp.initial_guess.rrt import is_free
+from tominpmp.kinematics import unit_of
 from tominpmp.least_squares import damped_step, least_squares, padded
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -55,6 +56,63 @@ EXTRA_CLEARANCE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
+class GoalVelocity:
+    """The condition that the joints give a frame its velocity within their limits.
+
+    Attributes:
+        system: Kinematics and limits.
+        goal: The goal, with a velocity of its frame.
+        name: Name of the condition, in messages.
+    """
+
+    system: ProblemFunctions
+    goal: Goal
+    name: str = "velocity of the goal"
+
+    def nearest(self, q: Array) -> tuple[Array, Array]:
+        """Joint velocities within their limits that miss the goal's velocity least.
+
+        Returns:
+            Joint velocities at configurations, near to those at the start, shape (m,
+            n), and the velocities that they lack, shape (m, 3) [m/s].
+        """
+        top = self.system.problem.robot.limits.velocity
+        value, slope = padded(self._residual(row, 0.0 * row)[::2] for row in q)
+
+        def missing(v: Array, rows: IntArray) -> tuple[Array, Array]:
+            return value[rows] + (slope[rows] @ v[:, :, None])[:, :, 0], slope[rows]
+
+        v, scale = np.tile(self.system.v_start, (len(q), 1)), 1.0 / speed_weights(top)
+        ends, far = (-top, top), 2.0 * scale
+        v, _ = least_squares(
+            missing, v, ends, scale, far, reached=TOLERANCE, steps=STEPS
+        )
+        return v, missing(v, np.arange(len(q)))[0]
+
+    def excess_at_rest(self, q: Array) -> tuple[Array, Array]:
+        """Missing speeds at configurations, shape (m, 1) [m/s], and Jacobians."""
+        v, missing = self.nearest(q)
+        lack = np.linalg.norm(missing, axis=1, keepdims=True)
+        lack[lack < TOLERANCE] = 0.0
+        along = np.sign(lack) * missing / np.maximum(lack, TOLERANCE)
+        # A change of the nearest velocities does not change the distance to them.
+        slopes = [self._residual(*state)[1] for state in zip(q, v, strict=True)]
+        return lack, along[:, None] @ np.array(slopes)
+
+    def lack(self, q: Array, v: Array, slack: float) -> str:
+        """The missing speed at a configuration, as a clause."""
+        robot, ((v,), (missing,)) = self.system.problem.robot, self.nearest(q[None])
+        said = [f"the {self.name} is {np.linalg.norm(missing):.4g} m/s off"]
+        for i in np.flatnonzero(np.abs(v) >= robot.limits.velocity).tolist()[:1]:
+            top = f"its limit of {abs(v[i]):.4g} {unit_of(robot, i)}/s"
+            said.append(f"with joint {robot.joint_names[i]!r} at {top}")
+        return " ".join(said)
+
+    def _residual(self, q: Array, v: Array) -> tuple[Array, Array, Array]:
+        return self.goal.motion_residual(self.system.kinematics, q, v)
+
+
+@dataclass(frozen=True, eq=False)
 class Target:
     """Conditions on the final configuration of a segment: goal and constraints.
 
@@ -80,17 +138,21 @@ class Target:
         return Scales.of(kinematics, self.goal.place(kinematics, start))
 
     @cached_property
-    def constraints(self) -> tuple[PathConstraint, ...]:
+    def constraints(self) -> tuple[PathConstraint | GoalVelocity, ...]:
         """The constraints that hold at the final configuration."""
         goal, system = self.goal, self.system
         rests = goal.fixes_velocity and not np.any(goal.final_velocity(system.n))
-        return tuple(
+        if self.goal_only:
+            return ()
+        held = tuple(
             item
             for item in (*system.problem.ready_constraints, *self.beyond)
-            if not self.goal_only
-            and (item.order == 0 or rests)
+            if (item.order == 0 or rests)
             and (item.window is None or np.isinf(item.window.end))
         )
+        if not goal.fixes_velocity and goal.speed_count(system.n):
+            return (GoalVelocity(system, goal), *held)
+        return held
 
     def residual(self, q: Array) -> tuple[Array, Array]:
         """Residuals of all conditions at configurations, and their Jacobians.

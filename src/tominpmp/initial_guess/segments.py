@@ -16,7 +16,6 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.constraints.path import PathConstraint
-from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.constrained import position_constraints
 from tominpmp.initial_guess.guess import (
     REST_GUESS,
@@ -26,9 +25,9 @@ from tominpmp.initial_guess.guess import (
     end_velocity,
     initial_guesses,
 )
-from tominpmp.initial_guess.inverse_kinematics import Target
 from tominpmp.initial_guess.path_velocity import waiting_guesses
 from tominpmp.initial_guess.rrt import PathSearches
+from tominpmp.initial_guess.unreachable import unreachable
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 
@@ -38,7 +37,10 @@ def segmented_guesses(
     """Guesses through the goals of all segments; see :func:`initial_guesses`.
 
     The first guess joins the first guesses of all segments, the second guess their
-    second guesses, and so on; there is no guess if a goal cannot be reached.
+    second guesses, and so on.
+
+    Raises:
+        ProblemError: If no configuration was found to reach a goal.
     """
     share = request.duration and request.duration / len(system.parts)
     # A guess at rest at the start does not lead to the start of the next segment.
@@ -63,6 +65,10 @@ def segmented_guesses(
         for place in range(len(system.parts)):
             single, guesses = from_state(place, tuple(q), tuple(v))
             first = [*itertools.islice(guesses.since(0), number + 1)]
+            if not first and number == 0:
+                where = f"segment {place + 1} of {len(system.parts)}: "
+                ahead = _constraints_after(system, place)
+                raise unreachable(single, request.rng, ahead, where)
             if not first:
                 return
             pieces.append(first[-1])
@@ -95,28 +101,6 @@ def _constraints_after(system: ProblemFunctions, place: int) -> list[PathConstra
     if place + 1 >= len(system.parts):
         return []
     return position_constraints(system.parts[place + 1].problem)
-
-
-def first_unreached(
-    system: ProblemFunctions, rng: np.random.Generator
-) -> tuple[int, Target]:
-    """The first segment whose goal no guess reaches from the end of the previous one.
-
-    Returns:
-        Number of the segment, from 0, and the conditions on its final configuration.
-
-    Raises:
-        ProblemError: If guesses reach the goals of all segments.
-    """
-    q = system.problem.q_start
-    for number, part in enumerate(system.parts):
-        single = _alone(part, q, np.zeros_like(q)).passing(q[None])
-        ahead = _constraints_after(system, number)
-        guess = next(initial_guesses(single, GuessRequest(1, rng, beyond=ahead)), None)
-        if guess is None:
-            return number, Target(single, single.problem.goal, beyond=ahead)
-        q = guess.q[-1]
-    raise ProblemError("segments: no guess of a motion through their goals", "segments")
 
 
 def _alone(part: ProblemFunctions, q: Array, v: Array) -> ProblemFunctions:

@@ -15,24 +15,32 @@ from tominpmp.initial_guess.constrained import PLACES, position_constraints
 from tominpmp.initial_guess.guess import KINEMATIC_STARTS
 from tominpmp.initial_guess.inverse_kinematics import (
     REACHED,
+    GoalVelocity,
     Target,
     find_configurations,
 )
-from tominpmp.initial_guess.segments import first_unreached
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.state_checks import unheld
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 
-def unreachable(system: ProblemFunctions, rng: np.random.Generator) -> ProblemError:
+def unreachable(
+    system: ProblemFunctions,
+    rng: np.random.Generator,
+    beyond: Sequence[PathConstraint] = (),
+    where: str = "",
+) -> ProblemError:
     """Error for a goal that no configuration was found to reach.
 
     Its reason is, in this order, collision, a constraint, or the distance to the goal.
+
+    Args:
+        system: Functions of the problem, or of a segment from its start.
+        rng: Random numbers.
+        beyond: Constraints on positions that hold from the goal on.
+        where: Prefix of the message: the segment.
     """
-    where, target = "", Target(system, system.problem.goal)
-    if system.parts:
-        number, target = first_unreached(system, rng)
-        where = f"segment {number + 1} of {len(system.parts)}: "
+    target = Target(system, system.problem.goal, beyond=beyond)
     ik = find_configurations(target, 2 * KINEMATIC_STARTS, rng)
     if ik.blocked:
         reason = _collision(target.system, ik.blocked)
@@ -163,9 +171,10 @@ def _against_constraints(target: Target, rng: np.random.Generator) -> str:
     if not reached:
         return ""
 
-    def worst(q: Array) -> tuple[float, PathConstraint]:
+    def worst(q: Array) -> tuple[float, PathConstraint | GoalVelocity]:
         each = [
-            (float(np.abs(item.excess_at_rest(q)[0]).max()), item) for item in items
+            (float(np.abs(item.excess_at_rest(q[None])[0]).max()), item)
+            for item in items
         ]
         return max(each, key=lambda pair: pair[0])
 

@@ -132,6 +132,8 @@ class Segment(Record):
         """Check the values that need no robot."""
         super().__post_init__()
         self._keep(stop=self.stop or self.dwell > 0.0)
+        if isinstance(self.constraints, list):  # which can be changed
+            self._keep(constraints=tuple(self.constraints))
         if self.stop and self.goal.ends_moving:
             raise ProblemError(
                 "segment.stop is set, and its goal asks for a velocity", "segment.stop"

@@ -186,7 +186,10 @@ class StateChecks:
         )
 
     def admit(self, q: Array, v: Array, which: str, *, passing: bool = False) -> None:
-        """Check that the constraints hold at a state.
+        """Check that constraints hold at a state, and that no joint leaves its range.
+
+        A joint that moves at a position limit is outside its range before or after: at
+        a goal neither is allowed, at a start it may come from outside.
 
         Args:
             q: Positions, shape (n,).
@@ -198,6 +201,19 @@ class StateChecks:
         Raises:
             ProblemError: If a constraint is violated by more than rounding.
         """
+        limits = self.robot.limits
+        outward = np.where(q >= limits.position_upper, v, 0.0)
+        outward -= np.where(q <= limits.position_lower, v, 0.0)
+        wrong = outward if which == "start" else np.abs(outward)
+        # A slower joint stops within rounding of its limit.
+        for i in np.flatnonzero(wrong > math.sqrt(SNAP)).tolist():
+            unit = unit_of(self.robot, i)
+            way = "leaves" if outward[i] > 0.0 else "enters"
+            raise ProblemError(
+                f"{which}: joint {self.robot.joint_names[i]!r} {way} its range there: "
+                f"it has {v[i]:.4g} {unit}/s at its limit of {q[i]:.4g} {unit}",
+                FIELDS[which],
+            )
         for item in self.constraints:
             if passing and item.order > 0:
                 continue

@@ -119,10 +119,12 @@ class OcTree(Obstacle):
     @property
     def boxes(self) -> tuple[Array, Array]:
         """Occupied boxes: centres and edge lengths, shapes (b, 3) [m]."""
-        cells = np.floor(self.points / self.resolution).astype(np.int64)
+        # Far away only the differences of the numbers of cells fit into integers.
+        cells = np.floor(self.points / self.resolution)
         origin = cells.min(axis=0)
-        occupied = np.zeros(cells.max(axis=0) - origin + 1, dtype=bool)
-        occupied[tuple((cells - origin).T)] = True
+        cells = (cells - origin).astype(np.int64)
+        occupied = np.zeros(cells.max(axis=0) + 1, dtype=bool)
+        occupied[tuple(cells.T)] = True
         low, high = _boxes(occupied)
         low, high = (low + origin) * self.resolution, (high + origin) * self.resolution
         return 0.5 * (low + high), high - low

@@ -12,7 +12,6 @@ instead of three; it is four times as fast.
 from __future__ import annotations
 
 import re
-import struct
 import warnings
 from array import array
 from collections.abc import Iterator
@@ -62,24 +61,24 @@ def read_mesh(path: Path) -> tuple[Array, IntArray]:
         data = path.read_bytes()
     except OSError as error:
         raise ProblemError(error.strerror or str(error)) from error
-    if data.startswith(ARCHIVES):
+    # A binary STL file begins with any text.
+    binary = suffix == ".stl" and len(data) == _binary_size(data)
+    if data.startswith(ARCHIVES) and not binary:
         raise ProblemError("it is an archive, expected a mesh")
     if suffix == ".stl":
         return _read_stl(data)
     if suffix == ".obj":
         return _read_obj(data)
-    return _read_other(path, data)
+    return _read_other(path, suffix, data)
 
 
 def _read_stl(data: bytes) -> tuple[Array, IntArray]:
     """Read an STL file, binary or text."""
-    if len(data) >= STL_HEADER:
-        count = struct.unpack("<I", data[80:STL_HEADER])[0]
-        if len(data) == STL_HEADER + STL_TRIANGLE * count:
-            _check_count(count)
-            kind = np.dtype([("normal", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")])
-            table = np.frombuffer(data, kind, count, STL_HEADER)
-            return _merged(table["v"].astype(np.float64).reshape(-1, 3))
+    if len(data) == _binary_size(data):
+        _check_count((len(data) - STL_HEADER) // STL_TRIANGLE)
+        kind = np.dtype([("normal", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")])
+        table = np.frombuffer(data, kind, offset=STL_HEADER)
+        return _merged(table["v"].astype(np.float64).reshape(-1, 3))
     if not data.lstrip().startswith(b"solid"):
         raise ProblemError(
             "it is not an STL file: it neither begins with 'solid' nor has the size "
@@ -93,6 +92,11 @@ def _read_stl(data: bytes) -> tuple[Array, IntArray]:
     if len(numbers) % 9:
         raise ProblemError("the number of vertices is not a multiple of three")
     return _merged(np.array(numbers, dtype=np.float64).reshape(-1, 3))
+
+
+def _binary_size(data: bytes) -> int:
+    """Size of a binary STL file with the number of triangles that its header gives."""
+    return STL_HEADER + STL_TRIANGLE * int.from_bytes(data[80:STL_HEADER], "little")
 
 
 def _lines(data: bytes) -> Iterator[tuple[re.Match[bytes], list[bytes]]]:
@@ -167,9 +171,8 @@ def _face(words: list[bytes], vertices: int, line: re.Match[bytes]) -> list[int]
     return face
 
 
-def _read_other(path: Path, data: bytes) -> tuple[Array, IntArray]:
+def _read_other(path: Path, suffix: str, data: bytes) -> tuple[Array, IntArray]:
     """Read a file of another format by trimesh."""
-    suffix = path.suffix.lower()
     if suffix not in OTHERS:
         known = ", ".join((".stl", ".obj", *OTHERS))
         raise ProblemError(

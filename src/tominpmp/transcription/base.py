@@ -186,6 +186,7 @@ class Transcription(ABC, Generic[M]):
             inspected between their rows; one tuple for each part of the interval.
         highest_order: Highest order of constraints that motions can keep: 3 where
             accelerations are continuous.
+        degree: Degree of the positions on an interval, as far as they are splines.
         segment_ends: Number of intervals up to the end of each segment.
         size: Number of unknowns.
         moving_attention: Margin within which steps of any size can make gradual
@@ -197,6 +198,7 @@ class Transcription(ABC, Generic[M]):
     by_component: bool = False
     inspected: tuple[tuple[float, ...], ...] = ()
     highest_order: int = 2
+    degree: int = 2
     size: int
     moving_attention: float = np.inf
     cutoff: float = np.inf

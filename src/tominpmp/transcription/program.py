@@ -327,9 +327,9 @@ def _at_ends_of_segments(of: Transcription[Any]) -> list[Block]:
         part = parts[number]
         goal = GoalReached(part.problem.goal, part.kinematics, part.goal_scale)
         goals.append(SampledRows(of, goal, at, within, suffix))
-        sudden = part.sudden and parts[number + 1].sudden
+        # The motion is given by its accelerations above degree 3: they cannot jump.
+        sudden = part.sudden and parts[number + 1].sudden and of.degree <= 3
         if segment.dwell > 0.0 and not sudden and of.highest_order > 2:
-            scale = BRAKING * part.problem.robot.limits.velocity
-            rest = JointLimit.at_dwell(scale)
+            rest = JointLimit.at_dwell(BRAKING * part.problem.robot.limits.velocity)
             goals.append(SampledRows(of, rest, at, within, suffix))
     return [*goals, *arrivals]
