@@ -124,8 +124,7 @@ class Iterate:
         violation = self.rows.group_violation(self.values)
         after = self.rows.group_violation(promised)
         elastic = violation > NEGLIGIBLE
-        groups = np.zeros(elastic.size)
-        np.add.at(groups, self.rows.group, np.abs(multipliers))
+        groups = np.bincount(self.rows.group, np.abs(multipliers), elastic.size)
         kind = self.rows.group_kind
         needed = np.zeros_like(self.weights)
         np.maximum.at(needed, kind[~elastic], WEIGHT_MARGIN * groups[~elastic])

@@ -418,7 +418,6 @@ def sweep_adjoint(
     """
     A, B, c = sensitivities
     count, _, n = B.shape
-    every = np.arange(nodes.size)
     number = int(functionals.max(initial=-1)) + 1
     last = np.zeros(number, dtype=np.int64)
     np.maximum.at(last, functionals, nodes)
@@ -429,7 +428,7 @@ def sweep_adjoint(
     by_control, by_length = np.zeros((number, count, n)), np.zeros((number, count))
     costate = np.zeros((number, A.shape[1]))
     for j in range(count - 1, -1, -1):
-        here = every[nodes == j + 1]
+        here = nodes == j + 1
         np.add.at(costate, row[functionals[here]], seeds[here])
         # Functionals that depend on states after step j.
         rows = costate[: live[j + 1]]

@@ -54,8 +54,9 @@ class Rows:
 
     def group_violation(self, values: Array) -> Array:
         """Largest violation in each group, shape (number of groups,)."""
-        out = np.zeros(self.group_count)
-        np.maximum.at(out, self.group, self.violation(values))
+        excess, out = self.violation(values), np.zeros(self.group_count)
+        over = np.flatnonzero(excess)  # few of the rows, most of which are clearances
+        np.maximum.at(out, self.group[over], excess[over])
         return out
 
     @cached_property
