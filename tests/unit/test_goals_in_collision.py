@@ -28,6 +28,11 @@ UPRIGHT = np.pi / 2
 PLACE = (4.0, 2.0, 0.0)
 # The elbows of two links there.
 ELBOWS = (1.108, 2.789), (2.894, -0.789)
+# Spheres around the place, which leave no way in, whatever the freedom.
+RING = [
+    (PLACE[0] + z.real, PLACE[1] + z.imag)
+    for z in 0.5 * np.exp(2j * np.pi * np.arange(10) / 10)
+]
 
 
 def turning(
@@ -104,11 +109,17 @@ def test_guesses_that_end_in_collision_say_so() -> None:
             initial_guesses(system, GuessRequest(1, np.random.default_rng(0)))
         ).blocked
 
-    # A ring around the place leaves no way in, whatever the freedom.
-    ring = 0.5 * np.exp(2j * np.pi * np.arange(10) / 10)
-    spheres = [(PLACE[0] + z.real, PLACE[1] + z.imag) for z in ring]
-    assert first(turning(False, *spheres))
+    assert first(turning(False, *RING))
     assert not first(turning(False))
+
+
+def test_descents_to_goals_in_collision_end_early_on_coarse_grids_too() -> None:
+    solution = tm.plan(turning(False, *RING))
+    assert not solution
+    assert "all" in solution.message
+    assert "in collision" in solution.message
+    # 107 iterations when only descents on the requested grid ended early, now 58.
+    assert len(solution.history) < 80
 
 
 def test_iterations_that_only_become_slower_are_ended() -> None:

@@ -109,10 +109,6 @@ def descent_work(
         follows: The candidate that the guess comes from; None without one.
     """
     options = _with_control(system, options, guess)
-    if guess.blocked:
-        # The goal seems to be out of reach: the descent is dropped as soon as possible.
-        hopeless = stop_if_hopeless(guess.duration)
-        stop = hopeless if stop is None else first_of(stop, hopeless)
     make = partial(descend, options, guess, state, stop)
     collocation = options.method == "collocation"
     repairs = REPAIRS_OF_COLLOCATION if collocation else REPAIRS
@@ -148,6 +144,10 @@ def descend(
         former: The candidate to be repaired, as warm start; None in the first try.
         effort_tolerance: Tolerated relative excess of torques between rows.
     """
+    if guess.blocked:
+        # The goal seems to be out of reach: the descent is dropped as soon as possible.
+        hopeless = stop_if_hopeless(guess.duration)
+        stop = hopeless if stop is None else first_of(stop, hopeless)
     if former is not None:
         guess = guess_of(system, former)
         stop = stop_if_hopeless(former.trajectory.duration, np.inf)
