@@ -182,3 +182,29 @@ def test_a_replay_may_take_the_time_that_is_kept_for_it(monkeypatch):
         state, descent_work(system, state.options, guess, state)
     ).confirmed
     assert ends and all(ends)
+
+
+@pytest.mark.parametrize("free", [True, False])
+def test_repairs_of_touching_links_begin_with_the_guess_if_the_end_is_free(
+    monkeypatch, free
+):
+    """A PR2 took 0.85 s beside its other arm, into which the free end had drifted."""
+    given, problem = [], planar()
+    if free:
+        goal = tm.PositionGoal("tip", (1.0, 4.0, 0.0))
+        problem = tm.Problem(problem.robot, problem.q_start, goal)
+    state = PlanState(problem, tm.Options(**RESOLVED))
+    system = ProblemFunctions.of(problem)
+    guess = next(initial_guesses(system, GuessRequest(1, np.random.default_rng(0))))
+    work = descent_work(system, state.options, guess, state)
+
+    def make(system, doublings, former):
+        given.append(former)
+        return work.make(system, doublings, former)
+
+    first = property(lambda candidate: len(given) == 1)
+    monkeypatch.setattr(Candidate, "touches", first)
+    monkeypatch.setattr(Candidate, "refuted", first)
+    make_and_repair(state, replace(work, make=make))
+    assert len(given) == 2
+    assert (given[1] is None) is free

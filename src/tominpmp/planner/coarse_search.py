@@ -377,8 +377,7 @@ class CoarseSearch:
             return None
         if candidate.confirmed:
             self._gains.append(rough.duration / candidate.duration - 1.0)
-        T = candidate.duration
-        logger.info("coarse %.6g s, fine %.6g s", rough.duration, T)
+        logger.info("coarse %.6g s, fine %.6g s", rough.duration, candidate.duration)
         return candidate
 
     # -- comparisons -------------------------------------------------------------------

@@ -128,9 +128,9 @@ def make_and_repair(state: PlanState, work: Work) -> Candidate:
     """
     complete = work.system
     system = complete if work.self_collision_rows else complete.without_self_collision
-    best, doublings, padding = None, 0, PADDING
+    best, former, doublings, padding = None, None, 0, PADDING
     while True:
-        candidate = work.make(system, doublings, best)
+        candidate = work.make(system, doublings, former)
         if work.replay and candidate.verification is None:
             # The reserved time is meant for this replay.
             with state.saving():
@@ -145,7 +145,7 @@ def make_and_repair(state: PlanState, work: Work) -> Candidate:
         worse = best is not None and candidate.excess > best.excess
         if best is not None and doublings and (worse or not candidate.feasible):
             return best  # on shorter intervals, rounding does more harm than good
-        best = candidate if best is None else candidate.after(best)
+        former = best = candidate if best is None else candidate.after(best)
         if best.status in STOPPED or best.dropped:
             return best
         if not best.feasible and _lacks_padding(best, system.reach, padding):
@@ -159,6 +159,8 @@ def make_and_repair(state: PlanState, work: Work) -> Candidate:
         state.kept_iterates = [item._replace(feasible=False) for item in kept]
         if best.touches and system is not complete:
             system = complete
+            # A final configuration that is free may have drifted to where links touch.
+            former = None if system.final_configuration is None else best
         elif doublings == work.repairs or (best.touches and system.clearance is None):
             return best
         else:
