@@ -36,7 +36,11 @@ class Stop(BaseException):
 
     Attributes:
         requested: Whether the stop was requested; otherwise the time is used up.
+        prevented: The computation that it has ended, in a clause, if that is done only
+            once and kept planning from its start.
     """
+
+    prevented = ""
 
     def __init__(self, requested: bool) -> None:
         super().__init__("stop was requested" if requested else "the time is used up")

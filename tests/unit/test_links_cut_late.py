@@ -203,3 +203,23 @@ def test_a_terminal_shows_what_is_cut(cut: list[int], quiet: bool) -> None:
     assert cut
     assert ("is cut into convex pieces" in shown.getvalue()) is not quiet
     assert (logger.level, logger.handlers) == (level, handlers)
+
+
+def test_a_plan_without_time_for_its_meshes_names_the_mesh(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """The message said only that no motion was found."""
+    monkeypatch.setenv(decomposition_cache.FOLDER_VARIABLE, str(tmp_path))
+    decomposition_cache._known_pieces.cache_clear()
+
+    def decompose(mesh: Any) -> Any:
+        raise Stop(requested=False)
+
+    monkeypatch.setattr(decomposition, "decompose", decompose)
+    robot = tm.load_robot("so101")
+    low, high = robot.limits.position_lower, robot.limits.position_upper
+    start, goal = low + 0.35 * (high - low), low + 0.6 * (high - low)
+    solution = tm.plan(tm.Problem(robot, start, tm.JointGoal(goal)))
+    decomposition_cache._known_pieces.cache_clear()
+    assert solution.status is tm.Status.TIME_LIMIT and not solution.success
+    assert "link' was being cut into convex pieces" in solution.message

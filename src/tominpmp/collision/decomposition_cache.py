@@ -18,6 +18,7 @@ import numpy as np
 from tominpmp.collision import decomposition
 from tominpmp.collision.decomposition import ConvexPieces
 from tominpmp.exceptions import brief
+from tominpmp.stopping import Stop
 
 logger = logging.getLogger(__name__)
 
@@ -85,7 +86,14 @@ def _known_pieces(content: Content, folder: Path) -> ConvexPieces | None:
         folder,
     )
     begin = time.perf_counter()
-    pieces = decomposition.decompose(content.mesh)
+    try:
+        pieces = decomposition.decompose(content.mesh)
+    except Stop as stop:
+        stop.prevented = (
+            f"{what} was being cut into convex pieces, once; meshes that are cut are "
+            "kept, so that the next plan gets further"
+        )
+        raise
     if pieces is not None:
         seconds = time.perf_counter() - begin
         count = len(pieces.corners)

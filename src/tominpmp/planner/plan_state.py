@@ -210,6 +210,8 @@ class PlanState:
 
     def stopped(self, cause: BaseException) -> Status:
         """Note that an exception has stopped planning; its status."""
+        prevented = getattr(cause, "prevented", "")
+        self.searches.impasse = self.searches.impasse or prevented
         self.cut_short = Status.TIME_LIMIT
         if not isinstance(cause, Stop) or cause.requested:
             self.deadline.requested = True
