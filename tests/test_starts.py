@@ -16,7 +16,6 @@ from tominpmp.planner.alternatives import candidates_of_alternatives
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import Work
 from tominpmp.stopping import Stop
-from tominpmp.transcription.problem_functions import ProblemFunctions
 
 START, END = (0.5, 1.7, -1.7), (2.0, -1.0, 0.5)
 AROUND = tm.Scene([tm.Sphere("O", radius=0.4, position=(3.0, 1.0, 0.0))])
@@ -132,18 +131,6 @@ def test_a_start_does_not_depend_on_those_before_it():
     before = tm.plan(problem, starts=1, intervals=20)
     tm.plan(problem, starts=2, seed=5, intervals=20)
     same(before, tm.plan(problem, starts=1, intervals=20))
-
-
-def test_obstacles_that_move_on_a_segment_alone_are_worth_as_many_rescues():
-    drifts = tm.ConstantVelocity((0.0, 0.1, 0.0))
-    ball = tm.Sphere("O", radius=0.4, position=(3.0, 1.0, 0.0), motion=drifts)
-    goal, robot = tm.JointGoal(END), tm.load_robot("planar3r")
-    for scene, own in (([ball], None), ((), [ball])):
-        segments = [tm.Segment(goal, scene=own)]
-        problem = tm.Problem(robot, START, segments=segments, scene=scene)
-        system = ProblemFunctions.of(problem)
-        wanted, rescues = starts.usual_starts(system, tm.Options(control="constant"))
-        assert (wanted, rescues) == (1, starts.MOVING_RESCUE_STARTS)
 
 
 def test_a_goal_whose_share_of_the_time_is_used_up_has_another_turn():

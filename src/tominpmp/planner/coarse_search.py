@@ -58,10 +58,9 @@ TOLERANCE, ITERATIONS = 2e-3, 30
 COARSE_EFFORT_TOLERANCE = 1e-2
 # Trust-region radius for finishing a coarse motion, as a share of the usual one.
 RADIUS = 0.5
-# Limits of the number of intervals on which a motion ruled by torques is finished, if
-# its grid may be refined: intervals, and intervals times joints, as a program of thirty
-# joints takes a second.
-TORQUE_INTERVALS, TORQUE_VARIABLES = 80, 640
+# Most intervals on which a motion ruled by torques is finished, if its grid may be
+# refined.
+TORQUE_INTERVALS = 80
 # Discretisation loss of a coarse grid, as a share of T: for motions that torque limits
 # rule, and for motions that speed limits rule.
 TORQUE_LOSS, SPEED_LOSS = 0.06, 0.01
@@ -79,30 +78,25 @@ SAME = 0.05
 # The search ends where the gap of the incumbent to the lower bound is at most this.
 GAP = 0.03
 # For arms of at most FEW_JOINTS joints the search continues in free space, too: they
-# may swing, or flip their elbow. Least number of detours that are tried.
-DETOURS = 6
-# For arms of more joints, up to MOST_JOINTS, it continues there if T is over FAR_ABOVE
-# times the lower bound: of 70 random goals (speeds times four) this held for five, and
-# three of these were 1 to 4 % longer than necessary. A start of a whole robot takes
-# seconds.
+# may swing, or flip their elbow. For arms of more joints, up to MOST_JOINTS, it
+# continues there if T is over FAR_ABOVE times the lower bound: of 70 random goals
+# (speeds times four) this held for five, and three of these were 1 to 4 % longer than
+# necessary. A start of a whole robot takes seconds.
 FAR_ABOVE, MOST_JOINTS = 2.0, 10
 # A descent among obstacles on the requested grid is stopped after this many iterations
 # unless it is nearly feasible and its gap to the lower bound is at most GAP; and at any
 # iteration where the gap exceeds LARGE_GAP. Coarse grids follow.
 DIRECT_ITERATIONS, LARGE_GAP = 8, 0.1
-# Stop rule of probes: number of consecutive starts that predict no gain, for arms of
-# few joints, and of many.
-FAILURES, FAILURES_MANY_JOINTS = 4, 8
-# Stop rule of further paths among obstacles: number of consecutive paths that predict
-# no gain. Where obstacles move it is larger, as a path can be followed with different
-# timing. For a Panda under a table a second such path leads to a faster motion in one
-# of 16 problems (by 13 %), and takes a fifth of their time; for a Fetch a tenth,
-# without a gain in 19.
-FAILED_PATHS, FAILED_PATHS_WHILE_MOVING = 1, 6
-# Most further paths, as each path that predicts a gain resets the stop rule. For arms
-# of few joints, whose lower bounds say little, all of them are tried: of 42 problems of
-# a planar arm 7 ended 0.2 to 45 % faster by the 7th to 14th path, two 0.1 and 0.2 %
-# slower, in 1.1 times the time; 28 found nothing more.
+# Stop rule of probes: number of consecutive starts that predict no gain, in free space
+# and where obstacles move, as a path can be followed with different timing; and among
+# obstacles at rest. For a Panda under a table a second such path leads to a faster
+# motion in one of 16 problems (by 13 %), and takes a fifth of their time; for a Fetch a
+# tenth, without a gain in 19.
+FAILURES, FAILED_PATHS = 4, 1
+# Most further starts, as each one that predicts a gain resets the stop rule. For arms
+# of few joints among obstacles, whose lower bounds say little, all of them are tried:
+# of 42 problems of a planar arm 7 ended 0.2 to 45 % faster by the 7th to 14th path, two
+# 0.1 and 0.2 % slower, in 1.1 times the time; 28 found nothing more.
 MOST_PATHS = 14
 # Number of random torque starts if a motion may have to swing.
 TORQUE_STARTS = 3
@@ -187,7 +181,7 @@ def _further_guesses(
         return itertools.islice(guesses.since(compared), MOST_PATHS)
     rng = np.random.default_rng(coarse.options.seed)
     detours = bumps(system, first, rng, from_base=coarse.many_joints)
-    return itertools.islice(detours, max(2 * system.n, DETOURS))
+    return itertools.islice(detours, MOST_PATHS)
 
 
 def _too_slow(guess: Guess, known: Iterable[float]) -> bool:
@@ -269,9 +263,10 @@ class CoarseSearch:
             self.fine = replace(self.fine, smoothing=options.smoothing or 0.0)
         if torques and system.in_free_space:
             self.coarse = replace(self.coarse, grid="uniform")
-            if options.refine == "auto" and system.sudden:
-                most = min(TORQUE_INTERVALS, TORQUE_VARIABLES // system.n)
-                finer = max(options.intervals, min(2 * options.intervals, most))
+            few = system.sudden and system.n <= MOST_JOINTS
+            if options.refine == "auto" and few:
+                finer = min(2 * options.intervals, TORQUE_INTERVALS)
+                finer = max(options.intervals, finer)
                 self.fine = replace(self.fine, intervals=finer)
         self.loss = TORQUE_LOSS if torques else SPEED_LOSS
         self.known: list[CoarseMotion] = []
@@ -287,11 +282,10 @@ class CoarseSearch:
     def patience(self) -> int:
         """Number of consecutive probes predicting no gain that end the search."""
         if self.system.in_free_space:
-            return FAILURES_MANY_JOINTS if self.many_joints else FAILURES
+            return FAILURES
         if not self.many_joints:
             return MOST_PATHS
-        moving = self.system.problem.scene.moving
-        return FAILED_PATHS_WHILE_MOVING if moving else FAILED_PATHS
+        return FAILURES if self.system.problem.scene.moving else FAILED_PATHS
 
     @property
     def promising(self) -> bool:

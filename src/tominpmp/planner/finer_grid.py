@@ -36,8 +36,6 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 Descended = SlpResult[NonlinearProgram]
 
-# A round is the last one if it predicts less than WORTH_NEXT times the least gain.
-WORTH_NEXT = 2.0
 # The iterations of a round continue while the part of the predicted gain that the last
 # step has not realised exceeds this share of the least gain of a round: most of the
 # gain comes with the first step.
@@ -140,7 +138,7 @@ def on_finer_grids(result: Descended, state: PlanState) -> Descended:
         if finer.best is None or finer.best.duration >= best.duration:
             break
         finest, best, program = finer, finer.best, finer.program
-        if promise < WORTH_NEXT * budget.worth or enough.spent():
+        if promise < budget.worth or enough.spent():
             break
     if best.duration > worth_it:
         return result

@@ -43,8 +43,6 @@ logger = logging.getLogger(__name__)
 ROUNDS, ITERATIONS, RADIUS = 4, 25, 0.1
 # Least iteration limit of all rounds.
 FEWEST = 60
-# Iteration limit FEW for a motion whose gap to the lower bound is at most SMALL_GAP.
-FEW, SMALL_GAP = 10, 0.03
 # If removing the padding of distances accounts for PADDING_SHARE of the predicted gain,
 # the padding is multiplied by LESS_PADDING for the next round.
 PADDING_SHARE = 0.3
@@ -96,8 +94,6 @@ def certified(state: PlanState) -> Schedule[None]:
     # The limit is the number of iterations of the search, between two bounds.
     before = sum(len(candidate.history) for candidate in state.candidates)
     limit = min(max(before, FEWEST), options.max_iterations)
-    if (1.0 - SMALL_GAP) * best.duration <= bound:
-        limit = min(limit, FEW)
 
     def make(system: ProblemFunctions, *_: object) -> Candidate:
         return CertifiedDescent(system, state, tolerance, limit).run(best)

@@ -17,7 +17,6 @@ from functools import partial
 import numpy as np
 
 from tominpmp.initial_guess.guess import (
-    FEW_LINES,
     CachedGuesses,
     Guess,
     GuessRequest,
@@ -49,7 +48,6 @@ from tominpmp.planner.improvements import improvements
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.segment_by_segment import can_be_joined, segments_joined
 from tominpmp.planner.torque_starts import (
-    FEW_JOINTS,
     random_torque_starts,
     shooting_work,
     torques_may_lead,
@@ -63,15 +61,9 @@ from tominpmp.stopping import Stop
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Number of guesses for a goal on a frame, whose final configuration is free. In free
-# space these are straight lines only, unless an arm of few joints may have to swing.
-LONE_FRAME_STARTS, FRAME_STARTS = FEW_LINES, 4
-# Number of guesses where obstacles move, as a motion may wait for them; and the upper
-# limit while there is no incumbent.
-MOVING_STARTS = 3
-MOVING_RESCUE_STARTS = 16
-# Upper limit for arms of few joints without an incumbent; random torques follow.
-FEW_JOINTS_RESCUE_STARTS = 2
+# Number of guesses for a goal on a frame, whose final configuration is free, and where
+# obstacles move, as a motion may wait for them.
+SEVERAL = 3
 # Upper limit of the number of guesses while there is no incumbent.
 RESCUE_STARTS = 8
 # Least number of processes if options ask for several. More than the number of cores
@@ -95,22 +87,12 @@ WARM_FAR = 0.05
 BEATABLE = 0.95
 
 
-def usual_starts(system: ProblemFunctions, options: Options) -> tuple[int, int]:
-    """Number of guesses that are tried if ``options.starts`` is None.
-
-    Returns:
-        The number of guesses, and its upper limit while there is no incumbent.
-    """
-    moving = any(part.problem.scene.moving for part in system.segments)
-    usual = 1
-    if options.objective == "time" and not system.parts:
-        if system.final_configuration is None:
-            many = system.in_free_space and system.n > FEW_JOINTS
-            usual = LONE_FRAME_STARTS if many else FRAME_STARTS
-        usual = max(usual, MOVING_STARTS) if moving else usual
-    swings = torques_may_lead(system)
-    rescues = FEW_JOINTS_RESCUE_STARTS if swings else RESCUE_STARTS
-    return usual, max(usual, MOVING_RESCUE_STARTS if moving else rescues)
+def usual_starts(system: ProblemFunctions, options: Options) -> int:
+    """Number of guesses that are tried if ``options.starts`` is None."""
+    if options.objective != "time" or system.parts:
+        return 1
+    several = system.problem.scene.moving or system.final_configuration is None
+    return SEVERAL if several else 1
 
 
 def starts(
@@ -140,7 +122,7 @@ def starts(
         yield from random_torque_starts(system, state)
         return
     rng = np.random.default_rng(options.seed)
-    usual, rescues = usual_starts(system, options)
+    usual, rescues = usual_starts(system, options), RESCUE_STARTS
     wanted = options.starts or usual
     searched = coarse_grids_apply(system, options)
     most = max(wanted, rescues)
