@@ -41,7 +41,8 @@ from tominpmp.planner.torque_starts import (
     random_torque_starts,
     torques_may_lead,
 )
-from tominpmp.planner.work import NEARLY, Schedule, Work
+from tominpmp.planner.work import Schedule, Work
+from tominpmp.solvers.exchange import FAR
 from tominpmp.solvers.loop import Loop, Rule
 from tominpmp.status import Status
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -168,7 +169,7 @@ def _gap_rule(state: PlanState, system: ProblemFunctions, loop: Loop) -> Status 
     bound = state.lower_bound(system.problem).T
     above = record.duration / max(bound, 1e-12) - 1.0
     early = len(state.records) < DIRECT_ITERATIONS
-    good = early or (above <= GAP and record.violation <= NEARLY)
+    good = early or (above <= GAP and record.violation <= FAR)
     return None if good and above <= LARGE_GAP else Status.ITERATION_LIMIT
 
 
@@ -213,7 +214,7 @@ class CoarseMotion:
     @property
     def duration(self) -> float:
         """T on the coarse grid [s]; infinite unless it is nearly feasible."""
-        near = self.candidate.violation <= NEARLY
+        near = self.candidate.violation <= FAR
         return self.candidate.trajectory.duration if near else np.inf
 
 
@@ -332,7 +333,7 @@ class CoarseSearch:
         """Stop rule that drops a start whose motion is known or slow."""
 
         def rule(loop: Loop) -> Status | None:
-            if not self.known or loop.history[-1].violation > NEARLY:
+            if not self.known or loop.history[-1].violation > FAR:
                 return None
             motion = loop.program.trajectory((loop.best or loop.state).z)
             known = self._is_known(_shape_of(self.system, motion))

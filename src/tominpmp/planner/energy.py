@@ -26,7 +26,7 @@ from tominpmp.linear_programs.choice import make_solver
 from tominpmp.motion.measures import ENERGIES
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.planner.candidate import Candidate
-from tominpmp.planner.plan_state import PlanState
+from tominpmp.planner.plan_state import REPLAYS, PlanState
 from tominpmp.planner.work import NUMERICAL, REPAIRS, Work, make_and_repair
 from tominpmp.solution import Solution
 from tominpmp.solvers.exchange import RowExchange
@@ -43,8 +43,6 @@ from tominpmp.transcription.program import NonlinearProgram
 
 logger = logging.getLogger(__name__)
 
-# Time reserved for the replay, in multiples of the time of the last replay.
-REPLAYS = 2.0
 # Largest time scaling of the fastest motion that is considered for its warm start.
 SLOWEST = 100.0
 # Intervals of the optimal motion per interval of the fastest one: if its torques jump,

@@ -40,8 +40,6 @@ Descended = SlpResult[NonlinearProgram]
 # step has not realised exceeds this share of the least gain of a round: most of the
 # gain comes with the first step.
 ENOUGH = 0.5
-# Violations up to this are left to time scaling, which costs at most half of it.
-CURABLE = 3e-4
 # Least budget of programs of all rounds.
 LEAST_PROGRAMS = 16
 # Usual and largest number of iterations on a grid. The largest is for motions with
@@ -179,7 +177,7 @@ class RoundStop:
         missed = (record.predicted - max(record.actual, 0.0)) / self.duration
         enough = little or missed < ENOUGH * self.budget.worth or self.spent()
         enough = enough or len(loop.history) >= ITERATIONS
-        if not enough or record.violation > CURABLE:
+        if not enough or record.violation > SMALL_VIOLATION:
             return None
         # The round may end only if slowing down removes the remaining violations, which
         # is not the case for clearances.

@@ -13,6 +13,7 @@ import numpy as np
 from tominpmp.exceptions import TominpmpError
 from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate, Fallback, KeptIterate
+from tominpmp.solvers.exchange import FAR
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.objective import TIME_SCALINGS
 from tominpmp.status import STOPPED, Status
@@ -31,8 +32,6 @@ REPAIRS = 2
 # Without an incumbent, an initial guess is slowed down until it is feasible: largest
 # time-scaling factor, and number of factors that are tried.
 SLOWEST, FACTORS = 10.0, 12
-# Largest violation of a motion that is nearly feasible.
-NEARLY = 1e-2
 # Share of the padding of clearances that is left where it is too much.
 LESS_PADDING = 0.3
 
@@ -254,7 +253,7 @@ def _keep_fallback(state: PlanState, work: Work, candidate: Candidate) -> None:
     """Keep the best candidate of the coarse grids as fallback."""
 
     def order(item: Candidate) -> tuple[bool, float]:
-        return item.violation > NEARLY, item.trajectory.duration
+        return item.violation > FAR, item.trajectory.duration
 
     if state.fallback is None or order(candidate) < order(state.fallback.candidate):
         problem = work.system.problem
