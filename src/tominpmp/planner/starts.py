@@ -63,7 +63,7 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Number of guesses for a goal on a frame, whose final configuration is free, and where
 # obstacles move, as a motion may wait for them.
-SEVERAL = 3
+SEVERAL_STARTS = 3
 # Upper limit of the number of guesses while there is no incumbent.
 RESCUE_STARTS = 8
 # Least number of processes if options ask for several. More than the number of cores
@@ -92,7 +92,7 @@ def usual_starts(system: ProblemFunctions, options: Options) -> int:
     if options.objective != "time" or system.parts:
         return 1
     several = system.problem.scene.moving or system.final_configuration is None
-    return SEVERAL if several else 1
+    return SEVERAL_STARTS if several else 1
 
 
 def starts(
