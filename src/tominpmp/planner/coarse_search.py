@@ -22,7 +22,6 @@ from functools import partial
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.constraints.friction import EFFORT_TOLERANCE
 from tominpmp.initial_guess.bumps import bumps
 from tominpmp.initial_guess.guess import SAMPLED, CachedGuesses, Guess
 from tominpmp.motion.trajectory import Trajectory
@@ -53,10 +52,6 @@ logger = logging.getLogger(__name__)
 INTERVALS = 16
 # Tolerance and iteration limit of descents on a coarse grid.
 TOLERANCE, ITERATIONS = 2e-3, 30
-# Tolerated relative excess of torques between the rows of a coarse grid, if the finer
-# grid removes it later; 3e-2 would be too much to remove by slowing down. Exact
-# switching, which begins with the motion of the coarse grid, keeps the usual tolerance.
-COARSE_EFFORT_TOLERANCE = 1e-2
 # Trust-region radius for finishing a coarse motion, as a share of the usual one.
 RADIUS = 0.5
 # Most intervals on which a motion ruled by torques is finished, if its grid may be
@@ -309,16 +304,8 @@ class CoarseSearch:
         A motion is new if it is nearly feasible and differs from all known ones.
         """
         self._tried.append(guess)
-        make = partial(
-            descend,
-            self.coarse,
-            guess,
-            self.state,
-            self._drop_early(),
-            effort_tolerance=COARSE_EFFORT_TOLERANCE
-            if self.options.refine == "auto"
-            else EFFORT_TOLERANCE,
-        )
+        stop = self._drop_early()
+        make = partial(descend, self.coarse, guess, self.state, stop)
         candidate = yield Work(self.system, guess.name, make, replay=False)
         if candidate is None:
             return None

@@ -7,7 +7,6 @@ from functools import partial
 
 import numpy as np
 
-from tominpmp.constraints.friction import EFFORT_TOLERANCE
 from tominpmp.initial_guess.constrained import speed_used
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.initial_guess.warm_start import WarmStart, warm_start
@@ -18,7 +17,7 @@ from tominpmp.planner.finer_grid import on_finer_grids
 from tominpmp.planner.first_program import first_program
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import REPAIRS, Work
-from tominpmp.solvers.exchange import RowExchange, with_missing_rows
+from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.loop import Loop, Rule, solve
 from tominpmp.solvers.objective import SMALL_VIOLATION
 from tominpmp.solvers.stop import first_of
@@ -129,8 +128,6 @@ def descend(
     system: ProblemFunctions,
     doublings: int = 0,
     former: Candidate | None = None,
-    *,
-    effort_tolerance: float = EFFORT_TOLERANCE,
 ) -> Candidate:
     """Improve a guess on the grid of the options, then on finer grids.
 
@@ -142,7 +139,6 @@ def descend(
         system: Functions of the problem.
         doublings: How often the number of intervals is doubled.
         former: The candidate to be repaired, as warm start; None in the first try.
-        effort_tolerance: Tolerated relative excess of torques between rows.
     """
     if guess.blocked:
         # The goal seems to be out of reach: the descent is dropped as soon as possible.
@@ -161,11 +157,9 @@ def descend(
     initial = program.trajectory(z)
     accuracy = FREE_ACCURACY if system.final_configuration is None else None
     step, usual = trust_regions(options, accuracy=accuracy)
-    exchange = RowExchange(
-        # Slowing down for small violations costs less time than refinement gains.
-        small_violation=SMALL_VIOLATION if options.refine == "auto" else 0.0,
-        revise=partial(with_missing_rows, effort_tolerance=effort_tolerance),
-    )
+    # Slowing down for small violations costs less time than refinement gains.
+    small = SMALL_VIOLATION if options.refine == "auto" else 0.0
+    exchange = RowExchange(small_violation=small)
     result = solve(
         program,
         objective,
