@@ -79,10 +79,9 @@ GAP = 0.03
 # (speeds times four) this held for five, and three of these were 1 to 4 % longer than
 # necessary. A start of a whole robot takes seconds.
 FAR_ABOVE, MOST_JOINTS = 2.0, 10
-# A descent among obstacles on the requested grid is stopped after this many iterations
-# unless it is nearly feasible and its gap to the lower bound is at most GAP; and at any
-# iteration where the gap exceeds LARGE_GAP. Coarse grids follow.
-DIRECT_ITERATIONS, LARGE_GAP = 8, 0.1
+# A descent among obstacles on the requested grid is stopped at any iteration where the
+# gap to the lower bound exceeds this. Coarse grids follow.
+LARGE_GAP = 0.1
 # Stop rule of probes: number of consecutive starts that predict no gain, in free space
 # and where obstacles move, as a path can be followed with different timing; and among
 # obstacles at rest. For a Panda under a table a second such path leads to a faster
@@ -163,9 +162,7 @@ def _gap_rule(state: PlanState, system: ProblemFunctions, loop: Loop) -> Status 
     record = loop.history[-1]
     bound = state.lower_bound(system.problem).T
     above = record.duration / max(bound, 1e-12) - 1.0
-    early = len(state.records) < DIRECT_ITERATIONS
-    good = early or (above <= GAP and record.violation <= FAR)
-    return None if good and above <= LARGE_GAP else Status.ITERATION_LIMIT
+    return Status.ITERATION_LIMIT if above > LARGE_GAP else None
 
 
 def _further_guesses(

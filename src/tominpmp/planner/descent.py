@@ -25,9 +25,6 @@ from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import Status
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Duality gap of the programs, as a share of T, if the final configuration is free:
-# larger gaps lead to more iterations there.
-FREE_ACCURACY = 1e-6
 # Most doublings of a collocation grid, whose torques are constant over an interval:
 # fast motions need short intervals, and the doublings take little time.
 REPAIRS_OF_COLLOCATION = 4
@@ -155,8 +152,7 @@ def descend(
     objective = minimum_time(system, options, guess.duration)
     program, z = first_program(system, options, guess)
     initial = program.trajectory(z)
-    accuracy = FREE_ACCURACY if system.final_configuration is None else None
-    step, usual = trust_regions(options, accuracy=accuracy)
+    step, usual = trust_regions(options)
     # Slowing down for small violations costs less time than refinement gains.
     small = SMALL_VIOLATION if options.refine == "auto" else 0.0
     exchange = RowExchange(small_violation=small)
