@@ -37,8 +37,6 @@ class SampledRows:
         within: Half-open range of the intervals on which the constraint holds; None for
             all.
         suffix: Suffix of the name of the rows.
-        ignored: Whether a value is left out of the rows, at the first r instants, shape
-            (r, p).
     """
 
     scheme: Transcription[Any]
@@ -46,7 +44,6 @@ class SampledRows:
     fixed: Instants
     within: tuple[int, int] | None = None
     suffix: str = ""
-    ignored: BoolArray | None = None
 
     @property
     def name(self) -> str:
@@ -65,12 +62,7 @@ class SampledRows:
 
     @cached_property
     def _bounds(self) -> tuple[Array, Array]:
-        lower, upper = self.constraint.bounds(self.fixed.size + self.kinks.size)
-        if self.ignored is not None:
-            free = np.zeros(upper.shape, dtype=bool)
-            free[: len(self.ignored)] = self.ignored
-            lower, upper = np.where(free, -np.inf, lower), np.where(free, np.inf, upper)
-        return lower, upper
+        return self.constraint.bounds(self.fixed.size + self.kinks.size)
 
     @property
     def lower(self) -> Array:

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import reduce
-from typing import NamedTuple
 
 import numpy as np
 
@@ -56,9 +55,6 @@ FINE, CUTS = 0.25, 2
 FEWEST_SAMPLES, MOST_SAMPLES, MOST_NUMBERS = 200, 20_000, 4_000_000
 # Tolerated violation if the padding is zero.
 LEAST = 1e-5
-# If an instant joins because some values are violated there, other values with a larger
-# margin than this are left out of its rows, in units of their limits.
-ROOM = 0.3
 # As soon as one torque exceeds its limit by more than the tolerance, all torques that
 # exceed theirs by this share of the tolerance become rows: otherwise most of them would
 # join one after another.
@@ -99,18 +95,6 @@ def exchanged(
     return replace(program, blocks=tuple(blocks)) if changes else None
 
 
-class MissingRows(NamedTuple):
-    """Instants at which rows are missing.
-
-    Attributes:
-        at: The instants, without repetitions.
-        values: Whether each value becomes a row there, shape (m, p); None for all.
-    """
-
-    at: Instants
-    values: BoolArray | None = None
-
-
 @dataclass(frozen=True, eq=False)
 class Inspection:
     """Inspection of a motion between the rows of a constraint.
@@ -148,23 +132,25 @@ class Inspection:
             at, states = block.states(motion)
             middle_v = of.states(motion, at.middles, 1).v
             constraint, count = constraint.corrected(states, middle_v, self.tolerance)
-        missing = self._violated()
-        new = missing.at
+        new = self._violated()
         if new.size and isinstance(constraint, PathConstraint) and constraint.window:
             times = new.times(motion.h) + of.delays[new.interval]
             return replace(block, constraint=constraint.with_times(times)), times.size
-        block, joined = self._with_rows(replace(block, constraint=constraint), missing)
-        return block, count + joined
+        block = replace(block, constraint=constraint)
+        if new.size:
+            joined = constraint.joined(block.assumed(motion, new))
+            block = replace(block, constraint=joined, fixed=block.fixed.joined(new))
+        return block, count + new.size
 
-    def _violated(self) -> MissingRows:
+    def _violated(self) -> Instants:
         """Instants between the rows at which the constraint is violated."""
         if self.constraint.usable is None:
-            return MissingRows(Instants.none())
+            return Instants.none()
         if self.constraint.order >= 3:
-            return MissingRows(self._violated_rates())
+            return self._violated_rates()
         if self.constraint.order >= 2:
             return self.violated_jumps()
-        return MissingRows(self.worst_instants())
+        return self.worst_instants()
 
     def worst_instants(self) -> Instants:
         """Instant of the largest violation for each interval and violated value.
@@ -241,38 +227,6 @@ class Inspection:
             width = np.repeat(width[near], CLOSER_LOOK.size) / CLOSER_LOOK.size
             attention = 0.5 * float(np.max(width * h[at.interval])) * rise
 
-    def _with_rows(
-        self, block: SampledRows, missing: MissingRows
-    ) -> tuple[SampledRows, int]:
-        """A block with missing rows added.
-
-        Args:
-            block: The block, with corrected assumptions of its constraint.
-            missing: The rows to add.
-
-        Returns:
-            The block, and the number of instants whose rows were changed: values that
-            have a row already are not added again.
-        """
-        new, values = missing.at, missing.values
-        count, ignored = 0, block.ignored
-        if values is not None:
-            ignored = np.zeros((block.fixed.size, values.shape[1]), dtype=bool)
-            if block.ignored is not None:
-                ignored[: len(block.ignored)] = block.ignored
-            indices = {pair: index for index, pair in enumerate(block.fixed.pairs)}
-            index = np.array([indices.get(pair, -1) for pair in new.pairs], np.int64)
-            known = index >= 0
-            added = ignored[index[known]] & values[known]
-            ignored[index[known]] &= ~values[known]
-            count = int(np.any(added, axis=1).sum())
-            new = new[~known]
-            ignored = np.concatenate([ignored, ~values[~known]])
-        if new.size:
-            joined = block.constraint.joined(block.assumed(self.motion, new))
-            block = replace(block, constraint=joined, fixed=block.fixed.joined(new))
-        return replace(block, ignored=ignored), count + new.size
-
     def excess(self, at: Instants, attention: float = np.inf) -> Array:
         """Excess of the values over their bounds at any instants, shape (m, p)."""
         constraint = self.block.assumed(self.motion, at)
@@ -286,16 +240,16 @@ class Inspection:
             return np.asarray(values - upper)
         return np.maximum(values - upper, lower - values)
 
-    def violated_jumps(self) -> MissingRows:
-        """Rows for violated values that may jump at the nodes: functions of torques.
+    def violated_jumps(self) -> Instants:
+        """Instants of violated values that may jump at the nodes: functions of torques.
 
         For each value and each part of an interval, the instant is the inspected
         instant with the largest violation. Instants around the reversals of joints with
-        dry friction are inspected as well.
+        dry friction are inspected as well. Instants that have rows are left out.
         """
         constraint, tolerance = self.constraint, self.tolerance
         of, (first, end) = self.block.scheme, self.within
-        found: dict[tuple[int, float], BoolArray] = {}
+        found: set[tuple[int, float]] = set()
         for shares in of.inspected:
             at = Instants.spread(of.intervals, shares).within(first, end)
             excess = self.excess(at).reshape(end - first, len(shares), -1)
@@ -304,23 +258,16 @@ class Inspection:
                 continue
             over = largest > (JOINING_SHARE if tolerance > 0.0 else 1.0) * tolerance
             for k, j in np.argwhere(over).tolist():
-                sample = worst[k, j]
-                found[first + k, shares[sample]] = excess[k, sample] > -ROOM
+                found.add((first + k, shares[worst[k, j]]))
         if (
             isinstance(constraint, MotorLimit)
             and constraint.motors.friction is not None
         ):
             at = self.around_reversals(constraint.motors.friction > 0.0)
             if at.size:
-                excess = self.excess(at)
-                over = np.any(excess > tolerance, axis=1)
-                for k, pair in enumerate(at.pairs):
-                    if over[k]:
-                        found[pair] = excess[k] > -ROOM
-        pairs = sorted(found)
-        shape = len(pairs), constraint.count
-        values = np.reshape([found[pair] for pair in pairs], shape).astype(bool)
-        return MissingRows(Instants.of_pairs(pairs), values)
+                over = np.any(self.excess(at) > tolerance, axis=1)
+                found.update(at[over].pairs)
+        return Instants.of_pairs(sorted(found.difference(self.block.fixed.pairs)))
 
     def _violated_rates(self) -> Instants:
         """Pairs of instants between which rates exceed their limits.
