@@ -25,10 +25,6 @@ from tominpmp.verification.verification import LONGEST
 # An exchange is due once an iteration reduces the merit by less than FIRST_LEVEL, as a
 # share of the duration; each exchange multiplies this level by LEVEL_FACTOR.
 FIRST_LEVEL, LEVEL_FACTOR = 1e-2, 0.1
-# After rows have joined, the next exchange is also due once their violation is at most
-# NEARLY_KEPT and the duration has changed by at most the share UNMOVED, as most rows
-# hardly change the motion.
-NEARLY_KEPT, UNMOVED = 1e-3, 1e-3
 # While the violation of the rows exceeds this, further rows between them do not help.
 FAR = 1e-2
 # Iterations that an exchange adds to the iteration limit, and how often it does.
@@ -77,7 +73,6 @@ class RowExchange:
         level: Reduction of the merit in an iteration, as a share of the duration, below
             which an exchange is due; with 0 it is due only at the end of the iteration.
         extensions: How often rows have joined and extended the iteration limit.
-        recent: Whether rows have joined since the last check.
         joined_at: Duration when rows last joined [s]; infinite before.
         radius: Least trust-region radius after rows have joined, or the largest one for
             a nearly optimal motion.
@@ -90,7 +85,6 @@ class RowExchange:
 
     level: float = FIRST_LEVEL
     extensions: int = 0
-    recent: bool = False
     joined_at: float = math.inf
     radius: float = LEAST_RADIUS
     longest: float = LONGEST
@@ -116,12 +110,7 @@ class RowExchange:
         moved = loop.outcome is not None and loop.outcome.accepted
         if not (moved and state.gains) or state.violation > FAR:
             return False
-        return self._rows_settled(loop) or state.gains[-1] < self.level * state.duration
-
-    def _rows_settled(self, loop: Loop) -> bool:
-        """Whether the violations of the rows that joined last are removed."""
-        kept = self.recent and loop.state.violation <= NEARLY_KEPT
-        return kept and self._changed(loop) <= UNMOVED
+        return state.gains[-1] < self.level * state.duration
 
     def _changed(self, loop: Loop) -> float:
         """Change of the duration since rows last joined, as a share of it."""
@@ -139,7 +128,7 @@ class RowExchange:
         Returns:
             The exchange from now on, and the new status: None to continue.
         """
-        exchange = replace(self, level=LEVEL_FACTOR * self.level, recent=False)
+        exchange = replace(self, level=LEVEL_FACTOR * self.level)
         changed, reached = self.revise(loop.program, loop.state.z), loop.state
         if changed is None and status is not None:
             loop.end(status)
@@ -160,9 +149,7 @@ class RowExchange:
         if settled or self.level == 0.0:
             radius = min(max(math.sqrt(joined.violation), SMALLEST), limit)
         loop.state, loop.best = replace(joined, radius=radius, gains=()), None
-        exchange = replace(
-            exchange, recent=True, joined_at=joined.duration, radius=limit
-        )
+        exchange = replace(exchange, joined_at=joined.duration, radius=limit)
         if self.extensions < EXTENSIONS:
             exchange = replace(exchange, extensions=self.extensions + 1)
             loop.extended_limit = len(loop.history) + ITERATIONS
