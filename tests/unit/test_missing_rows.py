@@ -11,7 +11,7 @@ from tominpmp.initial_guess.guess import straight_guess
 from tominpmp.options import Options
 from tominpmp.planner.first_program import first_program
 from tominpmp.transcription.blocks import SampledRows
-from tominpmp.transcription.exchange import ROOM, Inspection, exchanged
+from tominpmp.transcription.exchange import Inspection, exchanged
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -47,35 +47,6 @@ def test_an_instant_that_has_its_rows_does_not_join_again(hasty) -> None:
     assert exchanged(more, z) is None
 
 
-def test_joints_with_room_to_spare_get_no_rows_for_others(hasty) -> None:
-    program, z = hasty
-    more = exchanged(program, z)
-    assert more is not None
-    before, block = torques(program), torques(more)
-    new = slice(before.fixed.size, None)
-    of = more.transcription
-    value = block.values(of.motion(z)).reshape(block.lower.shape)[new]
-    assert np.all(np.abs(value[:, 1]) < 1.0 - ROOM)
-    assert np.all(np.isinf(block.upper[new, 1]) & np.isinf(block.lower[new, 1]))
-    assert np.all(block.upper[new, 0] == 1.0)
-    assert np.max(np.abs(value[:, 0])) > 1.0
-
-
-def test_they_get_rows_once_they_have_none_left(hasty) -> None:
-    program, z = hasty
-    more = exchanged(program, z)
-    assert more is not None
-    known = torques(more).fixed.size
-    faster = more.time_scale(z, 0.03)
-    again = exchanged(more.at(faster), faster)
-    assert again is not None
-    block = torques(again)
-    new = slice(torques(program).fixed.size, known)
-    assert np.any(np.isfinite(block.upper[new, 1]))
-    pairs = list(zip(block.fixed.interval, block.fixed.share, strict=True))
-    assert len(set(pairs)) == len(pairs)
-
-
 def whipping(control: str, pace: float, swing: float = 0.2):
     """A program of an arm that swings to and fro, and a motion of it at some pace."""
     arm = make_arm(
@@ -108,13 +79,13 @@ def test_nothing_is_missed_where_a_closer_look_is_spared(control, pace) -> None:
             worst[part] = max(worst.get(part, 0.0), float(excess[row].max()))
     parts = {
         (interval, shares)
-        for interval, share in zip(found.at.interval, found.at.share, strict=True)
+        for interval, share in zip(found.interval, found.share, strict=True)
         for shares in of.inspected
         if share in shares
     }
     assert parts == set(worst)
     if worst:
-        largest = inspection.excess(found.at).max()
+        largest = inspection.excess(found).max()
         assert largest == pytest.approx(max(worst.values()), rel=1e-12)
 
 
