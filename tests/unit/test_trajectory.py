@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError
-from tominpmp.motion.samples import Samples
+from tominpmp.motion.samples import SHORTEST, Samples
 from tominpmp.motion.trajectory import MAX_SAMPLES, Trajectory
 from tominpmp.robot.robot import Robot
 
@@ -195,7 +195,7 @@ def test_samples_are_evenly_spaced_up_to_the_end(duration: float, count: float) 
     steps = np.diff(t)
     assert np.all(steps > 0.0)
     np.testing.assert_allclose(steps[:-1], dt, rtol=1e-6)
-    assert steps[-1] <= dt * (1.0 + 1e-6)
+    assert steps[-1] <= dt * (1.0 + SHORTEST + 1e-6)
 
 
 @pytest.mark.parametrize(

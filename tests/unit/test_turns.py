@@ -15,7 +15,7 @@ from sample_arms import make_arm, slide
 import tominpmp as tm
 from tominpmp.arrays import Array
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.motion.trajectory import reversals, torque_breaks
+from tominpmp.motion.trajectory import torque_breaks
 from tominpmp.motion.turns import SAME, Turns
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -129,7 +129,7 @@ def test_brief_intervals_within_a_turn_do_not_rest(table: tm.Robot) -> None:
     v = np.array([-1.0, -8e-7, 2e-7, 9e-7, 1.0])
     motion = motion_of(table, t, np.column_stack([v, -v]), 2)
     zero = 0.1 + 0.8e-6
-    assert np.allclose(reversals(motion, table.friction), zero, atol=1e-15)
+    assert np.allclose(motion.turns.of_joints(table.friction > 0.0), zero, atol=1e-15)
     way = dry(table, motion, np.array([0.1 - 1e-9, zero - 1e-9, zero + 1e-9]))
     assert np.allclose(way, np.outer([-1, -1, 1], [1, -1]), atol=1e-6)
 
@@ -160,7 +160,7 @@ def test_ends_at_rest_have_one_way(table: tm.Robot, degree: int, left: float) ->
     assert np.allclose(dry(table, motion, times), [1.0, -1.0], atol=1e-6)
     for row, time in ((0, 0.0), (-1, 0.3 - 1e-9)):
         assert np.allclose(motion.u[row], motion(time).u, atol=1e-5)
-    assert not reversals(motion, table.friction).size
+    assert not motion.turns.of_joints(table.friction > 0.0).size
 
 
 @pytest.mark.parametrize("apart", [0.0, 1e-16, 1e-14, 1e-12, 1e-11, 1e-10, 1e-9])
@@ -198,7 +198,7 @@ def test_a_turn_near_a_node_that_is_one_is_kept(
     v = np.array([[-1.0, 0.0], [1e-5, 0.0], [1e-5 + steep * 0.1, 0.0]])
     t = np.array([0.0, 1.0 / steep + aside, 1.0 / steep + aside + 0.1])
     motion = motion_of(table, t, v, degree)
-    turns = reversals(motion, table.friction)
+    turns = motion.turns.of_joints(table.friction > 0.0)
     assert turns.size == 1
     assert abs(t[1] - turns[0] - aside) <= 1e-3 * aside + 1e-15
     times = turns[0] + aside * np.array([-0.5, 0.5])
@@ -215,7 +215,7 @@ def test_a_joint_that_touches_rest_does_not_turn(table: tm.Robot, depth: float) 
     motion = draft.with_torques(RobotDynamics(table).inverse)
     times = np.concatenate([0.5 - ASIDE, [0.5], 0.5 + ASIDE, [0.1, 0.9]])
     assert np.allclose(dry(table, motion, times), 1.0, atol=1e-6)
-    assert not reversals(motion, table.friction).size
+    assert not motion.turns.of_joints(table.friction > 0.0).size
 
 
 def test_there_and_back_within_an_interval(table: tm.Robot) -> None:
@@ -226,7 +226,9 @@ def test_there_and_back_within_an_interval(table: tm.Robot) -> None:
     q = np.array([[0.0, 0.0], [1 / 3 - 0.5 + 0.21, -1 / 3 + 0.5 - 0.21]])
     draft = tm.Trajectory(table.joint_names, t, q, v, 0.0 * q)
     motion = draft.with_torques(RobotDynamics(table).inverse)
-    assert np.allclose(reversals(motion, table.friction), [0.3, 0.7], atol=1e-14)
+    assert np.allclose(
+        motion.turns.of_joints(table.friction > 0.0), [0.3, 0.7], atol=1e-14
+    )
     way = dry(table, motion, np.array([0.2, 0.4, 0.6, 0.8]))
     assert np.allclose(way, np.outer([1, -1, -1, 1], [1, -1]), atol=1e-6)
 

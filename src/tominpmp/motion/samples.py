@@ -148,7 +148,8 @@ def clock(duration: float, period: float) -> Array:
     nanoseconds if the period is: the number that a user would type. If the duration is
     no multiple of the period, the last interval is shorter, or up to SHORTEST longer.
     """
-    count = max(int(np.ceil(duration / period * (1.0 - 1e-9) - SHORTEST)), 1)
+    count = int(np.ceil(duration / period * (1.0 - 1e-9) - SHORTEST))
+    count = max(count, int(duration > 0.0))
     return np.append(multiples(np.arange(count), period), duration)
 
 
