@@ -15,7 +15,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from tominpmp.arrays import Array
-from tominpmp.constraints.friction import EFFORT_TOLERANCE
 from tominpmp.solvers.loop import Loop
 from tominpmp.status import STOPPED, Status
 from tominpmp.transcription.exchange import exchanged
@@ -43,15 +42,13 @@ Revise = Callable[[NonlinearProgram, Array], tuple[NonlinearProgram, Array] | No
 
 
 def with_missing_rows(
-    program: NonlinearProgram, z: Array, effort_tolerance: float = EFFORT_TOLERANCE
+    program: NonlinearProgram, z: Array
 ) -> tuple[NonlinearProgram, Array] | None:
     """Add missing rows to a program, and update its directions of friction.
 
     Args:
         program: The program.
         z: Its iterate.
-        effort_tolerance: Tolerated relative excess of torques; below zero, a margin
-            that torques must keep.
 
     Returns:
         The changed program and the iterate within its bounds; None without a change.
@@ -59,7 +56,7 @@ def with_missing_rows(
     turned = program.transcription.with_signs_of(z)
     if turned is not None:
         program, z = replace(program, transcription=turned[0]), turned[1]
-    more = exchanged(program, z, effort_tolerance)
+    more = exchanged(program, z)
     if more is None and turned is None:
         return None
     return (more or program).at(z), z
