@@ -211,7 +211,12 @@ def test_intervals_are_halved_where_constant_accelerations_leave_torque():
     at_limit = np.maximum(np.abs(first), np.abs(last)) > 0.98
     lost = h * np.max(np.where(at_limit, 0.5 * np.abs(last - first), 0.0), axis=1)
     assert lost[split].sum() >= HALVED_SHARE * lost.sum()
-    assert 0.0 < lost[~split].sum()
+    # Where a torque jumps around an interval, the loss is of second order in length.
+    mean = 0.5 * (first + last)
+    around = np.vstack([mean[:1], mean, mean[-1:]])
+    jump = 0.5 * np.max(np.abs(around[2:] - around[:-2]), axis=1)
+    lost = np.maximum(lost, h**2 / h.sum() * jump)
+    assert lost[split].min() >= lost[~split].max()
 
 
 class Slow:

@@ -47,6 +47,17 @@ def test_an_instant_that_has_its_rows_does_not_join_again(hasty) -> None:
     assert exchanged(more, z) is None
 
 
+def test_instants_of_another_motion_join_once(hasty) -> None:
+    program, z = hasty
+    more = exchanged(program, z)
+    assert more is not None
+    faster = more.time_scale(z, 0.03)
+    again = exchanged(more.at(faster), faster) or more
+    pairs = torques(again).fixed.pairs
+    assert len(pairs) > torques(program).fixed.size
+    assert len(set(pairs)) == len(pairs)
+
+
 def whipping(control: str, pace: float, swing: float = 0.2):
     """A program of an arm that swings to and fro, and a motion of it at some pace."""
     arm = make_arm(

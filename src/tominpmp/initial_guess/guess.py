@@ -239,10 +239,10 @@ def end_velocity(system: ProblemFunctions, q_end: Array) -> Array:
         system: Functions of the problem.
         q_end: Final configuration, shape (n,).
     """
-    goal, v = system.problem.goal, system.v_start
-    if not goal.fixes_velocity and goal.speed_count(v.size):
+    goal, v, fixed = system.problem.goal, system.v_start, system.final_velocity
+    if fixed is None and goal.speed_count(v.size):
         return np.asarray(GoalVelocity(system, goal).nearest(q_end[None])[0][0])
-    return goal.final_velocity(v.size) if goal.fixes_velocity else v
+    return v if fixed is None else fixed
 
 
 def path_guess(system: ProblemFunctions, corners: Array) -> Guess:

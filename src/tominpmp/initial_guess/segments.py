@@ -65,12 +65,12 @@ def segmented_guesses(
         for place in range(len(system.parts)):
             single, guesses = from_state(place, tuple(q), tuple(v))
             first = [*itertools.islice(guesses.since(0), number + 1)]
-            if not first and number == 0:
+            if not first:
+                if number:
+                    return
                 where = f"segment {place + 1} of {len(system.parts)}: "
                 ahead = _constraints_after(system, place)
                 raise unreachable(single, request.rng, ahead, where)
-            if not first:
-                return
             pieces.append(first[-1])
             final = single.problem.goal.configuration
             q = first[-1].q[-1] if final is None else final

@@ -256,8 +256,8 @@ class CoarseSearch:
             self.fine = replace(self.fine, smoothing=options.smoothing or 0.0)
         if torques and system.in_free_space:
             self.coarse = replace(self.coarse, grid="uniform")
-            few = system.sudden and system.n <= MOST_JOINTS
-            if options.refine == "auto" and few:
+            jumps = options.refine == "auto" and system.sudden
+            if jumps and system.n <= MOST_JOINTS:
                 finer = min(2 * options.intervals, TORQUE_INTERVALS)
                 finer = max(options.intervals, finer)
                 self.fine = replace(self.fine, intervals=finer)
