@@ -71,12 +71,14 @@ def build(folder: Path) -> tuple[Path, Path]:
 def write_constraints(path: Path) -> None:
     """Write the locked versions, without hashes, as the wheel itself has no hash.
 
+    Extras are left out, too: pip takes no constraints that have them.
+
     Args:
         path: The file to write.
     """
     lock = (ROOT / "requirements.lock").read_text(encoding="utf-8")
-    pins = re.findall(r"^(\S+==.+?) \\$", lock, flags=re.MULTILINE)
-    path.write_text("\n".join(pins) + "\n", encoding="utf-8")
+    pins = re.findall(r"^([^\s\[]+)(?:\[.+?\])?(==.+?) \\$", lock, flags=re.MULTILINE)
+    path.write_text("".join(f"{name}{version}\n" for name, version in pins), "utf-8")
 
 
 def try_out(binaries: Path, folder: Path) -> None:
