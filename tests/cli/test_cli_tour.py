@@ -90,6 +90,16 @@ def test_tours_of_files_are_those_of_the_library(tmp_path: Path) -> None:
     assert tour.success and len(tour.motions) == 3
 
 
+def test_options_of_a_file_leave_the_effort_of_tours(tmp_path: Path) -> None:
+    """A file with any option was planned with the effort of single motions."""
+    found = load_tour(scenario(tmp_path, "[options]\nseed = 3\n" + STATIONS))
+    (effort,) = {motion.options.effort for motion in tm.plan_tour(**found).motions}
+    assert effort == "quick"
+    text = '[options]\neffort = "standard"\nrefine = "none"\n' + STATIONS
+    found = load_tour(scenario(tmp_path, text))
+    assert found["effort"] == "standard" and found["refine"] is None
+
+
 def test_joints_that_are_not_named_are_where_the_tour_starts(tmp_path: Path) -> None:
     some = STATIONS.replace("[0.6, 1.0, -0.3]", "{joint2 = 1.0}")
     path = scenario(tmp_path, "[tour]\nend = {joint1 = 0.8}\n" + some)

@@ -446,7 +446,7 @@ def read_conditions(table: Field, robot: Robot) -> dict[str, Any]:
     items = table.table().items()
     values = {name: READERS[name](item) for name, item in items if name in READERS}
     limits = read_motion_limits(table.get("motion_limits"), robot)
-    return values | {"motion_limits": limits}
+    return values if limits is None else values | {"motion_limits": limits}
 
 
 # Largest difference of placements and inertias of a robot after writing and reading.

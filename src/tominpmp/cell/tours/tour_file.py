@@ -68,13 +68,15 @@ def load_tour(path: str | Path) -> dict[str, Any]:
     document = scenario.read_toml(path)
     document.only(*SECTIONS)
     robot = scenario.read_robot(document.need("robot"))
-    options, start = document.get("options"), document.need("start")
+    table, start = document.get("options"), document.need("start")
     start.only("q", "state")
     q_start = scenario.positions(start, robot, None)
+    options = scenario.read_options(table)
     arguments = {
         "robot": robot,
         "q_start": q_start,
-        "options": scenario.read_options(options) if options.given else None,
+        # Options that the file does not name keep the defaults of tours.
+        **{name: getattr(options, name) for name in table.value or ()},
         **scenario.read_conditions(document, robot),
     }
     tour = document.get("tour")
@@ -105,7 +107,6 @@ def _read_end(end: Field, robot: Robot, q_start: Array) -> Any:
 def _read_station(table: Field, robot: Robot, q_start: Array) -> Station:
     table.only(*KEYS)
     conditions = scenario.read_conditions(table, robot)
-    del conditions["motion_limits"]  # no key of a station
     for key in ("after", "then"):
         conditions[key] = [name.text() for name in table.get(key).items()]
     name, goal = table.need("name").text(), table.need("goal")
