@@ -25,24 +25,7 @@ from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_ending, checked_path, read_bytes
 from tominpmp.description.yaml_reader import parse_yaml
 from tominpmp.exceptions import ProblemError, ScenarioError, brief
-from tominpmp.files.ros import (
-    MESSAGE,
-    MESSAGES,
-    message_samples,
-    parse_bag,
-    parse_json,
-    read_message,
-    write_bag,
-    write_json,
-    write_yaml,
-)
-from tominpmp.files.tables import (
-    known_quantities,
-    read_csv,
-    read_npz,
-    write_csv,
-    write_npz,
-)
+from tominpmp.files import ros, tables
 from tominpmp.files.writing import write_file
 from tominpmp.motion.samples import INTERPOLATIONS, Interpolation, Samples
 from tominpmp.motion.trajectory import Trajectory
@@ -100,7 +83,7 @@ def export(
             "expected a finite number",
             key,
         )
-    which = [message or MESSAGE] if is_message(path) else []
+    which = [message or ros.MESSAGE] if is_message(path) else []
     return write_file(path, lambda file: write(samples, file, *which))
 
 
@@ -125,7 +108,7 @@ def file_samples(
         ProblemError: If dt is not a positive number.
     """
     if is_message(path):
-        return message_samples(trajectory, dt, with_effort)
+        return ros.message_samples(trajectory, dt, with_effort)
     if dt is not None:
         return trajectory.sample(dt)
     t, a = trajectory.t, trajectory(trajectory.t).a
@@ -141,7 +124,7 @@ def check_options(path: str | Path, with_effort: bool, message: str | None) -> N
     """
     flag(with_effort, "with_effort")
     if message is not None:
-        choice(message, tuple(MESSAGES), "message")
+        choice(message, tuple(ros.MESSAGES), "message")
     for name, value in (("with_effort", with_effort), ("message", message)):
         if value and not is_message(path):
             raise ProblemError(
@@ -152,7 +135,7 @@ def check_options(path: str | Path, with_effort: bool, message: str | None) -> N
 
 def _not_finite(samples: Samples) -> Iterator[tuple[str, list[int]]]:
     """Quantities with values that are not finite, and row and joint of the first."""
-    for key in ("t", *known_quantities(samples)):
+    for key in ("t", *tables.known_quantities(samples)):
         wrong = np.argwhere(~np.isfinite(getattr(samples, key)))
         if len(wrong):
             yield key, wrong[0].tolist()
@@ -200,7 +183,7 @@ def read_motion(
     path, held = checked_path(path), is_message(path)
     try:
         content = read(read_bytes(path, MAX_MESSAGE if held else MAX_BYTES), path)
-        whole = read_message(Field(content, path)) if held else content
+        whole = ros.read_message(Field(content, path)) if held else content
         samples = _checked(whole, path)
     except ProblemError as error:  # the content is not valid samples
         raise ScenarioError(f"{path}: {error}", path, error.field) from error
@@ -232,23 +215,23 @@ def _checked(samples: Samples, path: Path) -> Samples:
 
 
 WRITERS: dict[str, Callable[..., None]] = {
-    ".csv": write_csv,
-    ".npz": write_npz,
-    ".yaml": write_yaml,
-    ".yml": write_yaml,
-    ".json": write_json,
-    ".mcap": write_bag,
+    ".csv": tables.write_csv,
+    ".npz": tables.write_npz,
+    ".yaml": ros.write_yaml,
+    ".yml": ros.write_yaml,
+    ".json": ros.write_json,
+    ".mcap": ros.write_bag,
 }
 # Endings of files with messages, and the parsers that return the messages as plain
 # values.
 PARSERS: dict[str, Callable[[bytes, Path], Any]] = {
     ".yaml": parse_yaml,
     ".yml": parse_yaml,
-    ".json": parse_json,
-    ".mcap": parse_bag,
+    ".json": ros.parse_json,
+    ".mcap": ros.parse_bag,
 }
 READERS: dict[str, Callable[[bytes, Path], Any]] = {
-    ".csv": read_csv,
-    ".npz": read_npz,
+    ".csv": tables.read_csv,
+    ".npz": tables.read_npz,
     **PARSERS,
 }

@@ -25,14 +25,7 @@ from tominpmp.sensitivities.analysis import analyse
 from tominpmp.sensitivities.records import Sensitivities, Sensitivity
 from tominpmp.solution import Solution
 from tominpmp.status import Status
-from tominpmp.viz.figures import (
-    GOAL_COLOR,
-    add_legend,
-    color,
-    finish,
-    new_figure,
-    styled,
-)
+from tominpmp.viz import figures
 from tominpmp.viz.playback import play
 from tominpmp.viz.shares import shares_of_limits
 
@@ -229,16 +222,16 @@ class Tour:
         """
         problem, motion, visits = self.problem, self._motion(), self.visits
         height = 1.0 + 0.17 * min(len(visits), MOST_NAMES)
-        with styled():
-            figure = new_figure(8.0, height + 2.4)
+        with figures.styled():
+            figure = figures.new_figure(8.0, height + 2.4)
             panels = figure.subplots(2, 1, sharex=True, height_ratios=(height, 2.0))
             kinds = _draw_bars(panels[0], motion.duration, visits)
             _draw_speeds(panels[1], problem, motion)
             panels[1].set_xlabel("time [s]")
             panels[1].set_xlim(0.0, motion.duration)
             lines = panels[1].get_lines()[: problem.robot.n]
-            add_legend(figure, [*kinds, *lines], 6)
-            return finish(figure, path)
+            figures.add_legend(figure, [*kinds, *lines], 6)
+            return figures.finish(figure, path)
 
     gantt = plot
 
@@ -336,7 +329,9 @@ def _draw_bars(axes: Axes, duration: float, bars: Sequence[Visit]) -> list[Any]:
         motion, stay = bar.arrival - before, max(bar.departure - bar.arrival, least)
         kinds = [
             axes.barh(row, motion, left=before, color=MOTION_COLOR, label="motion"),
-            axes.barh(row, stay, left=bar.arrival, color=GOAL_COLOR, label="dwell"),
+            axes.barh(
+                row, stay, left=bar.arrival, color=figures.GOAL_COLOR, label="dwell"
+            ),
         ]
         before = bar.departure
     home = duration - before
@@ -355,10 +350,9 @@ def _draw_bars(axes: Axes, duration: float, bars: Sequence[Visit]) -> list[Any]:
 def _draw_speeds(axes: Axes, problem: Problem, trajectory: Trajectory) -> None:
     """Draw speeds as shares of their limits."""
     shares = shares_of_limits(problem, trajectory)
-    for joint, (name, row) in enumerate(
-        zip(shares.joint_names, shares.speed.T, strict=True)
-    ):
-        axes.plot(shares.t, row, color=color(joint), lw=0.8, label=name)
+    for joint, name in enumerate(shares.joint_names):
+        look: dict[str, Any] = {"color": figures.color(joint), "lw": 0.8}
+        axes.plot(shares.t, shares.speed[:, joint], label=name, **look)
     for limit in (-1.0, 1.0):
         axes.axhline(limit, color="0.6", lw=0.6, ls="--")
     axes.set_ylabel("speed / limit")
