@@ -27,7 +27,7 @@ from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import Segment
-from tominpmp.robot.robot import Robot, RobotSource, load_robot, read_source
+from tominpmp.robot.robot import Robot, load_robot, read_source
 from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Obstacle, Sphere
 from tominpmp.scene.scene import Scene
 
@@ -173,14 +173,8 @@ def loaded(choice: RobotChoice) -> Robot:
     return robot
 
 
-@lru_cache(maxsize=8)
-def _source(source: str) -> RobotSource:
-    """The content of a robot's files; the latest are cached.
-
-    Raises:
-        RobotLoadError: If the robot is unknown, or its files are wrong.
-    """
-    return read_source(source)
+# The content of a robot's files; the latest are cached.
+_source = lru_cache(maxsize=8)(read_source)
 
 
 def group_names(source: str) -> tuple[str, ...]:

@@ -149,7 +149,7 @@ class MoveItLimits(Record):
 
 
 def load_limited_robot(
-    moveit: MoveItLimits | None,
+    path: str | Path | None,
     robot: str | os.PathLike[str] | RobotSource,
     **arguments: Any,
 ) -> Robot:
@@ -159,17 +159,19 @@ def load_limited_robot(
     lacks, or that follow others, are dropped with a warning.
 
     Args:
-        moveit: The limits; None for the robot's own limits only.
+        path: The file; None for the robot's own limits only.
         robot: Source of the robot, as for :func:`~tominpmp.load_robot`, or its
             result of reading.
         **arguments: Further arguments of ``load_robot``; values per joint take
             precedence over the file.
 
     Raises:
-        TominpmpError: As raised by :func:`~tominpmp.load_robot`.
+        TominpmpError: As raised by :func:`load_joint_limits` and
+            :func:`~tominpmp.load_robot`.
     """
-    if moveit is None:
+    if path is None:
         return load_robot(robot, **arguments)
+    moveit = load_joint_limits(path)
     file_arguments = {"package_dirs", "srdf", "xacro_args"}
     files = {k: arguments[k] for k in file_arguments & arguments.keys()}
     stated = {quantity: getattr(moveit, quantity) for quantity in _KEYS}

@@ -42,7 +42,7 @@ from tominpmp.exceptions import (
     brief,
     warn_caller,
 )
-from tominpmp.files.limits import MoveItLimits, load_joint_limits, load_limited_robot
+from tominpmp.files.limits import load_limited_robot
 from tominpmp.files.records import blaming, warn_of_keys
 from tominpmp.files.scene_text import is_scene_text, parse_scene_text
 from tominpmp.goals.base import Goal
@@ -602,8 +602,7 @@ def load_moveit(
     """
     scene_message, request = _read_message(scene_path), _read_message(request_path)
     state, start = request.get("start_state"), _start_values(request, "position")
-    moveit = None if joint_limits is None else load_joint_limits(joint_limits)
-    arm = _grouped_robot(robot, request, start, kinematic, moveit)
+    arm = _grouped_robot(robot, request, start, kinematic, joint_limits)
     _check_state(arm, state.get("joint_state"), start)
     _refuse_unread(request)
     warn_of_keys(request.path, "not read", tuple(_unread(request, REQUEST)))
@@ -667,14 +666,14 @@ def _grouped_robot(
     request: Field,
     start: Mapping[str, float],
     kinematic: bool,
-    limits: MoveItLimits | None,
+    joint_limits: str | Path | None,
 ) -> Robot:
     """The robot with the joints locked that the request does not move."""
     if not isinstance(robot, Robot):
         source = read_source(robot)
         more = {"locked_joints": _locks(request, start, source), "kinematic": kinematic}
-        return load_limited_robot(limits, source, **more)
-    if limits is not None:
+        return load_limited_robot(joint_limits, source, **more)
+    if joint_limits is not None:
         raise ProblemError(
             "joint_limits is given, expected None for a robot that is loaded: "
             "load_joint_limits reads them for load_robot and motion_limits",

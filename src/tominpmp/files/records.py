@@ -161,12 +161,9 @@ def to_table(record: Any, folder: Path) -> Any:
 
 def _is_as_in_file(mesh: Mesh) -> bool:
     """Whether a mesh has a file that still contains its vertices and triangles."""
+    unread: dict[str, Any] = {"vertices": None, "triangles": None}
     try:
-        return mesh.path is not None and mesh == replace(
-            mesh,
-            vertices=None,  # type: ignore[arg-type]
-            triangles=None,  # type: ignore[arg-type]
-        )
+        return mesh.path is not None and mesh == replace(mesh, **unread)
     except SceneError:
         return False
 

@@ -106,7 +106,6 @@ from tominpmp.exceptions import (
     brief,
 )
 from tominpmp.files.limits import (
-    load_joint_limits,
     load_limited_robot,
     load_motion_limits,
     read_curve,
@@ -520,12 +519,11 @@ def read_robot(table: Field) -> Robot:
         item = table.get(key)
         return folder / _path(item) if item.given else None
 
-    moveit = file("joint_limits")
     plain = ("group", "limits", "gravity", *OVERRIDES)
     values = {key: table.get(key).value for key in plain}
     try:
         robot = load_limited_robot(
-            None if moveit is None else load_joint_limits(moveit),
+            file("joint_limits"),
             file("path") or table.get("name").text(),
             package_dirs=[folder / _path(k) for k in table.get("package_dirs").items()],
             srdf=file("srdf"),
