@@ -239,7 +239,8 @@ class _UrdfReader:
 
         only_text = {"build_scene_graph": False, "load_meshes": False}
         robot = yourdfpy.URDF.load(source, **only_text).robot
-        links = tuple(self._link(link) for link in robot.links)
+        pairs = zip(robot.links, root.findall("link"), strict=True)
+        links = tuple(self._link(*pair) for pair in pairs)
         pairs = zip(robot.joints, root.findall("joint"), strict=True)
         joints = tuple(self._joint(*pair) for pair in pairs)
         gravity = None
@@ -353,9 +354,6 @@ class _UrdfReader:
                 copy.set("name", shape.tag)
                 if shape.tag == "capsule":
                     shape.tag = "cylinder"
-                material = item.find("material")
-                if material is not None:
-                    self._add_material(copy, material)
 
     def _add_shape(self, parent: Element, item: Element, where: str) -> Element:
         """Add the only shape of a <collision> or <visual>."""
@@ -367,25 +365,12 @@ class _UrdfReader:
             )
         return self._add(add(parent, "geometry"), shapes[0], where)
 
-    def _add_material(self, parent: Element, material: Element) -> None:
-        """Add a colour and texture; as they are cosmetic, invalid ones are dropped."""
-        if not len(material):
-            material = self.materials.get(material.get("name", ""), material)
-        copy = add(parent, "material")
-        color, texture = material.find("color"), material.find("texture")
-        words = () if color is None else color.get("rgba", "").split()
-        rgba = tuple(map(to_number, words))
-        if len(rgba) == 4 and all(0.0 <= part <= 1.0 for part in rgba):
-            add(copy, "color", rgba=rgba)
-        if texture is not None and texture.get("filename"):
-            add(copy, "texture", filename=texture.get("filename"))
-
     # -- links -------------------------------------------------------------------------
 
-    def _link(self, link: Any) -> LinkDescription:
+    def _link(self, link: Any, element: Element) -> LinkDescription:
         name, inertial = link.name, link.inertial
-        collisions = self._shapes(link.collisions, f"link {name}, collision")
-        visuals = self._shapes(link.visuals, f"link {name}, visual", seen=True)
+        collisions = self._shapes(link.collisions, element, f"link {name}", "collision")
+        visuals = self._shapes(link.visuals, element, f"link {name}", "visual")
         if inertial is None:
             return LinkDescription(name, collisions=collisions, visuals=visuals)
         placement = frozen_array(inertial.origin)
@@ -394,26 +379,29 @@ class _UrdfReader:
         return LinkDescription(name, inertial.mass, com, moments, collisions, visuals)
 
     def _shapes(
-        self, items: Iterable[Any], where: str, *, seen: bool = False
+        self, items: Iterable[Any], link: Element, where: str, tag: str
     ) -> tuple[Shape, ...]:
         """Collision shapes, or visual shapes with existing meshes."""
-        numbered = enumerate(items, 1)
-        shapes = [self._shape(item, f"{where} {n}", seen=seen) for n, item in numbered]
+        shapes = []
+        elements = zip(items, link.findall(tag), strict=True)
+        for number, (item, element) in enumerate(elements, 1):
+            shape = self._shape(item, f"{where}, {tag} {number}", seen=tag == "visual")
+            material = element.find("material")
+            if tag == "visual" and shape is not None and material is not None:
+                shape = self._coloured(shape, material)
+            shapes.append(shape)
         return tuple(filter(None, shapes))
 
     def _shape(self, item: Any, where: str, *, seen: bool) -> Shape | None:
         """A shape; None if its sizes are zero, or its visual mesh is missing."""
         kind, geometry, place = item.name, item.geometry, frozen_array(item.origin)
         if kind == "mesh":
-            shape = self._mesh(geometry.mesh, place, where, seen=seen)
-        else:
-            held = geometry.box or geometry.sphere or geometry.cylinder
-            sizes = np.hstack([getattr(held, name) for name in SIZES[kind]])
-            shape = solid(kind, sizes, place)
-            if shape is None:
-                self.empty_shapes.append(where)
-        if seen and shape is not None and item.material is not None:
-            return self._coloured(shape, item.material)
+            return self._mesh(geometry.mesh, place, where, seen=seen)
+        held = geometry.box or geometry.sphere or geometry.cylinder
+        sizes = np.hstack([getattr(held, name) for name in SIZES[kind]])
+        shape = solid(kind, sizes, place)
+        if shape is None:
+            self.empty_shapes.append(where)
         return shape
 
     def _mesh(self, mesh: Any, place: Array, where: str, *, seen: bool) -> Shape | None:
@@ -435,14 +423,20 @@ class _UrdfReader:
         """File that the description refers to, and the paths tried."""
         return resolve_resource(name, self.context.path, self.context.folders)
 
-    def _coloured(self, shape: Shape, material: Any) -> Shape:
-        """Add colour and texture; a missing texture is dropped, as it is cosmetic."""
-        color, texture = material.color, material.texture
-        path = None if texture is None else self._find(texture.filename)[0]
-        if color is None and path is None:
+    def _coloured(self, shape: Shape, material: Element) -> Shape:
+        """Add colour and texture; as they are cosmetic, invalid ones are dropped."""
+        if not len(material):
+            material = self.materials.get(material.get("name", ""), material)
+        color, texture = material.find("color"), material.find("texture")
+        words = () if color is None else color.get("rgba", "").split()
+        rgba = tuple(map(to_number, words))
+        known = len(rgba) == 4 and all(0.0 <= part <= 1.0 for part in rgba)
+        file = "" if texture is None else texture.get("filename", "")
+        path = self._find(file)[0] if file else None
+        if not known and path is None:
             return shape
-        rgba = BLACK if color is None else tuple(color.rgba.tolist())
-        return replace(shape, colour=rgba, texture="" if path is None else str(path))
+        texture_file = "" if path is None else str(path)
+        return replace(shape, colour=rgba if known else BLACK, texture=texture_file)
 
     # -- joints ------------------------------------------------------------------------
 
