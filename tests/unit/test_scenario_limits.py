@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from pathlib import Path
 
 import pytest
@@ -54,6 +56,15 @@ def test_limits(tmp_path: Path) -> None:
     assert limits.acceleration_scaling == 0.5
     with pytest.raises(TypeError):
         limits.velocity["joint1"] = 1.0  # type: ignore[index]
+
+
+def test_limits_are_copied_and_passed_to_processes(tmp_path: Path) -> None:
+    """Their read-only mappings could be neither copied nor pickled."""
+    limits = load_joint_limits(write(tmp_path, FULL))
+    for other in (copy.deepcopy(limits), pickle.loads(pickle.dumps(limits))):
+        assert other == limits
+        with pytest.raises(TypeError):
+            other.velocity["joint1"] = 1.0  # type: ignore[index]
 
 
 def test_overrides(tmp_path: Path) -> None:
