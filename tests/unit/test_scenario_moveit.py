@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import fromstring, tostring
 
 import numpy as np
 import pinocchio as pin
@@ -118,13 +119,30 @@ def test_poses_become_those_of_the_base(tmp_path: Path) -> None:
     robot = load_robot("planar3r", gravity=[0.0, 0.0, -9.81])
     goal = goal_of(robot, tmp_path, place(), scene=scene)
     np.testing.assert_allclose(goal.position, [1.0, -3.0, 0.0], atol=1e-12)
-    link = {"frame_id": robot.description.links[0]}
+    link = {"frame_id": robot.description.root}
     goal = goal_of(robot, tmp_path, place(header=link), scene=scene)
     np.testing.assert_allclose(goal.position, [4.0, 1.0, 0.0], atol=1e-12)
     sideways = load_robot("planar3r", gravity=[0.0, -9.81, 0.0])
     with pytest.raises(ScenarioError, match=r"tilted.*gravity") as caught:
         goal_of(sideways, tmp_path, place(), scene=scene)
     assert caught.value.key == "robot_state.multi_dof_joint_state"
+
+
+def test_the_base_is_the_link_that_no_joint_carries(tmp_path: Path) -> None:
+    """The link at the top of the file was taken for it, whatever carried that link."""
+    root = fromstring(load_robot("planar3r").urdf_path.read_text())
+    root[:] = sorted(root, key=lambda item: item.get("name") != "tip")
+    (tmp_path / "arm.urdf").write_bytes(tostring(root))
+    robot = load_robot(tmp_path / "arm.urdf")
+    assert robot.description.links[0] == "tip"
+    header = ("world", "collision_objects", 0, "header")
+    scene = write(tmp_path, changed(SCENE, *header, {"frame_id": "base"}))[0]
+    assert load_moveit_scene(scene, robot)["box"].position.tolist() == [5.0, 4.0, 0.0]
+    scene = write(tmp_path, changed(SCENE, *header, {"frame_id": "tip"}))[0]
+    with pytest.raises(
+        ScenarioError, match=r"no fixed frame 'tip'; there are: world, "
+    ):
+        load_moveit_scene(scene, robot)
 
 
 def test_goals_on_frames(planar3r: Robot, tmp_path: Path) -> None:

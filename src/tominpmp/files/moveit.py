@@ -14,7 +14,7 @@ from __future__ import annotations
 import itertools
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import NoneType
 from typing import Any, TypeAlias
@@ -127,15 +127,15 @@ class _Frames:
     """Frames in which poses of a file may be given.
 
     Attributes:
-        base: Placement base_to_world of the robot's first link.
+        base: Placement base_to_world of the robot's root link.
         root: Name of that link, empty without a robot.
         fixed: Placements child_to_world of further frames.
         package_dirs: Folders in which the packages of mesh files are searched.
     """
 
-    base: pin.SE3 = field(default_factory=pin.SE3.Identity)
-    root: str = ""
-    fixed: Mapping[str, pin.SE3] = field(default_factory=dict)
+    base: pin.SE3
+    root: str
+    fixed: Mapping[str, pin.SE3]
     package_dirs: tuple[Path, ...] = ()
 
     def to_base(self, header: Field) -> pin.SE3:
@@ -162,13 +162,13 @@ class _Frames:
 def load_moveit_scene(path: str | Path, robot: Robot | None = None) -> Scene:
     """Load the obstacles of a MoveIt planning scene.
 
-    Poses are transformed into the frame of the robot's first link, which the scene may
+    Poses are transformed into the frame of the robot's root link, which the scene may
     have placed elsewhere in the world (a multi-DOF joint in its robot state).
 
     Args:
         path: YAML file with a ``PlanningScene`` message, or a file in MoveIt's text
             format (``.scene``), as RViz exports it.
-        robot: The robot, which makes its first link known as a frame.
+        robot: The robot, which makes its root link known as a frame.
 
     Returns:
         The scene; an object with several shapes becomes several obstacles, ``NAME.0``,
@@ -227,7 +227,7 @@ def _read_frames(message: Field, robot: Robot | None, *states: Field) -> _Frames
         return _Frames(base, "", fixed)
     urdf = robot.description
     # Packages of meshes are often next to that of the robot.
-    return _Frames(base, urdf.links[0], fixed, urdf.package_dirs)
+    return _Frames(base, urdf.root, fixed, urdf.package_dirs)
 
 
 def _read_pose(value: Field) -> pin.SE3:
@@ -563,7 +563,7 @@ def load_moveit(
     Tolerances up to 0.01 rad or m count as accuracy, and the goal is the middle of
     their interval; wider ones make a goal region. Several sets of goal constraints are
     alternatives, of which any suffices. All poses are transformed into the frame of the
-    robot's first link. Scaling factors below 1 scale the robot's limits of speeds and
+    robot's root link. Scaling factors below 1 scale the robot's limits of speeds and
     of accelerations, if it has any. Parts of the files that are not read cause a
     warning.
 
