@@ -21,6 +21,7 @@ from batch_samples import QUICK, Deadly, Unsendable, problems, rail
 from command_line import invoke
 
 import tominpmp as tm
+from tominpmp.cell import running
 from tominpmp.cell.batch.dataset import Entry
 from tominpmp.cell.batch.executor import Executor
 from tominpmp.cell.batch.neighbours import rounds_of
@@ -443,12 +444,19 @@ def test_the_command_line_names_what_is_broken(folder: Path, tmp_path: Path) -> 
     assert found.exit_code == 0, found.output
     data = json.loads(found.stdout)
     assert data["found"] == 2 and data["outcomes"][1]["name"] == "cells/more/c"
+    # Patterns may be absolute, too, and are those of a shell.
+    (cells / ".draft.toml").write_text("")
+    absolute = tmp_path / "absolute.toml"
+    absolute.write_text(f"problems = ['{cells}/**/*.toml', '{cells}/[a]*']\n")
+    files = [file for _, file in running._scenarios_in(absolute)]
+    assert files == [cells / "a.toml", cells / "b.toml", cells / "more" / "c.toml"]
 
 
 @pytest.mark.parametrize(
     ("content", "message"),
     [
         ("problems = ['none*.toml']", "which no file matches"),
+        ('problems = ["a\\u0000/*"]', "which no file matches"),
         ("problems = 3", "problems"),
         ("problem = []", "problem"),
         ("problems = []", "holds no scenario"),

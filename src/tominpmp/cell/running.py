@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import time
 from collections.abc import Mapping
 from dataclasses import replace
@@ -166,12 +167,13 @@ def _scenarios_in(source: str | Path) -> list[tuple[str, Path]]:
 
 def _matching(folder: Path, pattern: str) -> list[Path]:
     """Files that match a pattern; a plain path is checked later, when it is read."""
-    if not any(sign in pattern for sign in "*?["):
+    if not glob.has_magic(pattern):
         return [folder / pattern]
     try:
-        return sorted(path for path in folder.glob(pattern) if path.is_file())
-    except (ValueError, NotImplementedError):
+        names = glob.glob(pattern, root_dir=folder, recursive=True)
+    except ValueError:  # a zero byte
         return []
+    return sorted(path for name in names if (path := folder / name).is_file())
 
 
 def _name(path: Path, folder: Path) -> str:
