@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -127,6 +128,24 @@ def test_the_error_of_a_file_is_told_if_the_planning_was_interrupted(
     code, output = run(path, "-o", tmp_path / "cycle.yaml", "--dt", "0.1")
     assert code == 130
     assert "cycle.yaml does not pass" in output
+
+
+def test_an_interrupt_while_files_are_written_leaves_them_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The tour was lost, and nothing was reported."""
+    judge = running.check_export
+
+    def interrupted(*arguments: Any, **options: Any) -> Any:
+        signal.raise_signal(signal.SIGINT)
+        return judge(*arguments, **options)
+
+    monkeypatch.setattr(running, "check_export", interrupted)
+    page = tmp_path / "cycle.html"
+    path = scenario(tmp_path, STATIONS)
+    code, output = run(path, "-o", tmp_path / "cycle.csv", "--html", page)
+    assert code == 130
+    assert page.exists() and "drill" in output and f"file   {page}" in output
 
 
 def test_a_tour_that_stays_at_the_start_has_no_motion_to_write(tmp_path: Path) -> None:

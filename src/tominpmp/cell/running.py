@@ -196,6 +196,8 @@ def run_tour(scenario: Path, args: TourOptions) -> int:
     arguments = load_tour(scenario)
     with logged(args.verbose, error_console()), blaming(Field({}, scenario)):
         tour = plan_tour(**arguments | changes)
+    signals = present()
+    signals.writing()
     files, fault = _write(tour, args) if tour.success else ([], "")
     if args.json:
         data = {name: getattr(tour, name) for name in OF_TOURS}
@@ -205,7 +207,7 @@ def run_tour(scenario: Path, args: TourOptions) -> int:
         say(_tour_text(tour, files))
     if fault:
         complain("error", fault)
-    if tour.status is Status.INTERRUPTED:
+    if tour.status is Status.INTERRUPTED or signals.number is not None:
         return INTERRUPTED
     return NO_PLAN if fault or not tour.success else PLANNED
 
