@@ -70,11 +70,9 @@ def parse_yaml(content: bytes, path: Path) -> Any:
     """Parse YAML with limits and without tags; see :func:`read_yaml`."""
     try:
         return _Builder(content, path).document()
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
         reason = " ".join(str(error).split())[:300]
         raise ScenarioError(f"{path} is no YAML: {reason}", path) from error
-    except (UnicodeError, ValueError, RecursionError) as error:
-        raise ScenarioError(f"{path} is no YAML: {error}", path) from error
 
 
 class _Builder:
