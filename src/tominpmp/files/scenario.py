@@ -519,7 +519,7 @@ def read_robot(table: Field) -> Robot:
         item = table.get(key)
         return folder / _path(item) if item.given else None
 
-    plain = ("group", "limits", "gravity", *OVERRIDES)
+    plain = ("group", "limits", "gravity", "locked_joints", "xacro_args", *OVERRIDES)
     values = {key: table.get(key).value for key in plain}
     try:
         robot = load_limited_robot(
@@ -527,9 +527,7 @@ def read_robot(table: Field) -> Robot:
             file("path") or table.get("name").text(),
             package_dirs=[folder / _path(k) for k in table.get("package_dirs").items()],
             srdf=file("srdf"),
-            locked_joints=table.get("locked_joints").value or {},
             kinematic=table.get("kinematic").given and table.get("kinematic").flag(),
-            xacro_args=table.get("xacro_args").value or {},
             **{key: value for key, value in values.items() if value is not None},
         )
         limits = read_motion_limits(table.get("motion_limits"), robot)
