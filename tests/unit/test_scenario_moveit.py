@@ -489,6 +489,7 @@ def test_wrong_scene(
             "path_constraints.joint_constraints",
             "on the way",
         ),
+        (("path_constraints", ["upright"]), "path_constraints", "a table"),
         (
             ("start_state", "attached_collision_objects", [{"object": {"id": "cup"}}]),
             "start_state.attached_collision_objects",

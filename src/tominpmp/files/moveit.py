@@ -731,9 +731,10 @@ def _start_velocity(robot: Robot, request: Field) -> Array | None:
 def _refuse_unread(request: Field) -> None:
     """Refuse path constraints, which a motion would silently violate."""
     for key in ("path_constraints", "trajectory_constraints"):
-        for name, item in (request.get(key).value or {}).items():
-            if isinstance(item, list) and item:
-                request.get(key).get(name).fail("constraints on the way are not read")
+        kinds = request.get(key)
+        for item in kinds.table().values() if kinds.given else ():
+            if isinstance(item.value, list) and item.value:
+                item.fail("constraints on the way are not read")
     speed = request.get("max_cartesian_speed")
     # MoveIt takes zero and negative values for no limit.
     if speed.number(default=0.0) > 0.0:
