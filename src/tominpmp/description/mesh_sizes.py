@@ -88,4 +88,7 @@ def _collada_size(root: Element) -> float:
             sizes[element] = total
         return sizes[element]
 
-    return sum(map(size, root.findall("scene")))
+    try:
+        return sum(map(size, root.findall("scene")))
+    except RecursionError as error:
+        raise ValueError("its shapes contain each other too deeply") from error
