@@ -151,6 +151,23 @@ def test_gltf_files_of_zeros(
     refused(path, "says in .* that it holds shapes of")
 
 
+def test_gltf_nodes_that_double_and_double(tmp_path: Path) -> None:
+    """Each node was counted once, however often the nodes above it repeat it."""
+    path = tmp_path / "a.gltf"
+
+    def shown(*nodes: dict[str, Any]) -> dict[str, Any]:
+        return gltf(3) | {"nodes": nodes, "scenes": [{"nodes": [0]}]}
+
+    twice = [{"children": [k + 1, k + 1]} for k in range(40)]
+    path.write_text(json.dumps(shown(*twice, {"mesh": 0})))
+    refused(path, "says in .* that it holds shapes of")
+    path.write_text(json.dumps(shown({"children": [0], "mesh": 0})))
+    refused(path, "says in .* that it holds shapes of inf")
+    deep = [{"children": [k + 1]} for k in range(5000)]
+    path.write_text(json.dumps(shown(*deep, {"mesh": 0})))
+    refused(path, "its shapes contain each other too deeply")
+
+
 def test_gltf_files_name_no_files_elsewhere(tmp_path: Path) -> None:
     (tmp_path / "in").mkdir()
     path = tmp_path / "in" / "a.gltf"

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-import struct
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -37,7 +36,7 @@ def check_expanded(path: Path, data: bytes) -> None:
     if suffix == ".dae":
         size = _collada_size(parse_xml(data, path))
     elif suffix == ".glb":
-        (length,) = struct.unpack("<I", data[12:16])
+        length = int.from_bytes(data[12:16], "little")
         size = _gltf_size(json.loads(data[20 : 20 + length]), path)
     elif suffix == ".gltf":
         size = _gltf_size(json.loads(data), path)
@@ -61,34 +60,54 @@ def _gltf_size(document: Mapping[str, Any], path: Path) -> float:
         )
         for mesh in document.get("meshes", ())
     ]
-    instances = [
-        meshes[node["mesh"]] for node in document.get("nodes", ()) if "mesh" in node
-    ]
     names = [buffer.get("uri", "data:") for buffer in document.get("buffers", ())]
     files = [path.parent / name for name in names if not name.startswith("data:")]
-    nodes = len(document.get("nodes", ()))
     external = sum(file.stat().st_size for file in files)
-    return float(sum(arrays) + sum(instances) + nodes + external)
+    nodes = [
+        (1 + (meshes[node["mesh"]] if "mesh" in node else 0), node.get("children", ()))
+        for node in document.get("nodes", ())
+    ]
+    shown = [k for scene in document.get("scenes", ()) for k in scene.get("nodes", ())]
+    return float(sum(arrays) + external + _expanded_size(shown, nodes.__getitem__))
 
 
 def _collada_size(root: Element) -> float:
     for element in root.iter():
         element.tag = element.tag.rpartition(":")[2]
     named = {element.get("id"): element for element in root.iter()}
-    sizes: dict[Element, float] = {}
 
-    def size(element: Element) -> float:
-        """Size of an element's content, including the shapes that it refers to."""
-        if element not in sizes:
-            sizes[element] = math.inf  # a cyclic reference has no end
-            total = len(element.text or "") + sum(map(size, element))
-            if element.tag.startswith("instance"):
-                shape = named.get(element.get("url", "").removeprefix("#"))
-                total += INSTANCE + (0.0 if shape is None else size(shape))
-            sizes[element] = total
-        return sizes[element]
+    def content(element: Element) -> tuple[float, Iterable[Element]]:
+        size, shape = len(element.text or ""), None
+        if element.tag.startswith("instance"):
+            size += INSTANCE
+            shape = named.get(element.get("url", "").removeprefix("#"))
+        return size, [*element] if shape is None else [*element, shape]
+
+    return _expanded_size(root.findall("scene"), content)
+
+
+def _expanded_size(
+    items: Iterable[Any], content: Callable[[Any], tuple[float, Iterable[Any]]]
+) -> float:
+    """Size of items with all that they contain, as often as it is repeated.
+
+    Args:
+        items: The items.
+        content: Returns the size of an item itself, and the items that it contains.
+
+    Raises:
+        ValueError: If they contain each other so deeply that their reader may crash.
+    """
+    sizes: dict[Any, float] = {}
+
+    def size(item: Any) -> float:
+        if item not in sizes:
+            sizes[item] = math.inf  # a cyclic reference has no end
+            own, inside = content(item)
+            sizes[item] = own + sum(map(size, inside))
+        return sizes[item]
 
     try:
-        return sum(map(size, root.findall("scene")))
+        return sum(map(size, items))
     except RecursionError as error:
         raise ValueError("its shapes contain each other too deeply") from error

@@ -61,6 +61,8 @@ NEVER, WHOLE_LINK = "Never", "disable_default_collisions"
 
 #: Names of two links, in alphabetical order.
 Pair: TypeAlias = "tuple[str, str]"
+#: Joint positions by joint name [rad or m].
+Positions: TypeAlias = "Mapping[str, float]"
 #: Name of a group or of the last link of a chain, names of joints, or the first and the
 #: last link of a chain.
 Group: TypeAlias = "str | Sequence[str]"
@@ -112,16 +114,14 @@ class SemanticDescription(Record):
     """
 
     disabled_pairs: tuple[tuple[str, str], ...] = ()
-    group_states: Mapping[str, Mapping[str, float]] = field(
-        default_factory=dict, hash=False
-    )
+    group_states: Mapping[str, Positions] = field(default_factory=dict, hash=False)
     path: Path = Path()
     groups: Mapping[str, JointGroup] = field(default_factory=dict, hash=False)
     robot: str = ""
     passive: tuple[str, ...] = ()
     rotor_inertias: Mapping[str, float] = field(default_factory=dict, hash=False)
     never_touch: tuple[tuple[str, str], ...] = ()
-    states_of_groups: Mapping[tuple[str, str], Mapping[str, float]] = field(
+    states_of_groups: Mapping[tuple[str, str], Positions] = field(
         default_factory=dict, hash=False
     )
 
@@ -439,9 +439,7 @@ def warn_of_group(name: str, group: JointGroup) -> None:
         warn_caller(f"the group {name!r} {' and '.join(faults)}")
 
 
-def rest_position(
-    joint: JointDescription, states: Mapping[str, Mapping[str, float]]
-) -> float:
+def rest_position(joint: JointDescription, states: Mapping[str, Positions]) -> float:
     """Rest position of a joint [rad or m].
 
     It is taken from a group state, preferably one with a usual name; otherwise it is

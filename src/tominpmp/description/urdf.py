@@ -432,11 +432,10 @@ class _UrdfReader:
         rgba = tuple(map(to_number, words))
         known = len(rgba) == 4 and all(0.0 <= part <= 1.0 for part in rgba)
         file = "" if texture is None else texture.get("filename", "")
-        path = self._find(file)[0] if file else None
-        if not known and path is None:
+        found = str(self._find(file)[0] or "") if file else ""
+        if not known and not found:
             return shape
-        texture_file = "" if path is None else str(path)
-        return replace(shape, colour=rgba if known else BLACK, texture=texture_file)
+        return replace(shape, colour=rgba if known else BLACK, texture=found)
 
     # -- joints ------------------------------------------------------------------------
 
