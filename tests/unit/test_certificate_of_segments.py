@@ -47,6 +47,14 @@ def test_optimal_motions_are_certified(solutions, name):
     assert found.t[-1] == pytest.approx(solutions[name].T - stays, abs=1e-9)
 
 
+def test_the_plot_leaves_dwells_out_as_the_certificate_does(solutions):
+    """Torques after a dwell were drawn later than their switching functions."""
+    solution = solutions["stay"]
+    figure = solution.plot_certificate()
+    torque = figure.axes[0].lines[0].get_xdata()
+    assert torque[-1] == pytest.approx(solution.certificate.t[-1], abs=1e-9)
+
+
 @pytest.mark.parametrize("name", ["passed", "load"])
 def test_a_motion_that_stops_for_nothing_is_not(solutions, name):
     problem = PROBLEMS[name]

@@ -10,6 +10,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.certificate.certificate import ActiveLimit, Certificate
+from tominpmp.certificate.dwells import without_dwells
 from tominpmp.checks import instance, whole, wrong
 from tominpmp.exceptions import ProblemError
 from tominpmp.kinematics import prismatic_joints
@@ -283,7 +284,7 @@ def plot_certificate(
     Each joint has a panel with its torque in shares of its limits, and its switching
     function on a reversed axis, so that the torque of an optimal motion is at the
     limit on whose side the switching function is. Below are the active limits and the
-    Hamiltonian.
+    Hamiltonian. Dwells are left out, as in the times of the certificate.
 
     Args:
         problem: The problem, for the limits of its robot.
@@ -299,6 +300,7 @@ def plot_certificate(
     """
     check_motions(problem, [trajectory])
     instance(certificate, Certificate, "certificate")
+    problem, trajectory = without_dwells(problem, trajectory)
     n, times = problem.robot.n, curve_states(trajectory)[0]
     shares = shares_of_limits(problem, trajectory, times)
     limits = _limits_shown(certificate.active, shares.joint_names)
@@ -307,7 +309,7 @@ def plot_certificate(
     verdict = "kept" if certificate.ok else "NOT kept"
     with figures.styled():
         figure = figures.new_figure(9.0, sum(heights) + 1.3)
-        axes = figure.subplots(n + 2, 1, squeeze=False, height_ratios=heights)[:, 0]
+        axes = figure.subplots(n + 2, 1, sharex=True, height_ratios=heights)
         for joint in range(n):
             _plot_joint(axes[joint], shares, certificate, joint)
         _plot_limits(axes[n], limits)
@@ -317,8 +319,6 @@ def plot_certificate(
         largest = max(1.2 * np.max(np.abs(values), initial=0.0), 0.05)
         last.set_ylim(-largest, largest)
         last.set_ylabel("H", rotation=0, labelpad=10.0)
-        for panel in axes[:-1]:
-            panel.tick_params(labelbottom=False)
         _time_axes(axes[:, None], trajectory.duration)
         axes[0].set_title(
             f"first-order conditions {verdict}: small changes promise "
