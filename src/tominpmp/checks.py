@@ -341,7 +341,7 @@ def split_pose(value: object) -> tuple[object, object] | None:
         return None
     parts = _by_names(value)
     if parts is None and isinstance(value, list | tuple) and len(value) == 2:
-        parts = value[0], value[1]
+        parts = None if _is_number(value[0]) else (value[0], value[1])
     if parts is None:
         array = array_or_nan(value)
         if array.shape == (4, 4) and np.array_equal(array[3], [0.0, 0.0, 0.0, 1.0]):

@@ -160,6 +160,12 @@ def test_bad_positions(kind: str, position: object) -> None:
         MAKERS[kind](position=position)
 
 
+def test_two_numbers_are_no_pose() -> None:
+    """The first of them was shown as the position."""
+    with pytest.raises(SceneError, match=r"position is \(1, 2\), expected three"):
+        Sphere("o", radius=1, position=(1, 2))
+
+
 @pytest.mark.parametrize("name", ["", None, 3])
 def test_bad_names(name: object) -> None:
     with pytest.raises(SceneError, match="an obstacle needs a name"):
