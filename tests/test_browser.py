@@ -450,6 +450,15 @@ def test_curves_do_not_pass_a_limit_that_they_touch(page: Page) -> None:
     assert page.evaluate(ABOVE_THE_LIMIT) == 0
 
 
+def test_the_title_ends_before_the_controls_of_meshcat(page: Page) -> None:
+    """They covered the end of a long title."""
+    right, left = page.evaluate(
+        "[document.getElementById('about').getBoundingClientRect().right,"
+        " document.querySelector('.dg.main').getBoundingClientRect().left]"
+    )
+    assert right <= left
+
+
 @pytest.mark.parametrize(
     ("width", "height", "below"),
     [(358, 636, True), (358, 380, False), (320, 568, True)],
