@@ -161,6 +161,20 @@ def test_default_name_is_a_free_one(run: Run, planner: Planner) -> None:
     assert load_motion("motion-3.csv").t[-1] == 2.0
 
 
+def test_the_default_name_is_free_when_the_motion_is_written(
+    run: Run, planner: Planner, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of commands that planned at once in one folder, only the last motion remained."""
+
+    def plan_while_another_writes(*args: object) -> Solution:
+        Path("motion.csv").write_text("other", encoding="utf-8")
+        return planner(*args)
+
+    monkeypatch.setattr("tominpmp.planner.planning.plan", plan_while_another_writes)
+    assert "motion-2.csv" in run(*PLAN).stdout
+    assert Path("motion.csv").read_text(encoding="utf-8") == "other"
+
+
 def test_named_files(run: Run, planner: Planner) -> None:
     Path("a.npz").write_text("old", encoding="utf-8")
     result = run(*PLAN, "-o", "a.npz", "--dt", 0.3, "--html", "a.html")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 from dataclasses import replace
 from pathlib import Path
@@ -115,6 +116,17 @@ def test_a_file_of_a_tour_that_fails_its_check_is_an_error(tmp_path: Path) -> No
     assert code == 1
     assert "cycle.yaml does not pass" in output and "drill" in output
     assert (tmp_path / "cycle.yaml").exists()
+
+
+def test_a_motion_that_cannot_be_written_is_kept_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = scenario(tmp_path, STATIONS)
+    code, output = run(path, "-o", "cycle.csv", "--dt", "1e-7")
+    assert code == 2
+    kept = re.search(r"kept in (\S+)", output)
+    assert kept and tm.load_motion(kept[1]).t[-1] > 0.0
 
 
 def test_the_error_of_a_file_is_told_if_the_planning_was_interrupted(

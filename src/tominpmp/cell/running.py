@@ -15,12 +15,14 @@ from tominpmp.cell.options import BatchOptions, TourOptions
 from tominpmp.cell.tours.planning import plan_tour
 from tominpmp.cell.tours.tour import Tour
 from tominpmp.cell.tours.tour_file import load_tour
+from tominpmp.cli.options import PlanOptions
 from tominpmp.cli.output_files import (
     MOTION_ENDINGS,
     PAGE_ENDINGS,
     PLOT_ENDINGS,
     check_period,
     check_target,
+    write_files,
 )
 from tominpmp.cli.report import json_text, rows_text
 from tominpmp.cli.signals import present
@@ -36,7 +38,6 @@ from tominpmp.cli.terminal import (
 from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import ScenarioError
-from tominpmp.files.export_check import check_export
 from tominpmp.files.records import blaming
 from tominpmp.files.scenario import SECTIONS, read_toml
 from tominpmp.options import Options
@@ -221,10 +222,9 @@ def _write(tour: Tour, args: TourOptions) -> tuple[list[Path], str]:
     """
     fault = ""
     if args.output is not None:
-        whole = tour._solution()
-        whole.export(args.output, dt=args.dt, verify=False)
-        judgement = check_export(whole, args.output, dt=args.dt)
-        fault = "" if judgement.ok else judgement.message
+        options = PlanOptions(output=str(args.output), dt=args.dt)
+        _, judgement = write_files(tour._solution(), options, args.output)
+        fault = "" if judgement is None or judgement.ok else judgement.message
     if args.plot is not None:
         tour.plot(args.plot)
     if args.html is not None:

@@ -101,6 +101,8 @@ def write_files(
             saved instead.
     """
     judgement = None
+    if motion is not None and options.output is None:
+        motion = _free_name()  # another process may have used the name since
     written = {} if motion is None else {"motion": str(motion)}
     try:
         if motion is not None:
@@ -150,8 +152,7 @@ def _stream(solution: Solution, options: PlanOptions) -> ExportCheck:
     with tempfile.TemporaryDirectory(prefix="tominpmp-") as folder:
         path = Path(folder) / DEFAULT_MOTION
         judgement = _export(solution, options, path)
-        with path.open(encoding="utf-8", newline="") as file:
-            say(file.read(), end="")
+        say(path.read_text(encoding="utf-8"), end="")
     return replace(judgement, path=Path(OUTPUT))
 
 
@@ -174,9 +175,8 @@ def _saved(
 
 def _free_name() -> Path:
     """Unused file name for the motion in the current folder."""
-    first = Path(DEFAULT_MOTION)
-    further = (first.with_stem(f"{first.stem}-{i}") for i in count(2))
-    return next(name for name in chain([first], further) if not os.path.lexists(name))
+    names = chain([DEFAULT_MOTION], (f"motion-{i}.csv" for i in count(2)))
+    return Path(next(name for name in names if not os.path.lexists(name)))
 
 
 def check_target(path: Path | None, option: str, endings: Sequence[str]) -> None:
