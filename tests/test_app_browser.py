@@ -132,6 +132,24 @@ def test_a_dragged_obstacle_in_the_way_is_told_and_nothing_ends(page: object) ->
     assert awaited(page, refused.number + 1).ok
 
 
+def test_a_via_point_is_put_on_the_shown_path(page: object) -> None:
+    """It was put between start and goal, on the Panda's page into its post."""
+    first = awaited(page, 1)
+    assert first.shown is not None
+    path, controller = first.shown.path, page.controller  # type: ignore[attr-defined]
+    middle = path[len(path) // 2]
+    page.panel._add_point()  # type: ignore[attr-defined]
+    np.testing.assert_allclose(controller.request.via, [middle], atol=1e-3)
+    found = awaited(page, first.number + 1)
+    assert found.ok
+    page.panel._add_point()  # type: ignore[attr-defined]
+    assert np.linalg.norm(controller.request.via[1] - path[-1]) < np.linalg.norm(
+        middle - path[-1]
+    )
+    controller.change(via=())
+    awaited(page, found.number + 2)
+
+
 def test_the_slider_has_the_time_in_seconds(
     page: object, monkeypatch: pytest.MonkeyPatch
 ) -> None:

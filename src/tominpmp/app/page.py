@@ -135,6 +135,9 @@ class Page:
         OptionsError: If the port is in use.
         TominpmpError: If the robot cannot be loaded, or the origin of requests cannot
             be checked.
+
+    Attributes:
+        shown: The motion that plays; None before the first.
     """
 
     def __init__(
@@ -151,7 +154,7 @@ class Page:
         self._ended = threading.Event()
         self._begun = time.monotonic()
         self._arms: dict[str, stage.Arm] = {}
-        self._shown: ShownMotion | None = None
+        self.shown: ShownMotion | None = None
         self._size = 1.0
         self.controller = Controller(request, self._on_outcome)
         self._dress()
@@ -245,7 +248,7 @@ class Page:
             for arm in self._arms.values():
                 arm.remove()
             scene.remove_by_name("/path")
-            self._shown = None
+            self.shown = None
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 bodies = robot_bodies(robot)
@@ -267,23 +270,23 @@ class Page:
             if outcome.request.robot != self.controller.request.robot:
                 return
             if outcome.shown is not None:
-                if self._shown is None:
+                if self.shown is None:
                     self._begun = time.monotonic()
-                self._shown = outcome.shown
+                self.shown = outcome.shown
                 stage.draw_path(self.server.scene, outcome.shown.path, self._size)
-            self.readout.show(outcome, self._shown is not None)
+            self.readout.show(outcome, self.shown is not None)
 
     def _play(self) -> None:
         """Animate the robot until the page is closed."""
         period, next_bars = 1.0 / FRAMES_PER_SECOND, 0.0
         while not self._ended.wait(period):
-            shown = self._shown
+            shown = self.shown
             if shown is None:
                 continue
             now = self.readout.time(shown, time.monotonic() - self._begun)
             try:
                 with self._lock:
-                    if shown is self._shown:
+                    if shown is self.shown:
                         self._arms["robot"].move(shown.q[shown.row(now)])
                 if time.monotonic() >= next_bars:
                     self.readout.show_bars(shown, now)
@@ -301,10 +304,8 @@ class Page:
     def wait(self) -> None:
         """Serve until Ctrl-C."""
         try:
-            while not self._ended.wait(3600.0):
-                pass
-        except KeyboardInterrupt:
-            pass
+            with suppress(KeyboardInterrupt):
+                self._ended.wait()
         finally:
             self.close()
 
@@ -514,12 +515,14 @@ class Panel:
         self._page.ask(q_start=goal, q_goal=start, via=self._request.via[::-1])
 
     def _add_point(self) -> None:
-        """Add a via point between the last one, or the start, and the goal."""
-        request, pose = self._request, self._page.controller.reach().pose
-        middle = (np.array(request.q_start) + np.array(request.q_goal)) / 2
-        point = pose(tuple(middle.tolist()))[0]
-        if request.via:
-            point = (np.array(request.via[-1]) + pose(request.q_goal)[0]) / 2
+        """Add a via point on the shown path, halfway from the last one to the end."""
+        request, shown = self._request, self._page.shown
+        pose = self._page.controller.reach().pose
+        line = np.linspace(request.q_start, request.q_goal, 3).tolist()
+        path = list(shown.path) if shown else [pose(q)[0] for q in line]
+        last = request.via[-1] if request.via else path[0]
+        passed = int(np.argmin(np.linalg.norm(np.subtract(path, last), axis=1)))
+        point = path[(passed + len(path)) // 2]
         self._page.ask(via=(*request.via, tuple(point.tolist())))
 
     # -- limits ------------------------------------------------------------------------
