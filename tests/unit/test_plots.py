@@ -27,6 +27,7 @@ from motion_samples import (
     speed_up_and_brake,
 )
 from record_samples import record
+from sample_arms import describe, slide
 
 from tominpmp.exceptions import (
     FrameNotFound,
@@ -37,7 +38,9 @@ from tominpmp.exceptions import (
 from tominpmp.goals.frames import AxisGoal, PoseGoal
 from tominpmp.goals.joints import JointGoal
 from tominpmp.motion.trajectory import Trajectory
+from tominpmp.planner.planning import plan
 from tominpmp.problem.problem import Problem
+from tominpmp.robot.robot import load_robot
 from tominpmp.scene.meshes import Mesh
 from tominpmp.scene.scene import Scene
 from tominpmp.status import IterationRecord
@@ -139,6 +142,21 @@ def test_trajectory_shows_all_quantities(motions: Motions) -> None:
     names = [name for panel in panels[:, 0] for name in notes(panel)]
     assert [name for name in names if "limit" not in name] == list(braked.joint_names)
     assert legend_texts(figure) == ["limit", "beyond it"]
+
+
+def test_long_joint_names_are_written_in_lines(tmp_path: Path) -> None:
+    """Their letters became smaller, and names met those of the next rows."""
+    name = "left_manipulator/shoulder_lift_joint"
+    path = tmp_path / "arm.urdf"
+    path.write_text(describe([slide(1.0)]).replace("joint1", name))
+    robot = load_robot(path, effort=1.0, velocity=1.0)
+    solution = plan(Problem(robot, [0.0], JointGoal([0.0])))
+    (text,) = (t for t in solution.plot().axes[0].texts if "limit" not in t.get_text())
+    lines = text.get_text().split("\n")
+    assert "".join(lines) == name
+    assert max(map(len, lines)) <= 14
+    assert text.get_fontsize() == 8.0
+    assert solution.plot_certificate().axes[0].get_ylabel() == text.get_text()
 
 
 def test_near_limits_are_drawn_and_far_ones_named(motions: Motions) -> None:

@@ -127,10 +127,9 @@ def play(
     )
     if viewer is not None:
         return viewer
-    name = problem.robot.name
     page = build_page(
         recorder.commands,
-        title=title or f"{name}: T = {trajectory.duration:.4g} s",
+        title=title or f"{problem.robot.name}: T = {trajectory.duration:.4g} s",
         caption=_caption(problem, twins),
         rate=rate,
         shares=shares_of_limits(problem, trajectory),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -105,9 +106,9 @@ def plot_trajectory(
             title += "" if mixed else f" [{units[slides[0]]}]"
             axes[0, column].set_title(title)
         for i, joint in enumerate(robot.joint_names):
-            look = _name_look(joint, i) | {"ha": "center", "va": "center"}
+            look = _name_look(i) | {"ha": "center", "va": "center"}
             look |= {"rotation": 90, "annotation_clip": False}
-            _note(axes[i, 0], joint, (-0.36, 0.5), **look)
+            _note(axes[i, 0], _in_lines(joint), (-0.36, 0.5), **look)
         _time_axes(axes, trajectory.duration)
         for panel in axes.reshape(-1):
             for end in surroundings.inner_segment_ends(trajectory):
@@ -148,7 +149,6 @@ def plot_on_axes(
         if len(panels) not in (1, 3) or not all(isinstance(a, Axes) for a in panels):
             raise wrong(ax, "ax", "one or three axes of matplotlib")
     times, state = curve_states(trajectory)
-    robot = problem.robot
     quantities = _quantities(problem, state)
     titled = [(f"{name} [{item.kind.unit}]", rows) for name, item, rows in quantities]
     if len(panels) == 1:
@@ -157,7 +157,7 @@ def plot_on_axes(
         for at in (-1.0, 1.0):
             _show_limit(panels[0], at)
     for panel, (title, values) in zip(panels, titled, strict=True):
-        for i, name in enumerate(robot.joint_names):
+        for i, name in enumerate(problem.robot.joint_names):
             panel.plot(times, values[:, i], color=figures.color(i), label=name)
         panel.set_title(title, loc="left")
         panel.set_xlabel("time [s]")
@@ -410,10 +410,14 @@ def _note(panel: Axes, text: str, place: tuple[float, float], **look: Any) -> No
     panel.annotate(text, place, xycoords="axes fraction", **look)
 
 
-def _name_look(name: str, joint: int) -> dict[str, Any]:
-    """Text properties with which the name of a joint fits next to its row."""
-    size = min(8.0, 120.0 / max(len(name), 1))
-    return {"fontsize": size, "fontweight": "bold", "color": figures.color(joint)}
+def _in_lines(name: str) -> str:
+    """The name of a joint in lines that fit next to its row."""
+    return "\n".join(re.findall(r".{1,13}(?:[ /_-]|$)|.{1,13}", name))
+
+
+def _name_look(joint: int) -> dict[str, Any]:
+    """Text properties of the name of a joint."""
+    return {"fontsize": 8.0, "fontweight": "bold", "color": figures.color(joint)}
 
 
 def _limit_keys() -> list[Any]:
@@ -474,8 +478,8 @@ def _plot_joint(
         _show_limit(panel, sign, 2.0 * sign)
     panel.set_ylim(-BEYOND, BEYOND)
     panel.set_yticks([-1.0, 0.0, 1.0])
-    name, t = shares.joint_names[joint], certificate.t
-    panel.set_ylabel(name, **_name_look(name, joint))
+    t = certificate.t
+    panel.set_ylabel(_in_lines(shares.joint_names[joint]), **_name_look(joint))
     wrong_sides = np.flatnonzero(~certificate.obeys[:, joint])
     spans = [(t[k], t[k + 1] - t[k]) for k in wrong_sides]
     panel.broken_barh(
