@@ -320,8 +320,9 @@ def test_what_is_no_bag(motion: Trajectory, tmp_path: Path) -> None:
     whole = path.read_bytes()
     for content in (b"", b"nonsense", whole[: len(whole) // 2], whole[::-1]):
         path.write_bytes(content)
-        with pytest.raises(ScenarioError, match=r"m\.mcap is no MCAP bag"):
+        with pytest.raises(ScenarioError, match=r"m\.mcap is no MCAP bag") as caught:
             load_motion(path)
+        assert "/tominpmp-" not in str(caught.value)  # the file that is read, no copy
 
 
 def test_bag_of_other_messages(tmp_path: Path) -> None:

@@ -390,7 +390,7 @@ def parse_bag(content: bytes, path: Path) -> dict[str, Any]:
                 rows = [item[2] for item in reader.messages(found)] if found else []
             held = [types.deserialize_cdr(row, TYPE) for row in rows[:2]]
         except Exception as error:  # a damaged bag may raise anything
-            why = " ".join(str(error).split())[:300]
+            why = " ".join(str(error).replace(str(copy), str(path)).split())[:300]
             raise ScenarioError(f"{path} is no MCAP bag: {why}", path) from error
     if len(held) != 1:
         raise ScenarioError(
