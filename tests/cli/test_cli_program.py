@@ -144,6 +144,14 @@ def test_a_report_that_cannot_be_written_is_no_bad_input(tmp_path: Path) -> None
     assert [path.name for path in tmp_path.iterdir()] == ["m.csv"]
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_the_exit_code_is_the_same_where_errors_cannot_be_written() -> None:
+    with open("/dev/full", "w") as full:
+        streams = {"capture_output": False, "stdout": full, "stderr": full}
+        assert program("robots", **streams).returncode == 74
+        assert program("info", "no.urdf", **streams).returncode == 2
+
+
 def test_warnings_of_the_library_do_not_stop_python() -> None:
     """``-W error`` is about defects, not about a start on its limit."""
     program_text = (

@@ -39,10 +39,9 @@ def dispatch(words: Sequence[str]) -> int:
             words[0],
         )
     if words[0] in commands():
-        arguments = app[words[0]].assemble_argument_collection()
         several = {
             flag
-            for argument in arguments
+            for argument in app[words[0]].assemble_argument_collection()
             if metavar_of(argument.parameter.help or "") in SEVERAL
             for flag in argument.names
         }

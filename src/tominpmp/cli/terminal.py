@@ -9,7 +9,7 @@ import sys
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -92,7 +92,8 @@ def complain(prefix: str, message: str, style: str = "bold red") -> None:
 
     text = " ".join(as_command_line_flags(message).split())
     line = Text.assemble((f"{prefix}:", style), " ", text)
-    error_console().print(line, soft_wrap=True)
+    with suppress(OSError):  # the exit code is correct without the line
+        error_console().print(line, soft_wrap=True)
 
 
 @contextmanager
