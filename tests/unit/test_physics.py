@@ -153,6 +153,13 @@ def test_a_heavier_load_needs_a_reserve(rail: tm.Problem) -> None:
     assert "a torque reserve of 15%" in found.message
 
 
+def test_an_interrupted_plan_ends_the_search_for_a_reserve(rail: tm.Problem) -> None:
+    """It was taken for a reserve without a motion, and further reserves were tried."""
+    options = replace(OPTIONS, callback=lambda record: True)
+    with pytest.raises(KeyboardInterrupt):
+        robustness(rail, options, samples=1)
+
+
 def test_a_world_that_is_as_modelled_needs_none(rail: tm.Problem) -> None:
     calm = Disturbances(payload=0, friction=0, delay=0, noise=0)
     found = robustness(

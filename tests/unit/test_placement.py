@@ -102,3 +102,17 @@ def test_wrong_arguments(changes: dict[str, Any], message: str) -> None:
     given = {"robot": robot(), "tasks": tasks(), "bounds": {"x": (-1.0, 1.0)}}
     with pytest.raises(tm.ProblemError, match=message):
         tm.improve_placement(**{**given, **QUICK, **changes})
+
+
+def test_an_interrupted_plan_ends_the_search() -> None:
+    """The search took its motion, and went on."""
+    calls = []
+
+    def second_plan(record: Any) -> bool:
+        calls.append(record)
+        return [item.iteration for item in calls].count(0) > len(tasks())
+
+    options = tm.Options(**QUICK, callback=second_plan)
+    bounds = {"x": (-0.5, 0.5), "y": (-0.5, 0.5)}
+    with pytest.raises(KeyboardInterrupt):
+        tm.improve_placement(robot(), tasks(), bounds=bounds, options=options)

@@ -29,6 +29,7 @@ from tominpmp.robot.robot import Robot
 from tominpmp.scene.scene import Scene
 from tominpmp.sensitivities.records import Sensitivities
 from tominpmp.solution import Solution
+from tominpmp.status import Status
 
 TRANSLATIONS, ROTATIONS = ("x", "y", "z"), ("roll", "pitch", "yaw")
 COORDINATES = TRANSLATIONS + ROTATIONS
@@ -121,8 +122,7 @@ class Moves:
         if self.moved == BASE:
             base, twist = sensitivities.base, self._twist(x)
             # The base turns about its own origin, sensitivities are about the world's.
-            origin = self.placement(x).translation
-            about_base = base[3:] - np.cross(origin, base[:3])
+            about_base = base[3:] - np.cross(self.placement(x).translation, base[:3])
             slopes[:3] = base[:3]
             slopes[3:] = pin.Jexp3(-twist[3:]).T @ about_base
         else:
@@ -244,6 +244,7 @@ def improve_placement(
         ProblemError: If an argument is wrong, or a task has no motion at the initial
             placement.
         OptionsError: If an option is wrong.
+        KeyboardInterrupt: If Ctrl-C or the callback ended a plan.
     """
     instance(robot, Robot, "robot")
     problems, low, high = _checked(tasks, bounds)
@@ -391,6 +392,8 @@ class _Search:
             self.plans += 1
             with _of_task(number, count):
                 solution = plan(problem, self.options, start)
+            if solution.status is Status.INTERRUPTED:
+                raise KeyboardInterrupt
             if not solution.success:
                 raise ProblemError(
                     f"tasks: number {number + 1} of {count} has no motion at "

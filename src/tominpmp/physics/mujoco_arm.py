@@ -103,9 +103,8 @@ class MujocoArm:
             joint: Joint of the model that moves the body.
             point: Position in the axes of the joint, shape (3,) [m].
         """
-        inertia = self.robot.model.inertias[joint]
         added = pin.Inertia(mass, np.asarray(point, dtype=np.float64), np.zeros((3, 3)))
-        self._set_inertia(joint, inertia + added)
+        self._set_inertia(joint, self.robot.model.inertias[joint] + added)
         self.mujoco.mj_setConst(self.model, self.data)
 
     def add_friction(self, friction: Array) -> None:

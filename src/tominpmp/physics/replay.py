@@ -154,8 +154,7 @@ def check_one_load(problem: Problem) -> None:
 def _run(arm: MujocoArm, trajectory: Trajectory, step: float, bandwidth: float) -> Run:
     """Simulate an arm with the torques of a motion; bandwidth 0 is open loop."""
     times = subdivided(trajectory.t, step)
-    gains = arm.gains(trajectory.q, bandwidth)
-    q, v, u = follow(arm, trajectory, times, gains)
+    q, v, u = follow(arm, trajectory, times, arm.gains(trajectory.q, bandwidth))
     limits, desired = arm.robot.limits, trajectory(times).q
     span = np.maximum(np.abs(limits.effort_lower), limits.effort_upper)
     beyond = np.maximum(u - limits.effort_upper, limits.effort_lower - u)
@@ -224,8 +223,7 @@ def torque_difference(arm: MujocoArm, trajectory: Trajectory) -> float:
         The difference as a share of the largest torque of each joint. Joints with dry
         friction, which MuJoCo smooths about rest, count only while they move.
     """
-    share = (np.arange(100) + 0.5) / 100
-    state = trajectory(share * trajectory.duration)
+    state = trajectory((np.arange(100) + 0.5) / 100 * trajectory.duration)
     torques = np.array([arm.inverse(*row) for row in zip(*state[:3], strict=True)])
     largest = np.maximum(np.abs(state.u).max(axis=0), 1e-9)
     moving = (np.abs(state.v) > 1e-2) | (arm.robot.friction == 0.0)

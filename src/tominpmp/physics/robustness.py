@@ -25,6 +25,7 @@ from tominpmp.options import Options
 from tominpmp.physics.mujoco_arm import MujocoArm
 from tominpmp.physics.replay import check_one_load, follow
 from tominpmp.problem.problem import Problem
+from tominpmp.status import Status
 
 RESERVES = (0.0, 0.05, 0.1, 0.2, 0.3)
 # Required share of the trials within the tolerance.
@@ -167,6 +168,7 @@ def robustness(
         ProblemError: If a value is wrong.
         FrameNotFound: If the frame is unknown.
         MissingDependency: If MuJoCo is not installed.
+        KeyboardInterrupt: If Ctrl-C or the callback ended a plan.
     """
     from tominpmp.planner.planning import plan
 
@@ -184,6 +186,8 @@ def robustness(
     T, kept, errors = [], [], []
     for reserve in shares.tolist():
         solution = plan(_with_reserve(problem, reserve), options)
+        if solution.status is Status.INTERRUPTED:
+            raise KeyboardInterrupt
         trials = np.full(samples, np.inf)
         if solution.success:
             rng, motion = np.random.default_rng(seed), solution.trajectory

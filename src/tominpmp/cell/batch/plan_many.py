@@ -391,8 +391,7 @@ def _planned(task: BatchTask) -> Outcome:
         problem, options = _problem(task.source, settings.options)
         options = options.changed(settings.changes)
         options = replace(options, callback=None, processes=1, seed=task.seed)
-        start = None if problem.segments else task.start
-        number, motion = start or (None, None)
+        number, motion = (None if problem.segments else task.start) or (None, None)
         if folder is not None:
             text, reason = _written(problem, options, folder)
             if text:

@@ -378,8 +378,7 @@ class Legs:
             ProblemError: If an end of the leg is not admissible.
         """
         q_start, q_end = self.table.rows(leg)
-        goal = JointGoal(q_end, wrap=False)
-        return self._setting(*ends).with_ends(q_start, goal)
+        return self._setting(*ends).with_ends(q_start, JointGoal(q_end, wrap=False))
 
     def stays(self, leg: Leg) -> bool:
         """Whether a leg begins and ends at the same configuration."""
