@@ -188,12 +188,11 @@ def _without_clock(
     """The solution as a failure, with its motion that is not on the clock.
 
     Args:
-        solution: The solution.
+        solution: The solution, whose motion is verified.
         period: The period [s].
         last: The last trial; None if planning was stopped before.
         status: How planning was stopped; None if it was not.
     """
-    replay = solution.verification
     if status is Status.TIME_LIMIT:
         reason = "the planning time was used up"
     elif status is Status.INTERRUPTED:
@@ -203,14 +202,10 @@ def _without_clock(
     else:
         status = Status.INFEASIBLE
         reason = "no number of periods that was tried is feasible"
-    rest = "keeps all else, but its knots are not on the clock"
-    if replay is None:
-        rest = "is not on the clock, and there was no time to verify it"
-    elif not replay.ok:
-        rest = f"is not on the clock, and is not valid: {replay.message.rstrip('.')}"
     message = (
         f"{status.value} No motion on a clock of {period:g} s was found: {reason}. The "
-        f"motion that is kept, T = {solution.T:.4f} s, {rest}."
+        f"motion that is kept, T = {solution.T:.4f} s, keeps all else, but its knots "
+        "are not on the clock."
     )
     return replace(solution, status=status, message=message, feasible=False)
 

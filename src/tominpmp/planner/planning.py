@@ -31,8 +31,6 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.bounds.lower_bound import why_impossible
 from tominpmp.checks import instance
@@ -136,15 +134,15 @@ def plan(
 def _finish(state: PlanState, options: Options, status: Status | None) -> Solution:
     """The solution once the schedule is exhausted or planning was stopped.
 
-    Without an incumbent a fallback is tried. The solution is then moved to the clock of
-    the control period, and smoothed, if options ask for it.
+    After a stop a fallback is tried. The solution is then moved to the clock of the
+    control period, and smoothed, if options ask for it.
 
     Args:
         state: The plan.
         options: Options of the plan, with its full planning time.
         status: How planning was stopped; None if the schedule is exhausted.
     """
-    if status is not None and state.best_duration == np.inf:
+    if status is not None:
         use_fallback(state, status)
     if not state.candidates and state.failures:
         raise state.failures[0]

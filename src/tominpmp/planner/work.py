@@ -264,19 +264,23 @@ def use_fallback(state: PlanState, status: Status) -> None:
     """Slow the best coarse motion, or a first guess, down until its replay holds.
 
     Args:
-        state: The plan, which has no incumbent.
+        state: The plan. If it has an incumbent, only a faster coarse motion is tried.
         status: How planning was stopped; FEASIBLE if it was not.
     """
+    best = state.best_duration
     coarse = () if state.fallback is None else (state.fallback,)
     guesses = (
         Fallback(as_candidate(name, kept, kept, status), kept, problem)
         for name, kept, problem in state.first_guesses
+        if best == np.inf
     )
     errors = state.failures[-1:]
     remark = "".join(STAGE_FAILED.format(type(error).__name__) for error in errors)
     tried: list[Candidate] = []
     with state.saving():
         for fallback in chain(coarse, guesses):
+            if fallback.candidate.trajectory.duration >= best:
+                continue
             candidate = replace(fallback.candidate, status=status, remark=remark)
             try:
                 candidate = _scaled(fallback, candidate, state.options)
