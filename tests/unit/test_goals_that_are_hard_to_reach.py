@@ -54,6 +54,22 @@ def test_a_pose_within_a_narrow_cone_is_found(seed: int) -> None:
     assert np.allclose(reached.translation, pose.translation, atol=1e-5)
 
 
+def test_goals_far_from_a_start_next_to_the_limits_are_reached() -> None:
+    """Starts of the search were within half a turn, all on one side: it was refused."""
+    robot = tm.load_robot("planar3r")
+    robot = robot.with_changes(
+        position_lower=np.maximum(robot.limits.position_lower, -2.9),
+        position_upper=np.minimum(robot.limits.position_upper, 2.9),
+    )
+    end = np.array([0.3, -2.7, -2.7])
+    pose = RobotKinematics(robot).placement(end, "tip")
+    goal = tm.PoseGoal("tip", pose)
+    problem = tm.Problem(robot, [2.76, 2.61, 2.61], goal, self_collision=False)
+    target = Target(ProblemFunctions.of(problem), goal)
+    found = find_configurations(target, 20, np.random.default_rng(0))
+    assert np.any([np.allclose(q, end, atol=1e-5) for q in found.free])
+
+
 def test_configurations_that_are_reached_soonest_are_among_those_found() -> None:
     """Beside many starts from all over; without any near the start they are not."""
     robot = panda()

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
+from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
@@ -33,8 +34,8 @@ TOLERANCE, REACHED = 1e-8, 1e-6
 # Two solutions closer than DISTINCT count as one; solutions within SPREAD of a former
 # solution come last [rad, or shares of the length that counts as 1 rad].
 DISTINCT, SPREAD = 1e-2, 0.5
-# Starts are drawn from a box of this half width around the start of the motion [rad, or
-# shares of the length that counts as 1 rad].
+# Starts are drawn from a box of this half width around the start of the motion, shifted
+# into the position limits [rad, or shares of the length that counts as 1 rad].
 AROUND = np.pi
 # Most configurations that are moved out of collision.
 MOST_RESOLVED = 10
@@ -258,11 +259,12 @@ def find_configurations(
     limits = problem.robot.limits
     # A joint that moves at the start may reach the goal several turns away from there.
     turns = np.round((target.goal.positions(problem.robot) - problem.q_start) / TURN)
-    centre = problem.q_start + TURN * np.nan_to_num(turns)
-    centre = np.clip(centre, limits.position_lower, limits.position_upper)
+    lower, upper = limits.position_lower, limits.position_upper
+    centre = np.clip(problem.q_start + TURN * np.nan_to_num(turns), lower, upper)
     around = AROUND * target.scales.joints
-    low = np.maximum(limits.position_lower, centre - around)
-    high = np.minimum(limits.position_upper, centre + around)
+    # Next to a limit the box is shifted, to hold all angles that a joint can reach.
+    middle = np.clip(centre, lower + around, upper - around)
+    low, high = np.maximum(lower, middle - around), np.minimum(upper, middle + around)
     wide = [rng.uniform(low, high) for _ in range(count)]
     near = [centre + NEARER * (q - centre) for q in wide]
     solutions, nearest = _solutions(target, [centre, *wide, *near])
@@ -275,11 +277,9 @@ def find_configurations(
         solutions = [q for q in turned if target.violation(q) < REACHED] or solutions
     weights = speed_weights(limits.velocity)
     solutions.sort(key=lambda q: float(np.max(np.abs(q - problem.q_start) * weights)))
-    clear: list[Array] = []
-    others: list[Array] = []
-    for q in solutions:
-        (clear if is_free(system, q) else others).append(q)
-    free, blocked = _spread(target, clear), _spread(target, others)
+    clear = np.array([is_free(system, q) for q in solutions], dtype=bool)
+    free = _spread(target, compress(solutions, clear))
+    blocked = _spread(target, compress(solutions, ~clear))
     if not free and system.clearance is not None:
         movable = [q for q in blocked[:MOST_RESOLVED] if not isolated(target, q)]
         both = replace(target, keep_clear=True)
@@ -395,7 +395,7 @@ def _near(target: Target, q: Array, others: list[Array], distance: float) -> boo
     return any(float(difference.max()) <= distance for difference in apart)
 
 
-def _spread(target: Target, solutions: list[Array]) -> list[Array]:
+def _spread(target: Target, solutions: Iterable[Array]) -> list[Array]:
     """Move configurations that are close to a former one to the end."""
     first: list[Array] = []
     last: list[Array] = []
