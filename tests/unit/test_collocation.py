@@ -203,6 +203,17 @@ def test_a_mass_on_a_rail_keeps_its_speed_limit():
     assert np.abs(motion.v).max() <= 0.8 * (1 + 1e-9)
 
 
+def test_a_share_of_the_torques_is_kept():
+    """Torques above the share began a descent, and no step had to reduce them."""
+    share = tm.MotionLimits(effort_scale=0.5)
+    problem = planar(tm.JointGoal((1.3, 1.3, -1.14)), motion_limits=share)
+    of = build(problem).transcription
+    z = of.pack(np.zeros((INTERVALS + 1, 6)), np.full((INTERVALS, 3), 1e3), np.ones(1))
+    np.testing.assert_array_equal(of.shares_at(z), 1.0)
+    solution = tm.plan(problem, method="collocation", effort="quick")
+    assert solution.verification.ok
+
+
 @pytest.mark.parametrize(
     ("free", "gravity", "end", "least", "most"),
     [

@@ -76,9 +76,11 @@ def test_timing_with_friction_is_between_bounds(tmp_path):
     assert line.duration == pytest.approx(t1 + np.log(1 + v1 / 2) / 2, rel=3e-3)
 
 
-def test_torques_hold_along_a_timed_line():
-    robot = tm.load_robot("planar3r")
-    problem = tm.Problem(robot, (0.5, 1.7, -1.7), tm.JointGoal((1.5, 0.2, 0.5)))
+@pytest.mark.parametrize("share", [1.0, 0.8])
+def test_torques_hold_along_a_timed_line(share):
+    robot, limits = tm.load_robot("planar3r"), tm.MotionLimits(effort_scale=share)
+    start, goal = (0.5, 1.7, -1.7), tm.JointGoal((1.5, 0.2, 0.5))
+    problem = tm.Problem(robot, start, goal, motion_limits=limits)
     system = ProblemFunctions.of(problem)
     line = time_straight_line(system, problem.q_start, problem.goal.q)
     t = np.linspace(0, line.duration, 4000)[1:-1]

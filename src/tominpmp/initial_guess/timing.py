@@ -22,7 +22,7 @@ from tominpmp.arrays import Array
 from tominpmp.constraints.base import States
 from tominpmp.initial_guess.constrained import path_speeds
 from tominpmp.initial_guess.path import RoundedPath
-from tominpmp.problem.controls import control_bounds
+from tominpmp.problem.controls import effort_range
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 POINTS = 120  # grid points of s
@@ -78,7 +78,7 @@ def time_path(system: ProblemFunctions, path: RoundedPath) -> PathTiming | None:
         the path, or nothing limits the speed at some point.
     """
     limits = system.problem.robot.limits
-    bounds = control_bounds(system.problem.robot, system.problem.motion_limits)
+    torques = effort_range(system.problem.robot, system.motion_limits)
     straight = path.s.size == 2
     points, speeds = (LINE_POINTS, LINE_SPEEDS) if straight else (POINTS, SPEEDS)
     s = path.grid(points, CORNER_POINTS)
@@ -98,13 +98,13 @@ def time_path(system: ProblemFunctions, path: RoundedPath) -> PathTiming | None:
     top = np.minimum(top, path_speeds(system, q, first))
     # From rest on a path of length 1, x is at most twice the largest s'', which is
     # taken at rest.
-    _, push = _acceleration_range(m, b, d, g, np.zeros((s.size, 1)), bounds)
+    _, push = _acceleration_range(m, b, d, g, np.zeros((s.size, 1)), torques)
     top = np.minimum(top, 2.0 * np.sqrt(max(float(push.max()), 0.0)))
     if not (np.all(top > 0.0) and np.all(np.isfinite(top))):
         return None
     # Quadratic spacing gives resolution where the motion begins and ends.
     table = top[:, None] ** 2 * np.linspace(0.0, 1.0, speeds) ** 2
-    lower, upper = _acceleration_range(m, b, d, g, table, bounds)
+    lower, upper = _acceleration_range(m, b, d, g, table, torques)
     return _integrate(path, s, table, lower, upper)
 
 
@@ -114,11 +114,10 @@ def _acceleration_range(
     d: Array,
     g: Array,
     table: Array,
-    bounds: tuple[Array, Array],
+    torques: tuple[Array, Array],
 ) -> tuple[Array, Array]:
     """Smallest and largest feasible s'' on the table, shapes (points, speeds)."""
-    weakest, strongest = bounds
-    middle, half = 0.5 * (strongest + weakest), 0.5 * (strongest - weakest)
+    middle, half = torques
     idle = np.abs(m) < 1e-12
     inverse = 1.0 / np.where(idle, 1.0, m)
     # Each joint bounds s'' to an interval around the s'' of its middle torque.

@@ -17,7 +17,7 @@ from tominpmp.constraints.base import Partials, States
 from tominpmp.constraints.friction import EFFORT_TOLERANCE, Signs, interval_signs
 from tominpmp.dynamics import directions
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.problem.controls import control_bounds
+from tominpmp.problem.controls import effort_range
 from tominpmp.transcription.base import Transcription, Variation
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.integrator import SteppedMotion, stage_weights
@@ -205,13 +205,11 @@ def driven_joints(system: ProblemFunctions) -> IntArray:
 
 def torque_shares(system: ProblemFunctions, u: Array) -> Array:
     """Torques as shares of their limits, clipped to them, shape (N, n)."""
-    robot = system.problem.robot
-    weakest, strongest = control_bounds(robot, system.problem.motion_limits)
-    low, high = weakest - robot.friction, strongest + robot.friction
-    if system.signs is not None:
-        low, high = weakest - system.resistance, strongest - system.resistance
-    u = np.clip(u, low, high)
-    return np.asarray((u - system.effort_middle) / system.effort_half)
+    _, most = effort_range(system.problem.robot, system.motion_limits)
+    if system.friction is not None:
+        most = most + system.problem.robot.friction
+    most = most / system.effort_half
+    return np.clip((u - system.effort_middle) / system.effort_half, -most, most)
 
 
 def net_torque(system: ProblemFunctions, u: Array, v: Array) -> Array:
