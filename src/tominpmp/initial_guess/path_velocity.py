@@ -50,10 +50,8 @@ MOMENTS = (0.5, 0.25, 0.75, 1.0)
 
 
 def guesses_of(system: ProblemFunctions, request: GuessRequest) -> Iterator[Guess]:
-    """Initial guesses for a problem, which may wait for obstacles and constraints."""
-    passes = system.problem.scene.moving or _windowed_constraints(system)
-    make = waiting_guesses if passes else initial_guesses
-    yield from itertools.islice(make(system, request), request.count)
+    """Initial guesses for a problem, ``request.count`` of them in all."""
+    return itertools.islice(waiting_guesses(system, request), request.count)
 
 
 def _windowed_constraints(system: ProblemFunctions) -> list[PathConstraint]:
@@ -63,12 +61,13 @@ def _windowed_constraints(system: ProblemFunctions) -> list[PathConstraint]:
 
 
 def waiting_guesses(system: ProblemFunctions, request: GuessRequest) -> Iterator[Guess]:
-    """Initial guesses among moving obstacles and time windows, the best first.
+    """Initial guesses, which may wait for obstacles and constraints, the best first.
 
     Guesses for the scene without its moving obstacles come first, each together with
-    the same path timed so that it waits for obstacles and constraints. Paths follow
-    that are free if the obstacles are frozen at an instant, then further guesses
-    without moving obstacles. ``request.count`` limits the paths for each scene.
+    the same path timed so that it waits for obstacles and constraints, if there are
+    any. Paths follow that are free if the obstacles are frozen at an instant, then
+    further guesses without moving obstacles. ``request.count`` limits the paths for
+    each scene.
     """
     static = initial_guesses(system.resting(), request)
     first: Guess | None = None
@@ -125,8 +124,8 @@ def _with_waiting(
         The guess that arrives first on the grid of places and times; the same guess if
         it need not wait, and None if no timing is free.
     """
-    clearance, holding = system.clearance, _windowed_constraints(system)
-    watched = clearance if clearance is not None and clearance.moving else None
+    watched = system.clearance if system.problem.scene.moving else None
+    holding = _windowed_constraints(system)
     if watched is None and not holding:
         return guess
     count = min(PLACES, max(int(guess.duration / SHORTEST), 2))

@@ -23,7 +23,6 @@ from tominpmp.initial_guess.guess import (
     Guess,
     GuessRequest,
     end_velocity,
-    initial_guesses,
 )
 from tominpmp.initial_guess.path_velocity import waiting_guesses
 from tominpmp.initial_guess.rrt import PathSearches
@@ -34,7 +33,7 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 def segmented_guesses(
     system: ProblemFunctions, request: GuessRequest
 ) -> Iterator[Guess]:
-    """Guesses through the goals of all segments; see :func:`initial_guesses`.
+    """Guesses through the goals of all segments; see :func:`waiting_guesses`.
 
     The first guess joins the first guesses of all segments, the second guess their
     second guesses, and so on.
@@ -54,8 +53,8 @@ def segmented_guesses(
         """The functions and the guesses of a segment from a state."""
         part, ahead = system.parts[place], _constraints_after(system, place)
         single = _alone(part, np.array(q), np.array(v)).passing(np.array([q]))
-        make = waiting_guesses if part.problem.scene.moving else initial_guesses
-        guesses = make(single, replace(each, beyond=ahead, searches=PathSearches()))
+        own = replace(each, beyond=ahead, searches=PathSearches())
+        guesses = waiting_guesses(single, own)
         moving = (guess for guess in guesses if lone or guess.name != REST_GUESS)
         return single, CachedGuesses(moving)
 
