@@ -152,7 +152,7 @@ def near(system: ProblemFunctions, count: int, rng: np.random.Generator) -> Arra
 
 
 def on_spline(system, shares, rng):
-    of = InverseTranscription(system, shares, 0.6)
+    of = InverseTranscription(system, shares)
     points = near(system, of.intervals, rng)
     end = points[-1] + 0.02 * rng.normal(size=system.n)
     return of, of.pack(points, end, lengths(shares, 0.6, rng))

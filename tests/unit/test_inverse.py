@@ -38,7 +38,7 @@ PROBLEMS = {
 def build(problem, rng, *, intervals=7, free=False):
     system = ProblemFunctions.of(problem)
     shares = np.eye(intervals) if free else interval_shares("cosine", intervals)
-    nlp = InverseTranscription(system, shares, 1.0)
+    nlp = InverseTranscription(system, shares)
     points = np.array(START) + 0.3 * rng.normal(size=(intervals, 3))
     end = points[-1] + 0.02 * rng.normal(size=3)
     eta = rng.uniform(0.1, 0.3, intervals) if free else np.array([1.3])

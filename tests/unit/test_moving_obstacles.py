@@ -249,7 +249,7 @@ def build(kind: str, problem: tm.Problem, seed: int):
         more = Instants(np.array([0, 2, 6]), np.array([0.3, 0.7, 0.2]))
         free = kind == "free lengths"
         lengths = np.eye(INTERVALS) if free else shares
-        nlp = InverseTranscription(system, lengths, 1.1)
+        nlp = InverseTranscription(system, lengths)
         eta = rng.uniform(0.1, 0.2, INTERVALS) if free else T
         program = with_clearances(NonlinearProgram.of(nlp), more)
         return program, nlp.pack(q[:-1], q[-2], eta)

@@ -148,10 +148,10 @@ class WarmStart(Guess):
         nodes = self.grid(intervals)
         if nodes is None or motion.degree != 2:
             shares = interval_shares(kind, intervals)
-            transcription = InverseTranscription(system, shares, T)
+            transcription = InverseTranscription(system, shares)
             z = transcription.start(self.position, T, np.array([T]))
             return _program(transcription, z)
-        transcription = InverseTranscription(system, np.diff(nodes)[:, None] / T, T)
+        transcription = InverseTranscription(system, np.diff(nodes)[:, None] / T)
         z = transcription.interpolated(np.array([T]), self.position)
         return _program(transcription, transcription.within_limits(z))
 

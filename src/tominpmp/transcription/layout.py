@@ -161,11 +161,12 @@ class Layout:
 
     def transcription(self, system: ProblemFunctions) -> Gridded:
         """The parameterisation, for the functions of a problem."""
-        duration, ends = float(np.sum(self.shares @ self.eta)), self.segment_ends
+        ends = self.segment_ends
         if self.degree == LIFTED:
+            duration = float(np.sum(self.shares @ self.eta))
             return CollocationTranscription(system, self.shares, duration)
         if self.degree == QUADRATIC:
-            return InverseTranscription(system, self.shares, duration, ends)
+            return InverseTranscription(system, self.shares, ends)
         return BSplineTranscription(
             system, self.shares, self.degree, ends, breaks=self.breaks
         )
