@@ -56,8 +56,6 @@ LEAST_DURATION = 1e-9
 FINEST = 4
 # A spline on a finer grid keeps at most this multiple of the requested intervals.
 FINER = 2
-# Samples per interval for fitting splines.
-FIT = 8
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -158,7 +156,7 @@ class WarmStart(Guess):
     def spline_program(
         self, system: ProblemFunctions, intervals: int, kind: str, degree: int
     ) -> tuple[NonlinearProgram, Array]:
-        """B-spline program, and the spline that fits the motion best as its iterate."""
+        """B-spline program, and the motion as its iterate."""
         lengths = np.diff(self.nodes)[:, None] / self.duration
         finer = self._finer(intervals)
         shares = interval_shares(kind, finer or intervals, sudden=system.sudden)
@@ -166,13 +164,8 @@ class WarmStart(Guess):
         if lengths.shape == shares.shape and even:
             shares = lengths
         transcription = BSplineTranscription(system, shares, degree)
-        # Every interval has the same number of samples, however short it is, as each
-        # has a control point.
-        starts = nodes_of(shares[:-1, 0])
-        fit = (starts[:, None] + shares * np.linspace(0.0, 1.0, FIT)).ravel()
-        positions = self.position(fit * self.duration)
-        z = transcription.fitted(fit, positions, self.duration)
-        return _program(transcription, z)
+        z = transcription.interpolated(np.array([self.duration]), self.position)
+        return _program(transcription, transcription.within_limits(z))
 
     def _finer(self, intervals: int) -> int | None:
         """Number of intervals of a spline whose grid is finer than requested, or None.
