@@ -142,15 +142,12 @@ class WarmStart(Guess):
         self, system: ProblemFunctions, intervals: int, kind: str
     ) -> tuple[NonlinearProgram, Array]:
         """Program with constant accelerations, and the motion as its iterate."""
-        T, motion = self.duration, self.trajectory
-        nodes = self.grid(intervals)
-        if nodes is None or motion.degree != 2:
-            shares = interval_shares(kind, intervals)
-            transcription = InverseTranscription(system, shares)
-            z = transcription.start(self.position, T, np.array([T]))
-            return _program(transcription, z)
-        transcription = InverseTranscription(system, np.diff(nodes)[:, None] / T)
-        z = transcription.interpolated(np.array([T]), self.position)
+        nodes = self.grid(intervals) if self.trajectory.degree == 2 else None
+        shares = interval_shares(kind, intervals)
+        if nodes is not None:
+            shares = np.diff(nodes)[:, None] / self.duration
+        transcription = InverseTranscription(system, shares)
+        z = transcription.interpolated(np.array([self.duration]), self.position)
         return _program(transcription, transcription.within_limits(z))
 
     def spline_program(
