@@ -10,10 +10,8 @@ from two_link_cases import CASES
 
 import tominpmp as tm
 from tominpmp.options import Tolerances
-from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.grid import interval_shares
-from tominpmp.transcription.inverse import InverseTranscription
-from tominpmp.transcription.layout import split_intervals
+from tominpmp.transcription.layout import LIFTED, QUADRATIC, Layout, split_intervals
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 FEW = 8
@@ -113,15 +111,15 @@ def system_of(family: str, name: str) -> ProblemFunctions:
     return ProblemFunctions.of(CASES[family][name].problem())
 
 
-@pytest.mark.parametrize("kind", [InverseTranscription, CollocationTranscription])
+@pytest.mark.parametrize("degree", [QUADRATIC, LIFTED])
 def test_splitting_leaves_the_motion_as_it_is(
-    kind: type[InverseTranscription] | type[CollocationTranscription],
-    rng: np.random.Generator,
+    degree: int, rng: np.random.Generator
 ) -> None:
     """The next solve begins where the last one ended."""
     system = system_of("vertical", "vertical rods")
     shares = interval_shares("uniform", FEW)
-    transcription = kind(system, shares, 1.3)
+    layout = Layout(degree, shares, np.array([1.3]), (FEW,))
+    transcription = layout.transcription(system)
     path = rng.normal(size=(FEW + 1, 2))
     path[0] = system.problem.q_start
     s = np.linspace(0.0, 1.3, FEW + 1)
@@ -135,7 +133,7 @@ def test_splitting_leaves_the_motion_as_it_is(
     before, after = transcription.trajectory(z), finer.trajectory(start)
     assert after.t.size == before.t.size + int(split.sum())
     times = np.linspace(0.0, before.duration, 57)
-    if kind is CollocationTranscription:
+    if degree == LIFTED:
         times = before.t  # in between torques rule, whatever the states
     np.testing.assert_allclose(after(times).q, before(times).q, atol=1e-10)
     np.testing.assert_allclose(after(times).v, before(times).v, atol=1e-10)
