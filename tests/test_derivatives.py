@@ -155,7 +155,8 @@ def on_spline(system, shares, rng):
     of = InverseTranscription(system, shares)
     points = near(system, of.intervals, rng)
     end = points[-1] + 0.02 * rng.normal(size=system.n)
-    return of, of.pack(points, end, lengths(shares, 0.6, rng))
+    points = np.vstack([system.problem.q_start, points, end])
+    return of, of.unknowns(points, lengths(shares, 0.6, rng))
 
 
 def lifted(system, shares, rng):

@@ -252,7 +252,8 @@ def build(kind: str, problem: tm.Problem, seed: int):
         nlp = InverseTranscription(system, lengths)
         eta = rng.uniform(0.1, 0.2, INTERVALS) if free else T
         program = with_clearances(NonlinearProgram.of(nlp), more)
-        return program, nlp.pack(q[:-1], q[-2], eta)
+        points = np.vstack([START, q[:-1], q[-2]])
+        return program, nlp.unknowns(points, eta)
     if kind == "collocation":
         nlp = CollocationTranscription(system, shares, 1.1)
         v = 0.3 * rng.normal(size=q.shape)

@@ -26,7 +26,7 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array
 from tominpmp.transcription.bspline import BSplineTranscription
-from tominpmp.transcription.curve import PositionFunction, nodes_of
+from tominpmp.transcription.curve import PositionFunction
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -45,39 +45,21 @@ class InverseTranscription(BSplineTranscription):
     ) -> None:
         super().__init__(system, shares, 2, segment_ends)
 
-    def pack(self, points: Array, q_end: Array, eta: Array) -> Array:
-        """Unknowns of a spline.
-
-        Args:
-            points: Middle points of the intervals, shape (N, n); the states at the ends
-                replace the points that they determine.
-            q_end: Final configuration, shape (n,); replaced if the goal determines it.
-            eta: Durations, shape (m,).
-        """
-        start = self.system.problem.q_start
-        return self.unknowns(np.concatenate([start[None], points, q_end[None]]), eta)
-
     def start(self, position: PositionFunction, guessed: float, eta: Array) -> Array:
-        """Iterate for a guess: parabolas through its nodes and middles.
+        """Iterate for a guess: the spline through its positions.
 
-        Sampling the guess at the Greville abscissae instead would demand torques far
-        beyond their limits on short intervals, if the samples of the guess are sparse.
+        With these positions as control points, torques would be far beyond their limits
+        on short intervals, if the samples of the guess are sparse.
 
         Args:
             position: Configurations at times, shape (k,) to (k, n).
             guessed: Duration of the guess [s].
             eta: Durations of the iterate, shape (m,).
         """
-        nodes = nodes_of(self.shares.sum(axis=1))
-        nodes = guessed * nodes / nodes[-1]
-        q, middle = position(nodes), position(0.5 * (nodes[1:] + nodes[:-1]))
-        limits = self.system.problem.robot.limits
-        points = 2.0 * middle - 0.5 * (q[1:] + q[:-1])
-        points = np.clip(points, limits.position_lower, limits.position_upper)
-        v_end = self.system.final_velocity
-        v_end = np.zeros(self.system.n) if v_end is None else v_end
-        points[-1] = q[-1] - 0.5 * (self.shares[-1] @ eta) * v_end
-        return self.pack(points, q[-1], eta)
+        slower = float(np.sum(self.shares @ eta)) / guessed
+        return self.within_limits(
+            self.interpolated(eta, lambda t: position(t / slower))
+        )
 
     @cached_property
     def _torque_instants(self) -> Instants:
