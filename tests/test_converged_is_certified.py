@@ -13,7 +13,7 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.planner import optimality
 from tominpmp.planner.automatic_options import resolve_options
 from tominpmp.planner.candidate import Candidate
-from tominpmp.planner.optimality import certified, last_step_suffices
+from tominpmp.planner.optimality import certified
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.solvers import exchange
 from tominpmp.solvers.loop import solve
@@ -177,31 +177,6 @@ def test_the_message_of_a_plan_says_how_much_is_promised(monkeypatch, free):
 def test_thorough_asks_for_a_tenth():
     thorough = replace(OPTIONS, effort="thorough")
     assert optimality.tolerance_of(thorough) == 0.1 * optimality.tolerance_of(OPTIONS)
-
-
-def test_the_last_step_is_proof_enough_only_if_it_is_small_and_far_reaching(free):
-    """A small promise within a small trust region proves nothing."""
-    options = resolve_options(free.problem, OPTIONS)
-    layout = Layout.of_motion(free.trajectory)
-    attempt = replace(slower(free), verification=free.verification, layout=layout)
-    T = attempt.duration
-    record = replace(free.history[-1], accepted=True, duration=T)
-
-    def with_last(predicted, radius):
-        last = replace(record, predicted=predicted, radius=radius)
-        return replace(attempt, history=(last, last))
-
-    def suffices(candidate, problem=free.problem):
-        return last_step_suffices(problem, options, candidate, 0.01)
-
-    assert suffices(with_last(1e-5 * T, 1.0))
-    assert not suffices(with_last(1e-5 * T, 0.005))
-    assert not suffices(with_last(1e-2 * T, 1.0))
-    assert not suffices(replace(attempt, history=()))
-    # Programs keep the ways joints go with dry friction; the certificate need not.
-    dry = tm.load_robot("planar3r", friction=[1.0, 0.0, 0.0])
-    dry = replace(free.problem, robot=dry)
-    assert not suffices(with_last(1e-5 * T, 1.0), dry)
 
 
 @pytest.mark.parametrize("method", ["collocation", "adjoint", "penalty"])

@@ -71,20 +71,16 @@ class DualSolution:
     state_scale: Array
 
 
-def solve_dual_program(
-    motion: GridMotion, enough: float = 0.0, *, near: bool = True
-) -> DualSolution | None:
+def solve_dual_program(motion: GridMotion, enough: float = 0.0) -> DualSolution | None:
     """Costates and multipliers of a motion; None if the program cannot be solved.
 
     Args:
         motion: The motion.
-        enough: Predicted gain up to which distances need not be evaluated.
-        near: Whether distances are rows of the first program. Without these rows the
-            predicted gain is at least as large; they are added if it exceeds
-            ``enough``.
+        enough: Predicted gain up to which distances need not be evaluated: without
+            their rows the predicted gain is at least as large.
     """
-    if not near:
-        dual = _Program(motion, near).solve()
+    if enough:
+        dual = _Program(motion, near=False).solve()
         if dual is not None and dual.predicted_gain <= enough:
             return dual
     return _Program(motion).solve()

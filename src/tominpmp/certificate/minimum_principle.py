@@ -67,9 +67,6 @@ from tominpmp.verification.verification import Verification, verify
 
 # Largest predicted gain of a certified motion, as a share of the duration.
 TOLERANCE = 0.01
-# Share of the tolerance up to which a predicted gain without rows of distances is not
-# computed again with these rows, which can only lower it.
-ENOUGH = 0.3
 # Slack, as a share of half the torque range, up to which a torque is at its limit;
 # switching function below which any torque obeys; and slack up to which a limit is
 # active.
@@ -150,7 +147,7 @@ def examine(
     verification: Verification | None,
     tolerance: float,
     *,
-    near: bool = True,
+    enough: float = 0.0,
     period: float | None = None,
 ) -> Examination:
     """Check the first-order conditions of a motion whose joints were checked before.
@@ -160,8 +157,7 @@ def examine(
         trajectory: The motion, whose dwells are left out.
         verification: Verification of the motion, if there is one.
         tolerance: Largest predicted gain of small changes, as a share of the duration.
-        near: Whether distances have rows at once; otherwise only if the predicted gain
-            without them is too large.
+        enough: Predicted gain up to which distances need not be evaluated.
         period: Period of the controller clock of the motion [s]: the share of the
             duration that rounding to it may have cost is added to the tolerance. None
             without a clock.
@@ -176,7 +172,7 @@ def examine(
     if all(span.begin < span.end for span in spans_of(trajectory, ())):
         with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
             motion = GridMotion.of(ProblemFunctions.of(problem), trajectory)
-            dual = solve_dual_program(motion, ENOUGH * tolerance, near=near)
+            dual = solve_dual_program(motion, enough)
             if dual is not None:
                 out = _certificate(motion, dual, verification, tolerance, rounding)
                 return Examination(out, dual)

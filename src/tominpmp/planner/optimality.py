@@ -5,8 +5,8 @@ up by distance rows that miss the instants of closest approach, by a small trust
 or by padding of distances that costs time. The incumbent is therefore certified. If
 small changes predict too large a gain, it is improved, with less padding where the
 padding causes the gain. Only a motion that passes is called locally optimal, or one
-that needs no certificate: by its last step, or by the lower bound. Otherwise the status
-says which limit was reached, and the message has the remaining predicted gain.
+that the lower bound proves to be optimal. Otherwise the status says which limit was
+reached, and the message has the remaining predicted gain.
 """
 
 from __future__ import annotations
@@ -18,18 +18,16 @@ import numpy as np
 
 from tominpmp.certificate.dwells import dwells_among_moving_obstacles
 from tominpmp.certificate.minimum_principle import TOLERANCE, Examination, examine
-from tominpmp.certificate.motion import LONGEST
 from tominpmp.options import Options
 from tominpmp.planner.automatic_options import warm_start_options
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.first_program import with_active_rows
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import LESS_PADDING, Schedule, Work
-from tominpmp.problem.problem import Problem
 from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.loop import solve
 from tominpmp.solvers.objective import MinimumTime
-from tominpmp.solvers.trust_region_step import ACCURACY, trust_regions
+from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.distance_rows import with_rows_at
 from tominpmp.transcription.layout import Layout
@@ -46,9 +44,9 @@ FEWEST = 60
 # If removing the padding of distances accounts for PADDING_SHARE of the predicted gain,
 # the padding is multiplied by LESS_PADDING for the next round.
 PADDING_SHARE = 0.3
-# Bodies are close to a motion if their clearance exceeds the margin by less than this
-# share of the reach.
-CLOSE = 0.01
+# Distances are evaluated only if the predicted gain without them exceeds this share of
+# the tolerance, as meshes may have to be decomposed first.
+ENOUGH = 0.3
 # A round that gains no more than this share of T is the last one.
 LEAST_GAIN = 5e-4
 # Largest predicted gain of an optimal motion, as a share of T, for effort "thorough".
@@ -57,10 +55,6 @@ THOROUGH = 1e-3
 # exceeds this share of T: two of 120 motions in clutter, for which other orders of
 # obstacles and other solvers find the gain at once.
 WORTH_A_TRY = 5e-3
-# Without close bodies the certificate is skipped if the last predicted gain,
-# extrapolated to the changes that the certificate allows, is below this share of the
-# tolerance.
-SKIPPED = 0.3
 NO_CERTIFICATE = "There is no certificate for dwells among moving obstacles."
 
 
@@ -79,9 +73,6 @@ def certified(state: PlanState) -> Schedule[None]:
         return
     converged = best.status is Status.CONVERGED
     dwell = dwells_among_moving_obstacles(problem)
-    if converged and not dwell:
-        if last_step_suffices(problem, options, best, tolerance):
-            return
     bound = state.lower_bound(problem).T
     if (1.0 - tolerance) * best.duration <= bound:
         # By the lower bound no motion at all gains more than the tolerance.
@@ -109,45 +100,6 @@ def certified(state: PlanState) -> Schedule[None]:
 def tolerance_of(options: Options) -> float:
     """Largest predicted gain of small changes of an optimal motion, as a share of T."""
     return THOROUGH if options.effort == "thorough" else TOLERANCE
-
-
-def last_step_suffices(
-    problem: Problem, options: Options, candidate: Candidate, tolerance: float
-) -> bool:
-    """Whether the last step of the iteration makes a certificate unnecessary.
-
-    The predicted gain of a linear program is a concave function of the trust-region
-    radius: divided by the radius, it bounds the gain within a larger trust region.
-    """
-    if len(candidate.history) < 2 or candidate.layout is None:
-        return False  # other methods have other kinds of steps and radii
-    h = np.diff(candidate.trajectory.t)
-    if np.max(h) > LONGEST * h.sum():
-        return False  # the certificate allows changes on a finer grid
-    if np.any(problem.robot.friction):
-        return False  # a program fixes the reversals of joints, a certificate does not
-    if _anything_near(problem, candidate):
-        return False
-    before, last = candidate.history[-2:]
-    radius = min(options.trust_region * min(before.radius, last.radius), 1.0)
-    # The program was solved to this duality gap: it may predict too small a gain.
-    gap = ACCURACY * options.tolerance
-    promised = (last.predicted / last.duration + gap) / max(radius, 1e-300)
-    return last.accepted and promised <= SKIPPED * tolerance
-
-
-def _anything_near(problem: Problem, candidate: Candidate) -> bool:
-    """Whether any bodies are close to each other in the replay of a motion."""
-    replay = candidate.verification
-    if replay is None:
-        return True
-    # To take margins by pair would need the collision geometry of all meshes; the links
-    # of a single arm have no margin.
-    scenes = any(len(phase.scene) for phase in problem.phases)
-    alone = not scenes and not problem.robot.parts
-    margin = 0.0 if alone else problem.margin
-    close = CLOSE * ProblemFunctions.of(problem).reach
-    return replay.min_clearance < margin + close
 
 
 @dataclass(eq=False)
@@ -200,8 +152,8 @@ class CertifiedDescent:
     def examine(self, candidate: Candidate) -> Examination:
         """The certificate of a motion, with the multipliers behind it."""
         problem, motion = self.system.problem, candidate.trajectory
-        near, replay = _anything_near(problem, candidate), candidate.verification
-        findings = examine(problem, motion, replay, self.tolerance, near=near)
+        replay, enough = candidate.verification, ENOUGH * self.tolerance
+        findings = examine(problem, motion, replay, self.tolerance, enough=enough)
         promise = findings.certificate.stationarity
         logger.info("T %.5f s, small changes promise %.1e", candidate.duration, promise)
         return findings
