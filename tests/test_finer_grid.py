@@ -12,11 +12,7 @@ import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.planner import candidate, descent
-from tominpmp.planner.finer_grid import (
-    STANDARD_BUDGET,
-    RoundStop,
-    intervals_to_halve,
-)
+from tominpmp.planner.finer_grid import ITERATIONS, intervals_to_halve, round_ends
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.solvers.loop import Loop
 from tominpmp.solvers.objective import MinimumTime
@@ -240,21 +236,25 @@ class Slow:
         return np.array([1e-4 - (z[0] - 1.0 if self.curable else 0.0)])
 
 
-def is_enough(program, **told):
-    """How a loop with a record ends that is to bring little."""
+def how_it_ends(program, iterations=ITERATIONS, **values):
+    """How a round ends whose least gain is 0.003 s, after a number of iterations."""
     first = Iterate.of(program, np.ones(1), 1.0)
     loop = Loop(program, MinimumTime.of(tm.Options()), first)
-    values = dict.fromkeys(IterationRecord.__dataclass_fields__, 0)
-    loop.history = [IterationRecord(**values | told)]
-    return RoundStop(STANDARD_BUDGET, 1.0, lambda: False)(loop)
+    values = dict.fromkeys(IterationRecord.__dataclass_fields__, 0) | values
+    loop.history = iterations * [IterationRecord(**values)]
+    return round_ends(3e-3)(loop)
 
 
 @pytest.mark.parametrize("curable", [True, False])
-def test_an_iteration_goes_on_while_slowing_down_is_no_cure(curable):
-    # It has kept all that it promised, but for what is violated.
-    kept = {"predicted": 1e-2, "actual": 1e-2, "violation": 1e-4}
-    found = is_enough(Slow(curable), **kept)
+def test_a_round_continues_while_slowing_down_does_not_remove_violations(curable):
+    found = how_it_ends(Slow(curable), predicted=1e-2, violation=1e-4)
     assert found is (Status.CONVERGED if curable else None)
+
+
+def test_a_round_ends_at_once_if_it_predicts_next_to_no_gain():
+    values = {"predicted": 1e-3, "violation": 1e-4}
+    assert how_it_ends(Slow(False), 1, **values) is Status.CONVERGED
+    assert how_it_ends(Slow(True), 1, predicted=1e-2, violation=0.0) is None
 
 
 def test_slowing_down_by_little_more_than_has_to_be_takes_few_looks():
