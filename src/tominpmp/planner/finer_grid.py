@@ -11,7 +11,7 @@ programs obtain nearly all of it, and the next round halves intervals anew.
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,7 +25,7 @@ from tominpmp.solvers.stop import first_of
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import Status
 from tominpmp.transcription.distance_rows import times_of_rows, with_rows_at
-from tominpmp.transcription.halving import HALVED_SHARE, intervals_to_halve
+from tominpmp.transcription.halving import intervals_to_halve
 from tominpmp.transcription.layout import Gridded, split_intervals
 from tominpmp.transcription.program import NonlinearProgram
 
@@ -39,29 +39,13 @@ Descended = SlpResult[NonlinearProgram]
 # first step. The largest is for motions with violations that slowing down does not
 # remove: the gain would be lost with them.
 ITERATIONS, MOST_ITERATIONS = 5, 20
+# Most rounds of halving.
+ROUNDS = 5
+# Least gain that a round must predict, as a share of T; and where planning time matters
+# less than T.
+WORTH, LITTLE_WORTH = 3e-3, 3e-4
 # Trust-region radius as a share of the usual one: the motion changes little.
 RADIUS = 0.3
-
-
-@dataclass(frozen=True)
-class RefinementBudget:
-    """Thresholds for the gain of finer grids, and limits for their work.
-
-    Attributes:
-        worth: Least gain that a round must predict, as a share of T.
-        rounds: Most rounds of halving.
-        halved: The intervals that are halved have this share of the losses of all
-            intervals.
-    """
-
-    worth: float
-    rounds: int
-    halved: float
-
-
-STANDARD_BUDGET = RefinementBudget(3e-3, 5, HALVED_SHARE)
-# For plans in which planning time matters less than T.
-GENEROUS_BUDGET = RefinementBudget(3e-4, 6, 0.99)
 
 
 def on_finer_grids(result: Descended, state: PlanState) -> Descended:
@@ -87,15 +71,15 @@ def on_finer_grids(result: Descended, state: PlanState) -> Descended:
         if best.duration >= rival.trajectory.duration:
             return result
     usual = options.refine == "auto" and options.effort != "thorough"
-    budget = STANDARD_BUDGET if usual else GENEROUS_BUDGET
+    worth = WORTH if usual else LITTLE_WORTH
     first = len(state.records) - len(result.history)
     warm, finest = warm_start_options(options, RADIUS, MOST_ITERATIONS), result
     step, stop = trust_regions(warm)
-    for _ in range(budget.rounds):
+    for _ in range(ROUNDS):
         transcription, z = program.transcription, best.z
         if not isinstance(transcription, Gridded):
             break
-        split = intervals_to_halve(transcription, z, budget.halved)
+        split = intervals_to_halve(transcription, z)
         if not np.any(split):
             break
         rows = times_of_rows(program, z)
@@ -106,7 +90,7 @@ def on_finer_grids(result: Descended, state: PlanState) -> Descended:
             minimum_time(transcription.system, warm, best.duration, refined=True),
             z,
             step,
-            first_of(round_ends(budget.worth * best.duration), stop),
+            first_of(round_ends(worth * best.duration), stop),
             exchange=RowExchange(level=0.0, small_violation=SMALL_VIOLATION),
             callback=state,
             keep=state.keep,
@@ -116,7 +100,7 @@ def on_finer_grids(result: Descended, state: PlanState) -> Descended:
         if finer.best is None or finer.best.duration >= best.duration:
             break
         finest, best, program = finer, finer.best, finer.program
-        if promise < budget.worth:
+        if promise < worth:
             break
     if finest is result:
         return result

@@ -37,7 +37,7 @@ MUCH_MISSING = 1e-2
 AT_TORQUE_LIMIT = 0.98
 
 
-def intervals_to_halve(of: Gridded, z: Array, share: float = HALVED_SHARE) -> BoolArray:
+def intervals_to_halve(of: Gridded, z: Array) -> BoolArray:
     """Whether to halve each interval, (N,): the intervals with most of the losses.
 
     Where torques limit constant accelerations, the intervals with saturated torques are
@@ -46,7 +46,6 @@ def intervals_to_halve(of: Gridded, z: Array, share: float = HALVED_SHARE) -> Bo
     Args:
         of: The parameterisation.
         z: An iterate of it.
-        share: Share of the sum of all losses that the chosen intervals hold.
     """
     h = of.motion(z).h
     losses = _unused_torques(of, z, h)
@@ -56,7 +55,7 @@ def intervals_to_halve(of: Gridded, z: Array, share: float = HALVED_SHARE) -> Bo
     order = np.argsort(-losses, kind="stable")
     before = np.cumsum(losses[order]) - losses[order]
     split = np.zeros(h.size, dtype=bool)
-    split[order] = (losses[order] > 0.0) & (before < share * losses.sum())
+    split[order] = (losses[order] > 0.0) & (before < HALVED_SHARE * losses.sum())
     split[order[max(MOST_INTERVALS - h.size, 0) :]] = False
     return split
 
