@@ -41,8 +41,8 @@ from tominpmp.planner.torque_starts import (
     torques_may_lead,
 )
 from tominpmp.planner.work import Schedule, Work
-from tominpmp.solvers.exchange import FAR
 from tominpmp.solvers.loop import Loop, Rule
+from tominpmp.solvers.objective import RESTORABLE
 from tominpmp.status import Status
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -206,7 +206,7 @@ class CoarseMotion:
     @property
     def duration(self) -> float:
         """T on the coarse grid [s]; infinite unless it is nearly feasible."""
-        near = self.candidate.violation <= FAR
+        near = self.candidate.violation <= RESTORABLE
         return self.candidate.trajectory.duration if near else np.inf
 
 
@@ -317,7 +317,7 @@ class CoarseSearch:
         """Stop rule that drops a start whose motion is known or slow."""
 
         def rule(loop: Loop) -> Status | None:
-            if not self.known or loop.history[-1].violation > FAR:
+            if not self.known or loop.history[-1].violation > RESTORABLE:
                 return None
             motion = loop.program.trajectory((loop.best or loop.state).z)
             known = self._is_known(_shape_of(self.system, motion))

@@ -34,8 +34,9 @@ from tominpmp.planner.work import NUMERICAL, Work, make_and_repair
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import Segment, Span, arrival_window, spans_of
 from tominpmp.solution import Solution
-from tominpmp.solvers.exchange import FAR, RowExchange
+from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.loop import Callback, Loop, Rule, solve
+from tominpmp.solvers.objective import RESTORABLE
 from tominpmp.solvers.stop import first_of
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import STOPPED, IterationRecord, Status
@@ -55,9 +56,9 @@ SEARCH_SHARE = 0.7
 RADIUS = 0.1
 ITERATIONS = 15
 # Most trials. If a trial does not show how many periods are needed, the next one has
-# one period more, plus this share of its periods, by the number of halvings.
+# one period more, plus this share of its periods for each halving.
 TRIALS = 12
-LONGER = (0.0, 0.0, 0.005, 0.01, 0.02, 0.04)
+LONGER = 5e-3
 # Row violations below this are left to the replay, which tolerates much more: they come
 # from rounding, which another period would not remove.
 SLIGHT = 1e-5
@@ -68,11 +69,6 @@ MOVING = 0.1
 # Duality gap of the programs as a share of T, small compared with TRACE, so that the
 # duration reaches the ticks.
 EXACT = 0.1 * TRACE
-# Intervals are halved if a motion needs more periods than the trial has by this share.
-MANY_MORE = 0.01
-# A motion on the clock is certified again if it is slower than rounding to the clock
-# explains by more than this share of the tolerance.
-TESTED_AGAIN = 0.5
 
 
 def search_options(options: Options) -> Options:
@@ -232,7 +228,7 @@ def status_on_clock(
         return Status.CONVERGED, ""
     if status is not Status.CONVERGED or dwells_among_moving_obstacles(problem):
         return status, ""
-    if (1.0 - share - TESTED_AGAIN * TOLERANCE) * motion.duration <= solution.T:
+    if (1.0 - share) * motion.duration <= solution.T:
         return status, ""
     if bound is not None and (1.0 - share - TOLERANCE) * motion.duration <= bound.T:
         return status, ""
@@ -285,7 +281,6 @@ class ClockTrial:
         wanted: Number of periods of each segment, without its dwell, before they are
             adapted to the windows of arrival.
         halvings: How often intervals of the motion are halved.
-        finer: Whether they have been halved to save periods.
     """
 
     system: ProblemFunctions
@@ -295,7 +290,6 @@ class ClockTrial:
     lengths: Array
     wanted: tuple[int, ...]
     halvings: int = 0
-    finer: bool = False
 
     @classmethod
     def of(cls, problem: Problem, motion: Trajectory, period: float) -> ClockTrial:
@@ -426,21 +420,15 @@ class ClockTrial:
         motion = candidate.trajectory
         dwells = sum(segment.dwell for segment in self.segments)
         needed = ticks_of((1.0 - TRACE) * (motion.duration - dwells), self.period)
-        if candidate.violation <= FAR and needed > self.count:
+        if candidate.violation <= RESTORABLE and needed > self.count:
             spans = spans_of(motion, self.system.problem.segments)
             slower = replace(self, motion=motion, spans=spans, halvings=0)
-            many_more = needed > self.count + max(1.0, MANY_MORE * self.count)
-            if many_more and not self.finer:
-                finer = replace(slower, halvings=1, finer=True)
-                if finer.layout.shares.size > self.layout.shares.size:
-                    return finer
             # With several segments the duration also depends on the rounding of each,
             # which is another one for every number of periods.
             missing = needed - self.count
             more = missing if len(self.wanted) == 1 else (missing + 1) // 2
             return replace(slower, wanted=self._longer(more))
-        longer = LONGER[min(self.halvings, len(LONGER) - 1)]
-        wanted = self._longer(1 + int(longer * self.count))
+        wanted = self._longer(1 + int(LONGER * self.halvings * self.count))
         return replace(self, wanted=wanted, halvings=self.halvings + 1)
 
     def _longer(self, more: int) -> tuple[int, ...]:
@@ -477,6 +465,6 @@ def reaches_tick(duration: float, feasibility: float) -> Rule:
             return Status.FEASIBLE if record.violation <= feasibility else None
         moved = abs(before[0].duration - record.duration) if before else np.inf
         hopeless = moved < MOVING * missing or record.predicted < HOPE * missing
-        return Status.STALLED if hopeless and record.violation <= FAR else None
+        return Status.STALLED if hopeless and record.violation <= RESTORABLE else None
 
     return rule

@@ -13,9 +13,8 @@ import numpy as np
 from tominpmp.exceptions import TominpmpError
 from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate, Fallback, KeptIterate
-from tominpmp.solvers.exchange import FAR
 from tominpmp.solvers.iterate import SlpResult
-from tominpmp.solvers.objective import TIME_SCALINGS
+from tominpmp.solvers.objective import RESTORABLE, TIME_SCALINGS
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop, check
 from tominpmp.transcription.exchange import LEAST
@@ -253,7 +252,7 @@ def _keep_fallback(state: PlanState, work: Work, candidate: Candidate) -> None:
     """Keep the best candidate of the coarse grids as fallback."""
 
     def order(item: Candidate) -> tuple[bool, float]:
-        return item.violation > FAR, item.trajectory.duration
+        return item.violation > RESTORABLE, item.trajectory.duration
 
     if state.fallback is None or order(candidate) < order(state.fallback.candidate):
         problem = work.system.problem

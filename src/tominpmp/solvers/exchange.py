@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 
 from tominpmp.arrays import Array
 from tominpmp.solvers.loop import Loop
+from tominpmp.solvers.objective import RESTORABLE
 from tominpmp.status import STOPPED, Status
 from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.program import NonlinearProgram
@@ -24,8 +25,6 @@ from tominpmp.verification.verification import LONGEST
 # An exchange is due once an iteration reduces the merit by less than FIRST_LEVEL, as a
 # share of the duration; each exchange multiplies this level by LEVEL_FACTOR.
 FIRST_LEVEL, LEVEL_FACTOR = 1e-2, 0.1
-# While the violation of the rows exceeds this, further rows between them do not help.
-FAR = 1e-2
 # Iterations that an exchange adds to the iteration limit, and how often it does.
 ITERATIONS, EXTENSIONS = 25, 12
 # Least trust-region radius, as a share of the initial one, after rows have joined. If
@@ -101,11 +100,11 @@ class RowExchange:
             return False
         if status is not None:
             # More rows make an infeasible program no better.
-            near = status is not Status.INFEASIBLE and state.violation <= FAR
+            near = status is not Status.INFEASIBLE and state.violation <= RESTORABLE
             return loop.best is not None or near
         # Without an accepted step a check would find the same violations again.
         moved = loop.outcome is not None and loop.outcome.accepted
-        if not (moved and state.gains) or state.violation > FAR:
+        if not (moved and state.gains) or state.violation > RESTORABLE:
             return False
         return state.gains[-1] < self.level * state.duration
 
