@@ -11,9 +11,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from importlib import import_module
 
-import numpy as np
-
-from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate, best_of
 from tominpmp.planner.descent import descent_work, guess_of
 from tominpmp.planner.optimality import certified
@@ -25,24 +22,16 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 SMOOTH = "Its switches were not placed exactly: that is not done for control {!r}."
 
 
-def with_exact_switches(
-    state: PlanState, options: Options | None = None
-) -> Schedule[None]:
+def with_exact_switches(state: PlanState) -> Schedule[None]:
     """Place the switches of the best motion exactly, or remark why this is not done.
 
     Args:
-        state: The plan.
-        options: Replace the options of the plan. The stage then runs in any case, and
-            its result is kept only if it is faster than the best motion; None runs the
-            stage only if the plan asks for exact switches.
+        state: The plan; nothing is done unless its options ask for exact switches.
     """
-    best = best_of(state.candidates)
-    requested = options is not None or state.options.refine == "switching"
-    if best is None or not requested:
+    best, options = best_of(state.candidates), state.options
+    if best is None or options.refine != "switching":
         return
-    cutoff = np.inf if options is None else best.duration
-    options = options or state.options
-    if options.refine == "switching" and options.control in DEGREES:
+    if options.control in DEGREES:
         state.amend(best, remark=SMOOTH.format(options.control))
         return
     # An add-on is imported by name, so that the core works without it.
@@ -53,9 +42,9 @@ def with_exact_switches(
         return placed
 
     work = Work.from_best(state, best, make)
-    yield replace(work, self_collision_rows=True, cutoff=cutoff)
+    yield replace(work, self_collision_rows=True)
     best = state.incumbent
-    if options.refine != "switching" or best is None or best.layout is None:
+    if best is None or best.layout is None:
         return
     # No exact switches were found: the grid is refined at the switches instead.
     system, finer = work.system, replace(options, refine="grid")

@@ -12,7 +12,6 @@ from __future__ import annotations
 import contextlib
 import itertools
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
@@ -22,13 +21,9 @@ from tominpmp.initial_guess.path_velocity import guesses_of
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.coarse_search import CoarseSearch, coarse_grids_apply
 from tominpmp.planner.descent import torques_rule
-from tominpmp.planner.improvements import improvements, with_exact_switches
+from tominpmp.planner.improvements import improvements
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.planner.torque_starts import (
-    FEW_JOINTS,
-    random_torque_starts,
-    torques_may_lead,
-)
+from tominpmp.planner.torque_starts import random_torque_starts, torques_may_lead
 from tominpmp.planner.work import Schedule
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -57,10 +52,6 @@ def thorough_search(state: PlanState) -> Schedule[None]:
     ]
     if not searches:
         return
-    before = state.best_duration
-    yield from _with_exact_switches(state)
-    if state.best_duration < before:
-        yield from improvements(state)
     state.complete = True
     most = WAVES if options.max_planning_time is None else MOST_WAVES
     for _, search in itertools.product(range(most), searches):
@@ -69,25 +60,7 @@ def thorough_search(state: PlanState) -> Schedule[None]:
         before = state.best_duration
         yield from search.wave()
         if state.best_duration < before:
-            yield from _with_exact_switches(state)
             yield from improvements(state)
-
-
-def _with_exact_switches(state: PlanState) -> Schedule[None]:
-    """Place the switches of a small arm in free space exactly.
-
-    Only the switching structure of the incumbent is used: other structures come from
-    other starts.
-    """
-    best, options = state.incumbent, state.options
-    if best is None:
-        return
-    system = ProblemFunctions.of(state.problem.alternative_of(best.trajectory))
-    small = system.in_free_space and system.n <= FEW_JOINTS
-    plain = state.problem.motion_limits is None and options.control == "auto"
-    plain = plain and options.refine == "auto"
-    if small and plain and not options.control_period:
-        yield from with_exact_switches(state, replace(options, starts=1))
 
 
 class Waves:

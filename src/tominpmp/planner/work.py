@@ -58,7 +58,6 @@ class Work:
         replay: Whether the candidate is replayed. Candidates of coarse grids are not;
             they are kept only as a fallback.
         follows: The predecessor whose motion is improved; None without one.
-        cutoff: The candidate is kept only if its duration is shorter [s].
     """
 
     system: ProblemFunctions
@@ -68,7 +67,6 @@ class Work:
     self_collision_rows: bool = False
     replay: bool = True
     follows: Candidate | None = None
-    cutoff: float = np.inf
 
     @classmethod
     def from_best(cls, state: PlanState, best: Candidate, make: Make) -> Work:
@@ -87,7 +85,7 @@ def run(state: PlanState, work: Work) -> Candidate | None:
 
     Returns:
         The candidate, or None if there is no motion at all. It is appended to the
-        candidates of the plan, unless it misses the cutoff or is only a fallback.
+        candidates of the plan, unless it is only a fallback.
     """
     state.begin()
     candidate: Candidate | None
@@ -108,7 +106,7 @@ def run(state: PlanState, work: Work) -> Candidate | None:
         candidate = candidate.after(work.follows)
     if not (work.replay or candidate.confirmed):
         _keep_fallback(state, work, candidate)
-    elif candidate.duration < work.cutoff or work.cutoff == np.inf:
+    else:
         state.candidates.append(candidate)
     return candidate
 
