@@ -117,6 +117,23 @@ def test_an_angle_iron_becomes_two_bars(rng: np.random.Generator) -> None:
     assert np.min([depth_in(c, between) for c in found.corners]) > 0.02
 
 
+@pytest.mark.parametrize("size", [(0.5, 0.4, 0.3), (0.7, 0.4, 0.2), (0.4, 0.3, 0.3)])
+def test_an_open_box_is_not_filled(size: tuple[float, float, float]) -> None:
+    """It was: its hull protrudes as far until the last of the four walls is cut off."""
+    wall = 0.02
+    inner = CORNERS * (np.array(size) - [2 * wall, 2 * wall, wall]) + wall
+    rim = (1, 5, 13, 9), (5, 7, 15, 13), (7, 3, 11, 15), (3, 1, 9, 11)
+    inside = [tuple(corner + 8 for corner in reversed(quad)) for quad in QUADS[:5]]
+    quads = [*QUADS[:5], *inside, *rim]
+    triangles = [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]
+    vertices = np.concatenate([CORNERS * size, inner])
+    found = decompose(triangle_mesh(vertices, np.array(triangles)))
+    assert found is not None
+    assert len(found.corners) <= MOST_PIECES
+    middle = 0.5 * np.array([size])
+    assert np.min([depth_in(c, middle) for c in found.corners]) > 0.0
+
+
 def test_a_flat_mesh_has_no_pieces() -> None:
     square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]])
     assert decompose(triangle_mesh(square, np.array([[0, 1, 2], [0, 2, 3]]))) is None

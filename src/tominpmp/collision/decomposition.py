@@ -32,10 +32,6 @@ MOST_PIECES = 8
 NEARLY = 1.2
 # Positions of the cuts that are tried across up to six axes, in shares of the extent.
 CUTS = (0.12, 0.25, 0.38, 0.5, 0.62, 0.75, 0.88)
-# Cutting stops if PATIENCE further cuts do not reduce the protrusion to the share
-# PROGRESS of the smallest one before them.
-PATIENCE = 3
-PROGRESS = 0.9
 # Axes of inertia whose cosine with an axis of the mesh is larger are not tried.
 ALIGNED = 0.99
 # Number of sample points on each surface.
@@ -83,10 +79,6 @@ def decompose(mesh: Any) -> ConvexPieces | None:
         if len(found) == len(steps[-1]):
             break
         steps.append(found)
-        if len(steps) > PATIENCE and _worst(found) > PROGRESS * min(
-            map(_worst, steps[:-PATIENCE])
-        ):
-            break
     enough = max(CLOSE_PIECES, NEARLY * min(map(_worst, steps)))
     best = next(parts for parts in steps if _worst(parts) <= enough)
     return ConvexPieces(tuple(item.hull.points[item.hull.vertices] for item in best))

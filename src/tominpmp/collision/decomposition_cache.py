@@ -25,7 +25,7 @@ logger = logging.getLogger(__name__)
 # Environment variable that names a folder to use instead of the user's cache folder.
 FOLDER_VARIABLE = "TOMINPMP_CACHE"
 # Version of the decomposition algorithm; changing it invalidates the cache.
-VERSION = 2
+VERSION = 3
 # Largest size of a cache file, before and after decompression [bytes].
 MAX_BYTES = 20_000_000
 
