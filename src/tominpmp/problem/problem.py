@@ -36,14 +36,7 @@ from tominpmp.problem.segments import (
     check_names,
     checked_segments,
 )
-from tominpmp.problem.state_checks import (
-    check_clear,
-    check_start,
-    check_state,
-    checked_goal,
-    joint_vector,
-    onto_limits,
-)
+from tominpmp.problem.state_checks import StateChecks, joint_vector, onto_limits
 from tominpmp.robot.robot import Robot, datasheet_hint
 from tominpmp.scene.scene import Scene, SceneLike, as_scene
 
@@ -129,7 +122,7 @@ class Problem(Record):
         self._keep(motion_limits=limits)
         check_names(self.may_touch, self.robot, self.scene)
         if not self.segments:
-            _check_controls(self.robot, limits)
+            check_controls(self.robot, limits)
             self.goal.validate(self.robot)
         several = bool(self.segments)
         self._keep(constraints=checked(self.constraints, self.robot, several))
@@ -138,7 +131,7 @@ class Problem(Record):
             self._keep(segments=self._aiming_at([phase.goal for phase in phases]))
             self._keep(goal=self.segments[-1].goal)
         else:
-            check_start(self, self.q_start, self.v_start)
+            self._checks.start(self.q_start, self.v_start)
             snapped_goals = self._take_goal(self.goal)
         for message in (*snapped, *snapped_goals):
             warn_caller(message)
@@ -216,7 +209,7 @@ class Problem(Record):
         limits = self.motion_limits
         if segment.motion_limits is not None:
             limits = segment.motion_limits.over(limits, robot.joint_names)
-        _check_controls(robot, limits)
+        check_controls(robot, limits)
         scene = self.scene if segment.scene is None else segment.scene
         constraints = checked(segment.constraints, robot, several=True)
         same = robot is self.robot and scene is self.scene and not segment.may_touch
@@ -240,12 +233,12 @@ class Problem(Record):
         goal.validate(robot)
         before = self.segments[number - 1] if number else None
         if before is None:
-            check_start(phase, q_start, phase.v_start)
+            phase._checks.start(q_start, phase.v_start)
         elif before.goal.configuration is not None:
             if not same:
-                check_clear(phase, q_start, "start", later=True)
+                phase._checks.clear(q_start, "start", later=True)
             passing, v = not before.stop, phase.v_start
-            check_state(phase, q_start, v, "start", passing=passing)
+            phase._checks.admit(q_start, v, "start", passing=passing)
         rests, former = goal is segment.goal, before.goal if before else None
         return phase, phase._take_goal(segment.goal, former, rests)
 
@@ -277,8 +270,9 @@ class Problem(Record):
             before: The goal of the segment before; None for the first segment.
             rests: Whether the arm meets the goal itself; otherwise it passes there.
         """
-        goal, messages = checked_goal(self, self._wrapped(goal, before), rests)
-        self._keep(goal=goal if rests else passed(goal))
+        wrapped = self._wrapped(goal, before)
+        checked_goal, messages = self._checks.goal(wrapped, rests)
+        self._keep(goal=checked_goal if rests else passed(checked_goal))
         return messages
 
     def _wrapped(self, goal: Goal, before: Goal | None = None, rivals: int = 1) -> Goal:
@@ -311,6 +305,13 @@ class Problem(Record):
         if before is not None:
             v, most = np.ones_like(v), 1 + 2 * angles.size
         return goal.wrapped(robot, near, v, most)
+
+    @property
+    def _checks(self) -> StateChecks:
+        """Checks of starts and goals, which need no planning."""
+        return StateChecks(
+            self.robot, self.scene, self.checker, self.margin, self.ready_constraints
+        )
 
     def _snap_start(self) -> list[str]:
         """Move the start onto limits that it exceeds by rounding; returns warnings."""
@@ -429,7 +430,7 @@ class Problem(Record):
         snapped = other._snap_start()
         goal = goal.resolved(self.robot, other.q_start)
         goal.validate(self.robot)
-        check_start(other, other.q_start, other.v_start)
+        other._checks.start(other.q_start, other.v_start)
         for message in (*snapped, *other._take_goal(goal)):
             warn_caller(where + message)
         return other
@@ -450,7 +451,7 @@ class Problem(Record):
         )
 
 
-def _check_controls(robot: Robot, limits: MotionLimits | None) -> None:
+def check_controls(robot: Robot, limits: MotionLimits | None) -> None:
     """Check that a kinematic robot has acceleration limits, and no torque limits.
 
     Args:

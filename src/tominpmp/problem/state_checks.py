@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from tominpmp.collision.checker import CollisionChecker
 from tominpmp.collision.enclosure import enclosure
 from tominpmp.collision.query import ROUNDING
 from tominpmp.constraints.contradiction import contradiction
+from tominpmp.constraints.path import PathConstraint
 from tominpmp.description.inertials import singular_directions
 from tominpmp.description.joint_table import example_values
 from tominpmp.dynamics import RobotDynamics
@@ -24,9 +25,6 @@ from tominpmp.motion_limits import EFFORT, joint_kinds
 from tominpmp.robot.robot import Robot
 from tominpmp.scene.scene import Scene
 
-if TYPE_CHECKING:
-    from tominpmp.problem.problem import Problem
-
 # The field of a problem that holds the start or the goal.
 FIELDS = {"start": "q_start", "goal": "goal"}
 # Largest excess of a start or goal over a limit that is moved onto the limit (positions
@@ -37,245 +35,257 @@ SNAP, SNAP_SHARE = 1e-4, 1e-2
 LARGE_ANGLE, IN_RADIANS = 2.0 * np.pi, "; angles are in radians, not degrees"
 
 
-def check_start(problem: Problem, q: Array, v: Array) -> None:
-    """Check a start: positions and velocities, shape (n,) each."""
-    check_clear(problem, q, "start")
-    _check_mass(problem.robot, q, "start")
-    check_state(problem, q, v, "start")
+@dataclass(frozen=True, eq=False)
+class StateChecks:
+    """Checks of starts and goals against limits, obstacles and constraints.
 
-
-def checked_goal(
-    problem: Problem, goal: Goal, rests: bool = True
-) -> tuple[Goal, list[str]]:
-    """Check a goal, which was validated against the robot.
-
-    Args:
-        problem: The problem, whose own goal is not used.
-        goal: The goal.
-        rests: Whether the arm comes to rest at the goal.
-
-    Returns:
-        The goal, moved onto limits that it exceeds by rounding and without alternatives
-        that fail a check, and warnings.
-
-    Raises:
-        ProblemError: If the goal fails a check, or all of its alternatives do.
-    """
-    if goal.alternatives[0] is not goal:
-        return _any_goal(problem, goal, rests)
-    robot = problem.robot
-    if goal.configuration is not None:
-        v = goal.final_velocity(robot.n)
-        q, of_q = onto_limits(robot, "position", goal.configuration, "goal.q")
-        v, of_v = onto_limits(robot, "velocity", v, "goal.v")
-        check_clear(problem, q, "goal")
-        _check_mass(robot, q, "goal")
-        if rests and not np.any(v) and (fault := unheld(robot, q)):
-            raise ProblemError(f"goal: {fault}", "goal")
-        check_state(problem, q, v, "goal")
-        return goal.with_state(q, v) if of_q or of_v else goal, of_q + of_v
-    messages = []
-    for item in goal.members:
-        q, name = item.positions(robot), "goal.q with its tolerance"
-        messages += onto_limits(robot, "position", q, name)[1]
-        _check_reach(robot, item)
-        _check_link(problem, item)
-    lower, upper = goal.joint_ranges(robot)
-    for i in np.flatnonzero(lower > upper + ROUNDING).tolist():
-        joint = robot.joint_names[i]
-        said = f"{lower[i]:.6g} at least and {upper[i]:.6g} at most [rad or m]"
-        raise ProblemError(f"goal: joint {joint!r} is to be {said}", "goal")
-    return goal, messages
-
-
-def _any_goal(problem: Problem, goal: Goal, rests: bool) -> tuple[Goal, list[str]]:
-    """Drop alternatives that fail a check, if at least one alternative passes.
-
-    Each dropped alternative gets a warning, except equivalent joint angles: they differ
-    from the caller's goal by whole turns only.
-
-    Raises:
-        ProblemError: If no alternative passes.
-    """
-    goals = goal.choices
-    valid, messages = list[Goal](), list[str]()
-    faults = dict[int, ProblemError]()
-    for number, alternative in enumerate(goals, 1):
-        try:
-            checked, snapped = checked_goal(problem, alternative, rests)
-        except ProblemError as error:
-            faults[number] = error
-        else:
-            valid.append(checked)
-            messages += snapped
-    if goal.turning:
-        if not valid:
-            raise faults[1]
-        return restricted(goal, valid), list(dict.fromkeys(messages))
-    faulty = [f"goal {k} of {len(goals)}: {fault}" for k, fault in faults.items()]
-    if not valid:
-        raise ProblemError("; ".join(faulty), "goal")
-    messages += [f"{text}; it is left out" for text in faulty]
-    return restricted(goal, valid), messages
-
-
-def check_clear(problem: Problem, q: Array, which: str, *, later: bool = False) -> None:
-    """Check that the configuration at the "start" or the "goal" is collision-free.
-
-    Args:
-        problem: Scene, margin, and the robot.
-        q: The configuration, shape (n,).
-        which: "start" or "goal".
-        later: Whether it is the start of a later segment, whose time is not known yet.
-
-    Raises:
-        ProblemError: If it is in collision, naming the deepest collision pair.
-    """
-    checker = problem.checker
-    # The arrival time is not known yet: moving obstacles may be elsewhere then.
-    time = 0.0 if which == "start" and not later else None
-    moves = time is None and checker.moving
-    # The margins require that meshes are cut into convex pieces.
-    if checker.hulls_clear(q):
-        return
-    if not moves and checker.is_free(q, problem.margins, time or 0.0):
-        return
-    contact = checker.closest(q, problem.margins, time)
-    if contact is None or contact.distance >= contact.margin - ROUNDING:
-        return
-    margin = contact.margin
-    depth = f"overlap by {-contact.distance:.4g} m"
-    if contact.distance >= 0.0:
-        apart = f"are {contact.distance:.4g} m apart"
-        depth = f"{apart}, less than the margin {margin:.4g} m"
-    advice = _advice_on_links(problem.robot, q) if contact.own else ""
-    raise ProblemError(
-        f"{which} in collision: {contact.pair} {depth} at q = "
-        f"{np.round(q, 4).tolist()}{advice}",
-        FIELDS[which],
-    )
-
-
-def _advice_on_links(robot: Robot, q: Array) -> str:
-    """Advice on an overlap of two links that the robot description may allow."""
-    meshes = CollisionChecker(robot, Scene(), self_collision=True, geometry="mesh")
-    cause = " their meshes overlap, too;"
-    if meshes.is_free(q):
-        cause = " their meshes do not, only the convex pieces that stand for them;"
-    return (
-        f":{cause} links that may touch belong among the disable_collisions of an "
-        "SRDF, and self_collision=False lets all of them touch"
-    )
-
-
-def check_state(
-    problem: Problem, q: Array, v: Array, which: str, *, passing: bool = False
-) -> None:
-    """Check that constraints hold at a state, and that no joint leaves its range.
-
-    A joint that moves at a position limit is outside its range before or after: at a
-    goal neither is allowed, at a start it may come from outside.
-
-    Args:
-        problem: Robot and constraints.
-        q: Positions, shape (n,).
-        v: Velocities, shape (n,).
-        which: "start" or "goal".
-        passing: Whether the arm passes the configuration at an unknown velocity: then
-            only constraints on the configuration are checked.
-
-    Raises:
-        ProblemError: If a constraint is violated by more than rounding.
-    """
-    robot, limits = problem.robot, problem.robot.limits
-    outward = np.where(q >= limits.position_upper, v, 0.0)
-    outward -= np.where(q <= limits.position_lower, v, 0.0)
-    wrong = outward if which == "start" else np.abs(outward)
-    # A slower joint stops within rounding of its limit.
-    for i in np.flatnonzero(wrong > math.sqrt(SNAP)).tolist():
-        unit = unit_of(robot, i)
-        way = "leaves" if outward[i] > 0.0 else "enters"
-        raise ProblemError(
-            f"{which}: joint {robot.joint_names[i]!r} {way} its range there: "
-            f"it has {v[i]:.4g} {unit}/s at its limit of {q[i]:.4g} {unit}",
-            FIELDS[which],
-        )
-    for item in problem.ready_constraints:
-        if passing and item.order > 0:
-            continue
-        window = item.window
-        if window is not None and window.begin > 0.0 and which == "start":
-            continue
-        if window is not None and np.isfinite(window.end) and which == "goal":
-            continue  # the arrival time is not known yet
-        if lack := item.lack(q, v, ROUNDING):
-            why = contradiction(item, problem.ready_constraints, robot, q)
-            raise ProblemError(f"{which}: {lack}{why}", FIELDS[which])
-
-
-def _check_mass(robot: Robot, q: Array, which: str) -> None:
-    """Check that the mass matrix is regular, so that accelerations are bounded.
-
-    Args:
+    Attributes:
         robot: The robot.
-        q: The configuration, shape (n,).
-        which: "start" or "goal".
-
-    Raises:
-        ProblemError: Naming the joints that can move without any inertia.
+        scene: The obstacles.
+        checker: Collision checker: distances to the obstacles, and between links.
+        margin: Distance to keep from obstacles, and between several robots [m].
+        constraints: Further constraints, ready to be evaluated.
     """
-    if robot.kinematic:
-        return
-    mass = RobotDynamics(robot).mass(np.asarray(q)[None])[0]
-    light = np.flatnonzero(singular_directions(mass)).tolist()
-    if light:
-        joints = [robot.joint_names[i] for i in light]
+
+    robot: Robot
+    scene: Scene
+    checker: CollisionChecker
+    margin: float
+    constraints: tuple[PathConstraint, ...]
+
+    @property
+    def margins(self) -> Array:
+        """Margin of each collision pair of the checker [m].
+
+        The checker decomposes meshes into convex pieces for the margins. A start or
+        goal at which the convex hulls of an arm without obstacles are clear is accepted
+        before.
+        """
+        return self.checker.margins(self.margin)
+
+    def start(self, q: Array, v: Array) -> None:
+        """Check a start: positions and velocities, shape (n,) each."""
+        self.clear(q, "start")
+        self.regular_mass(q, "start")
+        self.admit(q, v, "start")
+
+    def goal(self, goal: Goal, rests: bool = True) -> tuple[Goal, list[str]]:
+        """Check a goal, which was validated against the robot.
+
+        Args:
+            goal: The goal.
+            rests: Whether the arm comes to rest at the goal.
+
+        Returns:
+            The goal, moved onto limits that it exceeds by rounding and without
+            alternatives that fail a check, and warnings.
+
+        Raises:
+            ProblemError: If the goal fails a check, or all of its alternatives do.
+        """
+        if goal.alternatives[0] is not goal:
+            return self._any_goal(goal, rests)
+        if goal.configuration is not None:
+            v = goal.final_velocity(self.robot.n)
+            q, of_q = onto_limits(self.robot, "position", goal.configuration, "goal.q")
+            v, of_v = onto_limits(self.robot, "velocity", v, "goal.v")
+            self.clear(q, "goal")
+            self.regular_mass(q, "goal")
+            if rests and not np.any(v) and (fault := unheld(self.robot, q)):
+                raise ProblemError(f"goal: {fault}", "goal")
+            self.admit(q, v, "goal")
+            return goal.with_state(q, v) if of_q or of_v else goal, of_q + of_v
+        messages = []
+        for item in goal.members:
+            q, name = item.positions(self.robot), "goal.q with its tolerance"
+            messages += onto_limits(self.robot, "position", q, name)[1]
+            self._within_reach(item)
+            self._link_clear(item)
+        lower, upper = goal.joint_ranges(self.robot)
+        for i in np.flatnonzero(lower > upper + ROUNDING).tolist():
+            joint = self.robot.joint_names[i]
+            said = f"{lower[i]:.6g} at least and {upper[i]:.6g} at most [rad or m]"
+            raise ProblemError(f"goal: joint {joint!r} is to be {said}", "goal")
+        return goal, messages
+
+    def _any_goal(self, goal: Goal, rests: bool) -> tuple[Goal, list[str]]:
+        """Drop alternatives that fail a check, if at least one alternative passes.
+
+        Each dropped alternative gets a warning, except equivalent joint angles: they
+        differ from the caller's goal by whole turns only.
+
+        Raises:
+            ProblemError: If no alternative passes.
+        """
+        goals = goal.choices
+        valid, messages = list[Goal](), list[str]()
+        faults = dict[int, ProblemError]()
+        for number, alternative in enumerate(goals, 1):
+            try:
+                checked, snapped = self.goal(alternative, rests)
+            except ProblemError as error:
+                faults[number] = error
+            else:
+                valid.append(checked)
+                messages += snapped
+        if goal.turning:
+            if not valid:
+                raise faults[1]
+            return restricted(goal, valid), list(dict.fromkeys(messages))
+        faulty = [f"goal {k} of {len(goals)}: {fault}" for k, fault in faults.items()]
+        if not valid:
+            raise ProblemError("; ".join(faulty), "goal")
+        messages += [f"{text}; it is left out" for text in faulty]
+        return restricted(goal, valid), messages
+
+    def clear(self, q: Array, which: str, *, later: bool = False) -> None:
+        """Check that the configuration at the "start" or the "goal" is collision-free.
+
+        Args:
+            q: The configuration, shape (n,).
+            which: "start" or "goal".
+            later: Whether it is the start of a later segment, whose time is not known
+                yet.
+
+        Raises:
+            ProblemError: If it is in collision, naming the deepest collision pair.
+        """
+        # The arrival time is not known yet: moving obstacles may be elsewhere then.
+        time = 0.0 if which == "start" and not later else None
+        moves = time is None and self.checker.moving
+        if self.checker.hulls_clear(q):
+            return
+        if not moves and self.checker.is_free(q, self.margins, time or 0.0):
+            return
+        contact = self.checker.closest(q, self.margins, time)
+        if contact is None or contact.distance >= contact.margin - ROUNDING:
+            return
+        margin = contact.margin
+        depth = f"overlap by {-contact.distance:.4g} m"
+        if contact.distance >= 0.0:
+            apart = f"are {contact.distance:.4g} m apart"
+            depth = f"{apart}, less than the margin {margin:.4g} m"
+        advice = self._advice_on_links(q) if contact.own else ""
         raise ProblemError(
-            f"{which}: {' and '.join(joints)} can move without any inertia there, "
-            "so that any torque would accelerate them without bound: give "
-            f"armature={example_values(joints)} [kg m^2 or kg], or lock one",
+            f"{which} in collision: {contact.pair} {depth} at q = "
+            f"{np.round(q, 4).tolist()}{advice}",
             FIELDS[which],
         )
 
-
-def _check_link(problem: Problem, goal: Goal) -> None:
-    """Check that the link at the goal's frame has an orientation without collision.
-
-    Raises:
-        ProblemError: If the link overlaps an obstacle in every orientation.
-    """
-    ball, frame = goal.ball, goal.frame_name
-    if ball is None or frame is None or not len(problem.scene):
-        return
-    point = ball.centre
-    found = enclosure(problem.robot, problem.scene, frame, point, ball.radius)
-    if found is not None:
-        raise ProblemError(
-            f"goal: {np.round(point, 4).tolist()} is {found.lack:.4g} m deep in "
-            f"obstacle {found.obstacle!r}, and link {found.link!r} with frame "
-            f"{frame!r} there overlaps it in every orientation",
-            "goal",
+    def _advice_on_links(self, q: Array) -> str:
+        """Advice on an overlap of two links that the robot description may allow."""
+        meshes = CollisionChecker(
+            self.robot, Scene(), self_collision=True, geometry="mesh"
+        )
+        cause = " their meshes overlap, too;"
+        if meshes.is_free(q):
+            cause = " their meshes do not, only the convex pieces that stand for them;"
+        return (
+            f":{cause} links that may touch belong among the disable_collisions of an "
+            "SRDF, and self_collision=False lets all of them touch"
         )
 
+    def admit(self, q: Array, v: Array, which: str, *, passing: bool = False) -> None:
+        """Check that constraints hold at a state, and that no joint leaves its range.
 
-def _check_reach(robot: Robot, goal: Goal) -> None:
-    """Check that the goal's frame can come as far from the base as the goal is.
+        A joint that moves at a position limit is outside its range before or after: at
+        a goal neither is allowed, at a start it may come from outside.
 
-    Raises:
-        ProblemError: If the goal is out of reach.
-    """
-    target, frame = goal.nearest_point(), goal.frame_name
-    if target is None or frame is None:
-        return
-    reach = RobotKinematics(robot).reach(frame)
-    distance = math.hypot(*target)  # does not overflow
-    if distance > reach * (1.0 + 1e-9):
-        raise ProblemError(
-            f"goal: {np.round(target, 4).tolist()} is {distance:.4g} m from the "
-            f"base, and frame {frame!r} reaches {reach:.4g} m at most: "
-            f"outside reach by {distance - reach:.4g} m",
-            "goal",
-        )
+        Args:
+            q: Positions, shape (n,).
+            v: Velocities, shape (n,).
+            which: "start" or "goal".
+            passing: Whether the arm passes the configuration at an unknown velocity:
+                then only constraints on the configuration are checked.
+
+        Raises:
+            ProblemError: If a constraint is violated by more than rounding.
+        """
+        limits = self.robot.limits
+        outward = np.where(q >= limits.position_upper, v, 0.0)
+        outward -= np.where(q <= limits.position_lower, v, 0.0)
+        wrong = outward if which == "start" else np.abs(outward)
+        # A slower joint stops within rounding of its limit.
+        for i in np.flatnonzero(wrong > math.sqrt(SNAP)).tolist():
+            unit = unit_of(self.robot, i)
+            way = "leaves" if outward[i] > 0.0 else "enters"
+            raise ProblemError(
+                f"{which}: joint {self.robot.joint_names[i]!r} {way} its range there: "
+                f"it has {v[i]:.4g} {unit}/s at its limit of {q[i]:.4g} {unit}",
+                FIELDS[which],
+            )
+        for item in self.constraints:
+            if passing and item.order > 0:
+                continue
+            window = item.window
+            if window is not None and window.begin > 0.0 and which == "start":
+                continue
+            if window is not None and np.isfinite(window.end) and which == "goal":
+                continue  # the arrival time is not known yet
+            if lack := item.lack(q, v, ROUNDING):
+                why = contradiction(item, self.constraints, self.robot, q)
+                raise ProblemError(f"{which}: {lack}{why}", FIELDS[which])
+
+    def regular_mass(self, q: Array, which: str) -> None:
+        """Check that the mass matrix is regular, so that accelerations are bounded.
+
+        Args:
+            q: The configuration, shape (n,).
+            which: "start" or "goal".
+
+        Raises:
+            ProblemError: Naming the joints that can move without any inertia.
+        """
+        if self.robot.kinematic:
+            return
+        mass = RobotDynamics(self.robot).mass(np.asarray(q)[None])[0]
+        light = np.flatnonzero(singular_directions(mass)).tolist()
+        if light:
+            joints = [self.robot.joint_names[i] for i in light]
+            raise ProblemError(
+                f"{which}: {' and '.join(joints)} can move without any inertia there, "
+                "so that any torque would accelerate them without bound: give "
+                f"armature={example_values(joints)} [kg m^2 or kg], or lock one",
+                FIELDS[which],
+            )
+
+    def _link_clear(self, goal: Goal) -> None:
+        """Check that the link at the goal's frame has an orientation without collision.
+
+        Raises:
+            ProblemError: If the link overlaps an obstacle in every orientation.
+        """
+        ball, frame = goal.ball, goal.frame_name
+        if ball is None or frame is None or not len(self.scene):
+            return
+        point = ball.centre
+        found = enclosure(self.robot, self.scene, frame, point, ball.radius)
+        if found is not None:
+            raise ProblemError(
+                f"goal: {np.round(point, 4).tolist()} is {found.lack:.4g} m deep in "
+                f"obstacle {found.obstacle!r}, and link {found.link!r} with frame "
+                f"{frame!r} there overlaps it in every orientation",
+                "goal",
+            )
+
+    def _within_reach(self, goal: Goal) -> None:
+        """Check that the goal's frame can come as far from the base as the goal is.
+
+        Raises:
+            ProblemError: If the goal is out of reach.
+        """
+        target, frame = goal.nearest_point(), goal.frame_name
+        if target is None or frame is None:
+            return
+        reach = RobotKinematics(self.robot).reach(frame)
+        distance = math.hypot(*target)  # does not overflow
+        if distance > reach * (1.0 + 1e-9):
+            raise ProblemError(
+                f"goal: {np.round(target, 4).tolist()} is {distance:.4g} m from the "
+                f"base, and frame {frame!r} reaches {reach:.4g} m at most: "
+                f"outside reach by {distance - reach:.4g} m",
+                "goal",
+            )
 
 
 def holding(robot: Robot, q: Array) -> tuple[Array, BoolArray]:
