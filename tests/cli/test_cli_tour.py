@@ -15,6 +15,7 @@ from command_line import invoke
 import tominpmp as tm
 from tominpmp.cell import running
 from tominpmp.cell.tours.tour_file import load_tour
+from tominpmp.files import export_check
 
 HEAD = """
 [robot]
@@ -146,13 +147,13 @@ def test_an_interrupt_while_files_are_written_leaves_them_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The tour was lost, and nothing was reported."""
-    judge = running.check_export
+    judge = export_check.check_export
 
     def interrupted(*arguments: Any, **options: Any) -> Any:
         signal.raise_signal(signal.SIGINT)
         return judge(*arguments, **options)
 
-    monkeypatch.setattr(running, "check_export", interrupted)
+    monkeypatch.setattr(export_check, "check_export", interrupted)
     page = tmp_path / "cycle.html"
     path = scenario(tmp_path, STATIONS)
     code, output = run(path, "-o", tmp_path / "cycle.csv", "--html", page)

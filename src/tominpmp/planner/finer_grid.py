@@ -38,12 +38,14 @@ Descended = SlpResult[NonlinearProgram]
 # Usual and largest number of iterations on a grid, as most of the gain comes with the
 # first step. The largest is for motions with violations that slowing down does not
 # remove: the gain would be lost with them.
-ITERATIONS, MOST_ITERATIONS = 5, 20
+ITERATIONS, MOST_ITERATIONS = 6, 20
 # Most rounds of halving.
 ROUNDS = 5
 # Least gain that a round must predict, as a share of T; and where planning time matters
 # less than T.
 WORTH, LITTLE_WORTH = 3e-3, 3e-4
+# Finer grids are kept if they gain this share of it.
+GAINED = 0.2
 # Trust-region radius as a share of the usual one: the motion changes little.
 RADIUS = 0.3
 
@@ -74,6 +76,7 @@ def on_finer_grids(result: Descended, state: PlanState) -> Descended:
     worth = WORTH if usual else LITTLE_WORTH
     first = len(state.records) - len(result.history)
     warm, finest = warm_start_options(options, RADIUS, MOST_ITERATIONS), result
+    coarsest = best.duration
     step, stop = trust_regions(warm)
     for _ in range(ROUNDS):
         transcription, z = program.transcription, best.z
@@ -102,7 +105,7 @@ def on_finer_grids(result: Descended, state: PlanState) -> Descended:
         finest, best, program = finer, finer.best, finer.program
         if promise < worth:
             break
-    if finest is result:
+    if best.duration > (1.0 - GAINED * worth) * coarsest:
         return result
     records = state.records[first:]
     history = tuple(replace(r, iteration=r.iteration - first) for r in records)
@@ -117,9 +120,10 @@ def round_ends(worth: float) -> Rule:
     """
 
     def rule(loop: Loop) -> Status | None:
-        if loop.history[0].predicted < worth:
+        little = loop.history[0].predicted < worth
+        if little and len(loop.history) == 1:
             return Status.CONVERGED
-        if len(loop.history) < ITERATIONS:
+        if not little and len(loop.history) < ITERATIONS:
             return None
         best = loop.best or loop.state
         slower = loop.objective.cured(loop.program, best, SMALL_VIOLATION)
