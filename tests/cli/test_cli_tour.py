@@ -150,7 +150,7 @@ def test_an_interrupt_while_files_are_written_leaves_them_whole(
     judge = export_check.check_export
 
     def interrupted(*arguments: Any, **options: Any) -> Any:
-        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGTERM)  # never ignored
         return judge(*arguments, **options)
 
     monkeypatch.setattr(export_check, "check_export", interrupted)
