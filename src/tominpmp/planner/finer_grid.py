@@ -44,7 +44,7 @@ ROUNDS = 5
 # Least gain that a round must predict, as a share of T; and where planning time matters
 # less than T.
 WORTH, LITTLE_WORTH = 3e-3, 3e-4
-# Finer grids are kept if they gain this share of it.
+# Finer grids are kept if they gain this share of the least gain of a round.
 GAINED = 0.2
 # Trust-region radius as a share of the usual one: the motion changes little.
 RADIUS = 0.3
