@@ -152,11 +152,10 @@ def near(system: ProblemFunctions, count: int, rng: np.random.Generator) -> Arra
 
 
 def on_spline(system, shares, rng):
-    of = InverseTranscription(system, shares)
+    of = InverseTranscription(system, shares, 0.6)
     points = near(system, of.intervals, rng)
     end = points[-1] + 0.02 * rng.normal(size=system.n)
-    points = np.vstack([system.problem.q_start, points, end])
-    return of, of.unknowns(points, lengths(shares, 0.6, rng))
+    return of, of.pack(points, end, lengths(shares, 0.6, rng))
 
 
 def lifted(system, shares, rng):
@@ -174,8 +173,10 @@ def shot(system, shares, rng):
 def smooth(degree):
     def build(system, shares, rng):
         of = BSplineTranscription(system, shares, degree)
-        points = near(system, of.intervals + degree, rng)
-        return of, of.unknowns(points, np.array([0.6]))
+        times = np.linspace(0.0, 1.0, 4 * of.intervals)
+        z = of.fitted(times, near(system, times.size, rng), 0.6)
+        z[:-1] += 0.02 * rng.normal(size=z.size - 1)
+        return of, z
 
     return build
 

@@ -10,8 +10,10 @@ from two_link_cases import CASES
 
 import tominpmp as tm
 from tominpmp.options import Tolerances
+from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.grid import interval_shares
-from tominpmp.transcription.layout import LIFTED, QUADRATIC, Layout, split_intervals
+from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.layout import split_intervals
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 FEW = 8
@@ -111,15 +113,15 @@ def system_of(family: str, name: str) -> ProblemFunctions:
     return ProblemFunctions.of(CASES[family][name].problem())
 
 
-@pytest.mark.parametrize("degree", [QUADRATIC, LIFTED])
+@pytest.mark.parametrize("kind", [InverseTranscription, CollocationTranscription])
 def test_splitting_leaves_the_motion_as_it_is(
-    degree: int, rng: np.random.Generator
+    kind: type[InverseTranscription] | type[CollocationTranscription],
+    rng: np.random.Generator,
 ) -> None:
     """The next solve begins where the last one ended."""
     system = system_of("vertical", "vertical rods")
     shares = interval_shares("uniform", FEW)
-    layout = Layout(degree, shares, np.array([1.3]), (FEW,))
-    transcription = layout.transcription(system)
+    transcription = kind(system, shares, 1.3)
     path = rng.normal(size=(FEW + 1, 2))
     path[0] = system.problem.q_start
     s = np.linspace(0.0, 1.3, FEW + 1)
@@ -133,7 +135,7 @@ def test_splitting_leaves_the_motion_as_it_is(
     before, after = transcription.trajectory(z), finer.trajectory(start)
     assert after.t.size == before.t.size + int(split.sum())
     times = np.linspace(0.0, before.duration, 57)
-    if degree == LIFTED:
+    if kind is CollocationTranscription:
         times = before.t  # in between torques rule, whatever the states
     np.testing.assert_allclose(after(times).q, before(times).q, atol=1e-10)
     np.testing.assert_allclose(after(times).v, before(times).v, atol=1e-10)

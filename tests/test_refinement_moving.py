@@ -11,8 +11,10 @@ import tominpmp as tm
 from tominpmp.exact.shooting import ArcProgram
 from tominpmp.exact.structure import Arcs
 from tominpmp.exact.switching_times import steps_of
+from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.grid import delayed_shares
-from tominpmp.transcription.layout import LIFTED, QUADRATIC, Layout, split_intervals
+from tominpmp.transcription.inverse import InverseTranscription
+from tominpmp.transcription.layout import split_intervals
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 RAIL = """<robot name="rail"><link name="base"/>
@@ -75,13 +77,12 @@ def test_an_arc_that_vanishes_is_no_step_of_the_motion(length, tmp_path):
     assert tm.verify(problem, motion).complete
 
 
-@pytest.mark.parametrize("degree", [QUADRATIC, LIFTED])
-def test_halved_intervals_keep_the_motion_and_what_may_stretch(degree, tmp_path):
+@pytest.mark.parametrize("kind", [InverseTranscription, CollocationTranscription])
+def test_halved_intervals_keep_the_motion_and_what_may_stretch(kind, tmp_path):
     # A motion that waits has lengths of its own for the wait, which halving lost.
     system = ProblemFunctions.of(opening(tmp_path, 0.5, 1.0, 2.0))
     shares = delayed_shares(12, 0.4)
-    eta = np.array([2.0, 2.0])
-    program = Layout(degree, shares, eta, (len(shares),)).transcription(system)
+    program = kind(system, shares, 2.0)
     times = 2.0 * np.concatenate([[0.0], np.cumsum(shares.sum(axis=1))])
 
     def position(t):
@@ -94,6 +95,6 @@ def test_halved_intervals_keep_the_motion_and_what_may_stretch(degree, tmp_path)
     np.testing.assert_allclose(finer.shares.sum(axis=0), shares.sum(axis=0))
     before, after = program.trajectory(z), finer.trajectory(start)
     assert after.duration == pytest.approx(before.duration, rel=1e-12)
-    t = before.t if degree == LIFTED else np.linspace(0, 1, 50)
+    t = before.t if kind is CollocationTranscription else np.linspace(0, 1, 50)
     t = np.minimum(t, before.duration)
     np.testing.assert_allclose(after(t).q, before(t).q, atol=1e-12)

@@ -253,7 +253,7 @@ def test_rows_against_differences(kind):
     )
     ends = (6, 12, 18)
     if kind == "inverse":
-        of = InverseTranscription(system, shares, ends)
+        of = InverseTranscription(system, shares, 1.0, segment_ends=ends)
     else:
         of = BSplineTranscription(
             system, shares, {"linear": 3, "spline": 5}[kind], ends

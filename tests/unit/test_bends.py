@@ -97,7 +97,7 @@ def test_the_curvature_of_a_program_is_that_of_its_rows(during):
     """Along steps that leave the places where the rows are nearly alone."""
     system = ProblemFunctions.of(two_links(0.5, during))
     shares = interval_shares("uniform", 12)
-    of = InverseTranscription(system, shares)
+    of = InverseTranscription(system, shares, 4.0)
     ends = system.problem.q_start, system.final_configuration
     T = np.array([4.0])
     z = of.start(lambda t: ends[0] + t[:, None] / 4.0 * (ends[1] - ends[0]), 4.0, T)

@@ -50,7 +50,7 @@ def test_what_fast_links_pass_between_two_looks_becomes_a_row(angle: float) -> N
     arm = tm.load_robot("planar3r", velocity=100.0)
     problem = tm.Problem(arm, start, tm.JointGoal(start + way), tm.Scene([ball]))
     system = ProblemFunctions.of(problem)
-    of = InverseTranscription(system, np.full((6, 1), 1.0 / 6.0))
+    of = InverseTranscription(system, np.full((6, 1), 1.0 / 6.0), 0.2)
 
     def path(t: Array) -> Array:
         share = t / 0.2

@@ -137,7 +137,7 @@ def _programs():
         bend = np.array([0.3, 0.2]) * np.sin(np.pi * share)
         return start + (3 * share**2 - 2 * share**3) * (goal - start) + bend
 
-    jumping = InverseTranscription(system, shares)
+    jumping = InverseTranscription(system, shares, 2.0)
     yield jumping, jumping.start(path, 2.0, np.full(shares.shape[1], 2.0))
     smooth = BSplineTranscription(system, whole, 3)
     yield smooth, smooth.start(path, 2.0, np.array([2.0]))

@@ -38,11 +38,11 @@ PROBLEMS = {
 def build(problem, rng, *, intervals=7, free=False):
     system = ProblemFunctions.of(problem)
     shares = np.eye(intervals) if free else interval_shares("cosine", intervals)
-    nlp = InverseTranscription(system, shares)
+    nlp = InverseTranscription(system, shares, 1.0)
     points = np.array(START) + 0.3 * rng.normal(size=(intervals, 3))
     end = points[-1] + 0.02 * rng.normal(size=3)
     eta = rng.uniform(0.1, 0.3, intervals) if free else np.array([1.3])
-    z = nlp.unknowns(np.vstack([START, points, end]), eta)
+    z = nlp.pack(points, end, eta)
     return NonlinearProgram.of(nlp).at(z), z
 
 
@@ -121,7 +121,7 @@ def test_closest_instants_are_found_between_the_rows():
     nlp, z = build(problem, np.random.default_rng(8), intervals=6)
     system = nlp.system
     q = np.linspace(START, (1.5, 0.5, 0.5), 6)
-    z = nlp.transcription.unknowns(np.vstack([START, q, q[-1]]), z[-1:])
+    z = nlp.transcription.pack(q, q[-1], z[-1:])
     # Of torques nothing is to be found, however large they are.
     more = exchanged(nlp, z, np.inf)
     at = added(more, nlp, "clearance")

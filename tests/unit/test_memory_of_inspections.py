@@ -54,7 +54,7 @@ def test_an_inspection_takes_less_than_a_few_tables(duration: float) -> None:
     system = ProblemFunctions.of(problem)
     assert system.clearance is not None and system.clearance.count > 400
     shares = interval_shares("cosine", 40)
-    spline = InverseTranscription(system, shares)
+    spline = InverseTranscription(system, shares, duration)
     ends = np.stack([problem.q_start, problem.goal.q])
 
     def position(times: np.ndarray) -> np.ndarray:
@@ -92,7 +92,7 @@ def test_only_the_worst_are_looked_at_more_closely(
         "tominpmp.transcription.exchange.between_samples",
         lambda m, *_: np.arange(len(m)),
     )
-    program = InverseTranscription(system, interval_shares("cosine", 40))
+    program = InverseTranscription(system, interval_shares("cosine", 40), 10.0)
     T = np.array([10.0])
     start = program.start(lambda t: np.tile(problem.q_start, (t.size, 1)), 10.0, T)
     spline = program.motion(start)

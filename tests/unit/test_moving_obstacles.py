@@ -249,11 +249,10 @@ def build(kind: str, problem: tm.Problem, seed: int):
         more = Instants(np.array([0, 2, 6]), np.array([0.3, 0.7, 0.2]))
         free = kind == "free lengths"
         lengths = np.eye(INTERVALS) if free else shares
-        nlp = InverseTranscription(system, lengths)
+        nlp = InverseTranscription(system, lengths, 1.1)
         eta = rng.uniform(0.1, 0.2, INTERVALS) if free else T
         program = with_clearances(NonlinearProgram.of(nlp), more)
-        points = np.vstack([START, q[:-1], q[-2]])
-        return program, nlp.unknowns(points, eta)
+        return program, nlp.pack(q[:-1], q[-2], eta)
     if kind == "collocation":
         nlp = CollocationTranscription(system, shares, 1.1)
         v = 0.3 * rng.normal(size=q.shape)
@@ -262,8 +261,8 @@ def build(kind: str, problem: tm.Problem, seed: int):
         nlp = AdjointTranscription(system, shares, 1.1)
         return NonlinearProgram.of(nlp), nlp.pack(u, np.array([0.3]))
     nlp = BSplineTranscription(system, shares, 5)
-    points = np.pad(q, ((2, 2), (0, 0)), mode="edge")
-    return NonlinearProgram.of(nlp), nlp.unknowns(points, T)
+    times = np.concatenate([[0.0], np.cumsum(shares[:, 0])])
+    return NonlinearProgram.of(nlp), nlp.fitted(times, q, 1.1)
 
 
 KINDS = ("inverse", "free lengths", "collocation", "adjoint", "bspline")

@@ -54,7 +54,7 @@ class ScipySolver(LpSolver):
 def test_a_solver_of_linear_programs_of_ones_own(planar3r: tm.Robot) -> None:
     problem = tm.Problem(planar3r, (0.5, 1.7, -1.7), tm.JointGoal((0.9, -1.2, -0.9)))
     transcription = InverseTranscription(
-        ProblemFunctions.of(problem), interval_shares("uniform", 12)
+        ProblemFunctions.of(problem), interval_shares("uniform", 12), 2.0
     )
     ends = np.array([problem.q_start, problem.goal.q])
 

@@ -122,8 +122,8 @@ def test_rows_at_times_against_differences(number, item):
         share = np.atleast_1d(t)[:, None] / 2.0
         return share**2 * (3.0 - 2.0 * share) * np.array([1.0, 0.5])
 
-    lifted = CollocationTranscription(system, shares, 2.0)
-    of = lifted if number else InverseTranscription(system, shares)
+    kind = CollocationTranscription if number else InverseTranscription
+    of = kind(system, shares, 2.0)
     z = of.start(path, 2.0, np.array([2.0]))
     z = z + 1e-2 * np.random.default_rng(1).standard_normal(z.size)
     program = NonlinearProgram.of(of)

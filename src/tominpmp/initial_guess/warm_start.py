@@ -56,6 +56,8 @@ LEAST_DURATION = 1e-9
 FINEST = 4
 # A spline on a finer grid keeps at most this multiple of the requested intervals.
 FINER = 2
+# Samples per interval for fitting splines.
+FIT = 8
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -142,18 +144,21 @@ class WarmStart(Guess):
         self, system: ProblemFunctions, intervals: int, kind: str
     ) -> tuple[NonlinearProgram, Array]:
         """Program with constant accelerations, and the motion as its iterate."""
-        nodes = self.grid(intervals) if self.trajectory.degree == 2 else None
-        shares = interval_shares(kind, intervals)
-        if nodes is not None:
-            shares = np.diff(nodes)[:, None] / self.duration
-        transcription = InverseTranscription(system, shares)
-        z = transcription.interpolated(np.array([self.duration]), self.position)
+        T, motion = self.duration, self.trajectory
+        nodes = self.grid(intervals)
+        if nodes is None or motion.degree != 2:
+            shares = interval_shares(kind, intervals)
+            transcription = InverseTranscription(system, shares, T)
+            z = transcription.start(self.position, T, np.array([T]))
+            return _program(transcription, z)
+        transcription = InverseTranscription(system, np.diff(nodes)[:, None] / T, T)
+        z = transcription.interpolated(np.array([T]), self.position)
         return _program(transcription, transcription.within_limits(z))
 
     def spline_program(
         self, system: ProblemFunctions, intervals: int, kind: str, degree: int
     ) -> tuple[NonlinearProgram, Array]:
-        """B-spline program, and the motion as its iterate."""
+        """B-spline program, and the spline that fits the motion best as its iterate."""
         lengths = np.diff(self.nodes)[:, None] / self.duration
         finer = self._finer(intervals)
         shares = interval_shares(kind, finer or intervals, sudden=system.sudden)
@@ -161,8 +166,13 @@ class WarmStart(Guess):
         if lengths.shape == shares.shape and even:
             shares = lengths
         transcription = BSplineTranscription(system, shares, degree)
-        z = transcription.interpolated(np.array([self.duration]), self.position)
-        return _program(transcription, transcription.within_limits(z))
+        # Every interval has the same number of samples, however short it is, as each
+        # has a control point.
+        starts = nodes_of(shares[:-1, 0])
+        fit = (starts[:, None] + shares * np.linspace(0.0, 1.0, FIT)).ravel()
+        positions = self.position(fit * self.duration)
+        z = transcription.fitted(fit, positions, self.duration)
+        return _program(transcription, z)
 
     def _finer(self, intervals: int) -> int | None:
         """Number of intervals of a spline whose grid is finer than requested, or None.

@@ -161,12 +161,11 @@ class Layout:
 
     def transcription(self, system: ProblemFunctions) -> Gridded:
         """The parameterisation, for the functions of a problem."""
-        ends = self.segment_ends
+        duration, ends = float(np.sum(self.shares @ self.eta)), self.segment_ends
         if self.degree == LIFTED:
-            duration = float(np.sum(self.shares @ self.eta))
             return CollocationTranscription(system, self.shares, duration)
         if self.degree == QUADRATIC:
-            return InverseTranscription(system, self.shares, ends)
+            return InverseTranscription(system, self.shares, duration, ends)
         return BSplineTranscription(
             system, self.shares, self.degree, ends, breaks=self.breaks
         )
