@@ -54,8 +54,7 @@ def test_rest_to_rest(solution: tm.Solution) -> None:
 
 
 def test_speed_limits_make_trapezoids() -> None:
-    found = planned(arm(velocity=1.0), options={"refine": "grid"})
-    assert found.T == pytest.approx(0.75, rel=1e-4)
+    assert planned(arm(velocity=1.0)).T == pytest.approx(0.75, rel=1e-4)
 
 
 def test_jerk_limits() -> None:
