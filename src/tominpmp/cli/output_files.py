@@ -175,8 +175,9 @@ def _saved(
 
 def _free_name() -> Path:
     """Unused file name for the motion in the current folder."""
-    names = chain([DEFAULT_MOTION], (f"motion-{i}.csv" for i in count(2)))
-    return Path(next(name for name in names if not os.path.lexists(name)))
+    first = Path(DEFAULT_MOTION)
+    names = chain([first], (first.with_stem(f"{first.stem}-{i}") for i in count(2)))
+    return next(name for name in names if not os.path.lexists(name))
 
 
 def check_target(path: Path | None, option: str, endings: Sequence[str]) -> None:

@@ -351,8 +351,8 @@ def _draw_speeds(axes: Axes, problem: Problem, trajectory: Trajectory) -> None:
     """Draw speeds as shares of their limits."""
     shares = shares_of_limits(problem, trajectory)
     for joint, name in enumerate(shares.joint_names):
-        look: dict[str, Any] = {"color": figures.color(joint), "lw": 0.8}
-        axes.plot(shares.t, shares.speed[:, joint], label=name, **look)
+        speed = shares.speed[:, joint]
+        axes.plot(shares.t, speed, color=figures.color(joint), lw=0.8, label=name)
     for limit in (-1.0, 1.0):
         axes.axhline(limit, color="0.6", lw=0.6, ls="--")
     axes.set_ylabel("speed / limit")
