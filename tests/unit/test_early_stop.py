@@ -132,10 +132,28 @@ def test_a_motion_whose_links_touch_is_replayed_once(monkeypatch):
     assert len(replays) == 1 + len(state.first_guesses)
 
 
+def test_a_coarse_motion_that_does_not_hold_gives_way_to_the_next_one(monkeypatch):
+    """A plan of 0.6 s had a motion, and one of 1 s had none: only one was tried."""
+    state, known, replays = with_coarse_fallback(), Candidate.verified, []
+    state.fallbacks, state.first_guesses = state.fallbacks * 2, []
+    touch = LimitViolation("clearance", "a and b", 0.1, 0.01, "m", 0.01, True)
+
+    def touching_once(*given):
+        replays.append(known(*given))
+        if len(replays) > 1:
+            return replays[-1]
+        found = replace(replays[-1].verification, ok=False, violations=(touch,))
+        return replace(replays[-1], verification=found)
+
+    monkeypatch.setattr(Candidate, "verified", touching_once)
+    use_fallback(state, tm.Status.TIME_LIMIT)
+    assert state.incumbent is not None
+
+
 def test_a_slow_incumbent_does_not_hide_a_faster_coarse_motion():
     """A plan of 4 s returned 3.75 s, and one of 2 s had returned 0.39 s."""
     state = with_coarse_fallback()
-    coarse, options = state.fallback, state.options
+    (coarse,), options = state.fallbacks, state.options
     program, iterate, _ = coarse.kept
     slower = replace(iterate, z=program.time_scale(iterate.z, 5.0))
     kept = KeptIterate(program, slower, True)

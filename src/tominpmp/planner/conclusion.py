@@ -292,7 +292,7 @@ def _reason(state: PlanState) -> str:
 
 def _why_not_found(state: PlanState, status: Status, reason: str) -> str:
     """Why a plan has found no motion, in sentences."""
-    coarse = [] if state.fallback is None else [state.fallback.candidate]
+    coarse = [item.candidate for item in state.fallbacks[:1]]
     tried = state.start + 1, len(state.shown)
     best = best_of([*coarse, *state.candidates])
     motion = None if best is None else best.trajectory

@@ -64,10 +64,10 @@ class PlanState:
         kept_iterates: Iterates of the candidate in progress, the newest last.
         initial: The initial iterate of the candidate in progress.
         cut_short: How the candidate in progress was stopped; None if it was not.
-        fallback: The best candidate of a coarse grid, whose last iterate becomes the
-            solution if there is no incumbent in the end.
-        first_guesses: The first guess for each goal, with its name and its problem;
-            the last resort if the fallback fails, too.
+        fallbacks: Candidates of coarse grids, the best one first, whose last iterate
+            may become the solution if there is no incumbent in the end.
+        first_guesses: The first guess for each goal, with its name and its problem,
+            which are tried next if the best fallback fails.
         complete: Whether all stages of a plan with less effort are done. The thorough
             search that follows is open-ended: a time limit then is its regular end.
         callback_error: Error that the callback has raised; None without one.
@@ -91,7 +91,7 @@ class PlanState:
         self.kept_iterates: list[KeptIterate] = []
         self.initial: KeptIterate | None = None
         self.cut_short: Status | None = None
-        self.fallback: Fallback | None = None
+        self.fallbacks: list[Fallback] = []
         self.first_guesses: list[tuple[str, KeptIterate, Problem]] = []
         self.complete = False
         self.callback_error: Exception | None = None

@@ -247,35 +247,36 @@ def _keep_first_guess(state: PlanState, work: Work) -> None:
 
 
 def _keep_fallback(state: PlanState, work: Work, candidate: Candidate) -> None:
-    """Keep the best candidate of the coarse grids as fallback."""
+    """Keep a candidate of a coarse grid as fallback, the best one first."""
 
-    def order(item: Candidate) -> tuple[bool, float]:
-        return item.violation > RESTORABLE, item.trajectory.duration
+    def order(item: Fallback) -> tuple[bool, float]:
+        motion = item.candidate
+        return motion.violation > RESTORABLE, motion.trajectory.duration
 
-    if state.fallback is None or order(candidate) < order(state.fallback.candidate):
-        problem = work.system.problem
-        state.fallback = Fallback(candidate, state.kept_iterates[-1], problem)
+    fallback = Fallback(candidate, state.kept_iterates[-1], work.system.problem)
+    state.fallbacks = sorted([*state.fallbacks, fallback], key=order)
 
 
 def use_fallback(state: PlanState, status: Status) -> None:
-    """Slow the best coarse motion, or a first guess, down until its replay holds.
+    """Slow a coarse motion, or a first guess, down until its replay holds.
 
     Args:
-        state: The plan. If it has an incumbent, only a faster coarse motion is tried.
+        state: The plan. If it has an incumbent, only the best coarse motion is tried,
+            if it is faster.
         status: How planning was stopped; FEASIBLE if it was not.
     """
     best = state.best_duration
-    coarse = () if state.fallback is None else (state.fallback,)
+    coarse, others = state.fallbacks[:1], state.fallbacks[1:]
     guesses = (
         Fallback(as_candidate(name, kept, kept, status), kept, problem)
         for name, kept, problem in state.first_guesses
-        if best == np.inf
     )
+    tries = coarse if best < np.inf else chain(coarse, guesses, others)
     errors = state.failures[-1:]
     remark = "".join(STAGE_FAILED.format(type(error).__name__) for error in errors)
     tried: list[Candidate] = []
     with state.saving():
-        for fallback in chain(coarse, guesses):
+        for fallback in tries:
             if fallback.candidate.trajectory.duration >= best:
                 continue
             candidate = replace(fallback.candidate, status=status, remark=remark)
