@@ -173,6 +173,20 @@ def test_many_columns_without_a_basis_are_no_work_for_pivots(monkeypatch):
     assert p.cost @ again.x == pytest.approx(p.cost @ cold.x, abs=1e-5)
 
 
+def test_many_columns_are_not_left_to_the_simplex_method_for_multipliers(monkeypatch):
+    """A Panda had 4 s of pivots after its motion on a finer grid no longer changed."""
+    monkeypatch.setattr(PiqpSolver, "_solved", False)
+    p = random_program(np.random.default_rng(6), rows=60, columns=40)
+    p = replace(p, accuracy=1e-3)
+    assert PiqpSolver().solve(p).optimal  # the simplex method takes few pivots
+    monkeypatch.setattr(piqp_module, "MANY_COLUMNS", 30)
+    given_up = PiqpSolver().solve(p)
+    assert not given_up.optimal
+    assert p.cost @ given_up.x == pytest.approx(reference(p).fun, abs=1e-3)
+    unfinished = PiqpSolver(Termination(iterations=5))
+    assert unfinished.solve(p).optimal
+
+
 def test_a_share_of_the_objective_may_be_near_enough():
     p = random_program(np.random.default_rng(6), rows=60, columns=40)
     best = reference(p).fun

@@ -146,14 +146,23 @@ class PiqpSolver(LpSolver):
         self._simplex: HighsSolver | None = None
 
     def solve(self, program: LinearProgram) -> LpSolution:
-        """Solve a program; the interior-point method has no warm start."""
+        """Solve a program; the interior-point method has no warm start.
+
+        If that fails, the simplex method solves it, and later changes of its bounds.
+        """
         begin = time.perf_counter()
         self._simplex = None
         self._set_up(program)
         solution = self._run(program, begin)
-        if solution.optimal:
+        info = self._solver.result.info
+        # Where limits overlap, only the multipliers are inexact. With many columns the
+        # simplex method takes seconds for them, and a shorter step does without.
+        closed = max(info.primal_res, info.duality_gap) <= program.accuracy
+        if solution.optimal or (closed and program.cost.size > MANY_COLUMNS):
             return solution
-        return self._solve_by_simplex(program, solution.iterations)
+        self._simplex = HighsSolver()
+        exact = self._simplex.solve(program)
+        return replace(exact, iterations=solution.iterations + exact.iterations)
 
     def _set_up(self, program: LinearProgram) -> None:
         self._equal = equal = program.row_lower == program.row_upper
@@ -240,12 +249,6 @@ class PiqpSolver(LpSolver):
     def _exact(self) -> bool:
         """Whether the last run has converged to the requested residual."""
         return bool(self._solver.result.info.status == piqp.PIQP_SOLVED)
-
-    def _solve_by_simplex(self, program: LinearProgram, spent: int) -> LpSolution:
-        """Solve the program, and later changes of its bounds, by the simplex method."""
-        self._simplex = HighsSolver()
-        solution = self._simplex.solve(program)
-        return replace(solution, iterations=spent + solution.iterations)
 
     def _limit(self) -> None:
         """Limit the iterations by the remaining time, as PIQP has no time limit."""
