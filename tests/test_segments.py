@@ -12,6 +12,7 @@ from scipy.optimize import minimize_scalar
 import tominpmp as tm
 from tests.reference_optima import rail_time
 from tests.sample_arms import make_arm, rod, slide
+from tominpmp.kinematics import RobotKinematics
 from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.grid import segmented_shares
 from tominpmp.transcription.inverse import InverseTranscription
@@ -374,3 +375,30 @@ def test_a_velocity_on_the_way_is_kept():
     moving = tm.Segment(tm.JointGoal([0.5], v=[1.0]))
     solution = planned(problem_on_rail(moving, at(1.0)))
     assert solution.segments[0].trajectory.v[-1, 0] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_the_first_guess_for_times_of_arrival_may_stagnate():
+    """Parts on a belt: ten steps without progress ended the only descent to succeed."""
+    robot = tm.load_robot("ur5")
+    start = [0.0, -1.2, 1.3, -1.6, -1.57, 0.0]
+    above = [1.2, -1.4, 1.5, -1.6, -1.57, 0.5]
+    there = RobotKinematics(robot).placement(np.array(above), "tool0")
+    turn, speed = there.rotation, (0.0, 0.25, 0.0)
+
+    def met(time, *constraints):
+        shift = np.array([0.3, -0.45 + 0.25 * time, 0.0])
+        point = there.translation + shift
+        goal = tm.PoseGoal("tool0", (point, turn), v=speed)
+        window = (time - 1e-3, time + 1e-3)
+        return tm.Segment(goal, constraints, arrival=window)
+
+    first, then = met(1.2), met(1.6)
+    line = tm.ToolLine(
+        "tool0", first.goal.target.translation, then.goal.target.translation, 2e-3
+    )
+    held = tm.KeepOrientation("tool0", turn, tolerance=0.02)
+    segments = [first, met(1.6, line, held), tm.Segment(tm.JointGoal(start))]
+    problem = tm.Problem(robot, start, segments=segments)
+    solution = tm.plan(problem, effort="quick", refine=None, max_planning_time=30.0)
+    assert solution.success
+    assert solution.segments[1].arrival == pytest.approx(1.6, abs=2e-3)

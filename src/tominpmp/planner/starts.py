@@ -214,9 +214,10 @@ def _descents(
             guess = ahead.next(rest) if ahead else next(guesses, None)
             if guess is None:
                 break
-            # The last guess is not dropped early: no other one would follow.
+            # The last guess is not dropped early: no other one would follow. Nor is the
+            # first one: with times of arrival it may stagnate, and is still the best.
             stop = None
-            if number + 1 < rescues and system.parts:
+            if 0 < number < rescues - 1 and system.parts:
                 stop = stop_if_hopeless(guess.duration)
             work = descent_work(system, options, guess, state, stop)
             if ahead is not None:
