@@ -237,12 +237,11 @@ class _SrdfReader:
             self.context.text(joint, "name", "passive_joint")
             for joint in self.root.findall("passive_joint")
         )
-        groups = {name: self._group(name) for name in self.groups}
         return SemanticDescription(
             tuple(disabled),
             {},
             self.context.path,
-            groups,
+            {name: self._group(name) for name in self.groups},
             self.root.get("name", ""),
             tuple(passive),
             self._rotor_inertias(),
@@ -323,21 +322,18 @@ class _SrdfReader:
         """Joints of any kind in a group, and members that the robot lacks."""
         if name in above:
             self.context.fail(f"the group {name!r} holds itself")
-        where, members = f"group {name}", set[str]()
-        unknown: list[str] = []
+        text, where = self.context.text, f"group {name}"
+        members, unknown = set[str](), list[str]()
         for element in self.groups[name]:
             tag = element.tag
             if tag == "chain":
-                base, tip = (
-                    self.context.text(element, f"{end}_link", where)
-                    for end in ("base", "tip")
-                )
-                lacking = [link for link in (base, tip) if link not in self.links]
+                ends = [text(element, f"{end}_link", where) for end in ("base", "tip")]
+                lacking = [link for link in ends if link not in self.links]
                 unknown += lacking
                 if not lacking:
-                    members |= self.description.joints_between(base, tip)
+                    members |= self.description.joints_between(*ends)
             elif tag in ("joint", "link", "group"):
-                member = self.context.text(element, "name", where)
+                member = text(element, "name", where)
                 if tag == "group" and member in self.groups:
                     joints, lacking = self._members(member, (*above, name))
                     members |= joints

@@ -246,10 +246,9 @@ def load_joint_limits(path: str | Path) -> MoveItLimits:
                 notes.append(f"the larger of {limits.key}.max_(ac|de)celeration")
         notes += _unread(limits)
     warn_of_keys(path, "not used", notes)
-    scaling = (table.get(key) for key in _SCALINGS)
     speed, acceleration = (
-        factor.number("a factor from 0 to 1", default=1.0, above=0.0, most=1.0)
-        for factor in scaling
+        table.get(key).number("a factor from 0 to 1", default=1.0, above=0.0, most=1.0)
+        for key in _SCALINGS
     )
     return MoveItLimits(
         path, **values, velocity_scaling=speed, acceleration_scaling=acceleration
