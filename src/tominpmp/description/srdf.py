@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -68,11 +68,11 @@ Positions: TypeAlias = "Mapping[str, float]"
 Group: TypeAlias = "str | Sequence[str]"
 
 
-def _mapped(value: Any, kind: Callable[[dict[Any, Any]], Any]) -> Any:
-    """Convert a mapping, and mappings inside it; other values remain unchanged."""
+def _read_only(value: Any) -> Any:
+    """Freeze a mapping, and mappings inside it; other values remain unchanged."""
     if not isinstance(value, Mapping):
         return value
-    return kind({key: _mapped(item, kind) for key, item in value.items()})
+    return MappingProxyType({key: _read_only(item) for key, item in value.items()})
 
 
 @dataclass(frozen=True)
@@ -128,11 +128,7 @@ class SemanticDescription(Record):
     def __post_init__(self) -> None:
         """Make the mappings read-only."""
         for name, value in vars(self).items():
-            self._keep(**{name: _mapped(value, MappingProxyType)})
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the read-only mappings as plain ones."""
-        return type(self), tuple(_mapped(value, dict) for value in vars(self).values())
+            self._keep(**{name: _read_only(value)})
 
     def for_joints(self, names: Collection[str]) -> SemanticDescription:
         """The description for a robot that moves these joints.

@@ -110,12 +110,6 @@ class MoveItLimits(Record):
     velocity_scaling: float = 1.0
     acceleration_scaling: float = 1.0
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the read-only mappings as plain ones."""
-        values = vars(self).values()
-        plain = (dict(v) if isinstance(v, Mapping) else v for v in values)
-        return type(self), tuple(plain)
-
     def overrides(self, *, scaled: bool = False) -> dict[str, dict[str, float]]:
         """Arguments for :func:`~tominpmp.load_robot` and ``with_changes``.
 
