@@ -152,7 +152,10 @@ class PiqpSolver(LpSolver):
         solution = self._run(program)
         if solution.optimal:
             return solution
-        return self._solve_by_simplex(program, solution.iterations)
+        # Later changes of its bounds are solved by the simplex method, too.
+        self._simplex = HighsSolver()
+        exact = self._simplex.solve(program)
+        return replace(exact, iterations=solution.iterations + exact.iterations)
 
     def _set_up(self, program: LinearProgram) -> None:
         self._equal = equal = program.row_lower == program.row_upper
@@ -248,9 +251,3 @@ class PiqpSolver(LpSolver):
     def _exact(self) -> bool:
         """Whether the last run has converged to the requested residual."""
         return bool(self._solver.result.info.status == piqp.PIQP_SOLVED)
-
-    def _solve_by_simplex(self, program: LinearProgram, spent: int) -> LpSolution:
-        """Solve the program, and later changes of its bounds, by the simplex method."""
-        self._simplex = HighsSolver()
-        solution = self._simplex.solve(program)
-        return replace(solution, iterations=spent + solution.iterations)
