@@ -236,6 +236,23 @@ def test_the_command_line_reports_what_holds(tmp_path: Path) -> None:
     assert picture.stat().st_size > 1000
 
 
+def test_alternative_goals_have_the_records_of_the_goal_that_is_met() -> None:
+    solution = planned("free")
+    assert solution.trajectory is not None
+    goal = tm.AnyGoal([JOINTS, tm.JointGoal([3.0, -1.0, 1.0])])
+    found = analyse(replace(solution.problem, goal=goal), solution.trajectory)
+    assert found == solution.sensitivities
+    assert {item.joint for item in found.of("goal")} == {"joint1", "joint2", "joint3"}
+
+
+def test_ends_of_segments_that_a_problem_lacks_do_not_count() -> None:
+    solution = planned("free")
+    motion = solution.trajectory
+    assert motion is not None
+    recorded = replace(motion, segment_ends=motion.t[[4, -1]])
+    assert analyse(solution.problem, recorded) == solution.sensitivities
+
+
 def test_constraints_on_the_way_have_records() -> None:
     solution = planned("free")
     assert solution.trajectory is not None

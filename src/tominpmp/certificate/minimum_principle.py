@@ -59,7 +59,6 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Tolerances
 from tominpmp.problem.controls import need_smooth
 from tominpmp.problem.problem import Problem
-from tominpmp.problem.segments import spans_of
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification.replay import Replay
 from tominpmp.verification.stages import with_segments
@@ -118,8 +117,7 @@ def certify(
     period, expected = control_period, "seconds > 0 or None"
     if period is not None:
         period = number(period, "control_period", expected, above=0.0)
-    robot = problem.robot
-    trajectory = checked_motion(trajectory, robot, problem.q_start, problem.v_start)
+    trajectory = checked_motion(trajectory, problem)
     trajectory = with_segments(problem, trajectory, Tolerances())
     # Alternatives of a goal may differ in their number of rows.
     whole, problem = problem, problem.alternative_of(trajectory)
@@ -168,14 +166,12 @@ def examine(
     problem, trajectory = without_dwells(problem, trajectory)
     rounding = 0.0 if period is None else clock_share(trajectory, period)
     tolerance += rounding
-    # A segment of zero duration has no interval.
-    if all(span.begin < span.end for span in spans_of(trajectory, ())):
-        with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
-            motion = GridMotion.of(ProblemFunctions.of(problem), trajectory)
-            dual = solve_dual_program(motion, enough)
-            if dual is not None:
-                out = _certificate(motion, dual, verification, tolerance, rounding)
-                return Examination(out, dual)
+    with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
+        motion = GridMotion.of(ProblemFunctions.of(problem), trajectory)
+        dual = solve_dual_program(motion, enough)
+        if dual is not None:
+            out = _certificate(motion, dual, verification, tolerance, rounding)
+            return Examination(out, dual)
     return Examination(_unevaluated(trajectory, verification, tolerance), None)
 
 

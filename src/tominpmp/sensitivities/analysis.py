@@ -77,11 +77,11 @@ def analyse(problem: Problem, trajectory: Trajectory | Samples) -> Sensitivities
         ScenarioError: If the samples have other joints than the robot.
     """
     instance(problem, Problem, "problem")
-    robot = problem.robot
-    trajectory = checked_motion(trajectory, robot, problem.q_start, problem.v_start)
+    trajectory = checked_motion(trajectory, problem)
     T = trajectory.duration
-    if problem.segments:
-        problem, trajectory = _moving(problem, trajectory)
+    refuse_arrival_times(problem)
+    trajectory = with_segments(problem, trajectory, Tolerances())
+    problem, trajectory = without_dwells(problem.alternative_of(trajectory), trajectory)
     if not trajectory.duration:
         return Sensitivities(T, (), 0.0, np.zeros(6))
     dual = None
@@ -116,13 +116,6 @@ def refuse_arrival_times(problem: Problem) -> None:
                 "arrival times are not known",
                 f"segments[{number - 1}].arrival",
             )
-
-
-def _moving(problem: Problem, motion: Trajectory) -> tuple[Problem, Trajectory]:
-    """A motion of several segments without its dwells, and the problem it solves."""
-    refuse_arrival_times(problem)
-    motion = with_segments(problem, motion, Tolerances())
-    return without_dwells(problem.alternative_of(motion), motion)
 
 
 def _segments(motion: GridMotion, rows: LimitRows) -> Iterator[SegmentRows]:
