@@ -245,6 +245,30 @@ def test_alternative_goals_have_the_records_of_the_goal_that_is_met() -> None:
     assert {item.joint for item in found.of("goal")} == {"joint1", "joint2", "joint3"}
 
 
+def test_ranges_of_final_positions_have_records_of_their_joints() -> None:
+    width, step = 0.05, 0.02
+    solutions = [
+        tm.plan(
+            tm.Problem(arm(), START, tm.JointRegionGoal({"joint3": x}, width)), **FINE
+        )
+        for x in (-0.4 - step, -0.4, -0.4 + step)
+    ]
+    by_plans = np.log(solutions[2].T / solutions[0].T) / (2.0 * step)
+    (item,) = solutions[1].sensitivities.of("goal")
+    assert (item.joint, item.unit, item.limit) == ("joint3", "1/rad", -0.4)
+    assert item.value == pytest.approx(by_plans, rel=0.05)
+
+
+def test_goals_of_several_arms_have_records_of_joints_and_frames() -> None:
+    both = tm.combine_robots([("a", arm(), (0, 0, 0)), ("b", arm(), (0, 12, 0))])
+    goals = [JOINTS.prefixed("a/", arm()), tm.PositionGoal("b/tip", (4, 13, 0))]
+    problem = tm.Problem(both, (*START, *START), tm.AllGoals(goals))
+    found = tm.plan(problem, effort="quick").sensitivities.of("goal")
+    joints = {f"a/joint{k}" for k in (1, 2, 3)}
+    assert {item.joint for item in found} == joints | {None}
+    assert max(abs(item.value) for item in found) > 0.1
+
+
 def test_ends_of_segments_that_a_problem_lacks_do_not_count() -> None:
     solution = planned("free")
     motion = solution.trajectory

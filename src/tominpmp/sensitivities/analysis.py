@@ -34,6 +34,7 @@ from tominpmp.certificate.limits import GOAL, SEGMENT, LimitRows
 from tominpmp.certificate.motion import GridMotion
 from tominpmp.checks import instance
 from tominpmp.exceptions import ProblemError
+from tominpmp.goals.place import joint_labels
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.motion.joining import checked_motion
 from tominpmp.motion.samples import Samples
@@ -309,19 +310,21 @@ class SegmentRows:
     # -- positions of the goal, of obstacles and of the base ---------------------------
 
     def _goal(self) -> Iterator[Sensitivity]:
-        """Records of the goal: of a configuration joint by joint, or of a position."""
-        goal, number = self._problem.goal, self.motion.number
+        """Records of the goal: of positions of joints one by one, or of a place."""
+        goal, number, n = self._problem.goal, self.motion.number, self._robot.n
         of_segment = "" if number is None else f" of segment {number + 1}"
-        if goal.configuration is None:
+        place = goal.place(self.motion.system.kinematics, np.zeros(n))
+        joints = {label: joint for joint, label in enumerate(joint_labels(self._robot))}
+        values = 0.0 - self._sums(GOAL, self.rows.y, place.value.size)
+        for row, label in enumerate(place.labels):
+            if label in joints:
+                at = 0.0 - place.value[row], label.unit, f"1/{label.unit}"
+                item = self._of_joint("goal", joints[label], values[row], *at)
+                yield replace(item, subject=item.subject + of_segment)
+        if not joints.keys() >= set(place.labels):
             name = goal.frame_name
             subject = "goal" if name is None else f"frame {name}"
             yield _of_position("goal", subject + of_segment, -self._base_of_goal[:3])
-            return
-        value = 0.0 - self._sums(GOAL, self.rows.y, 0)
-        for j, unit in enumerate(self._units(POSITION)):
-            at = goal.configuration[j], unit, f"1/{unit}"
-            item = self._of_joint("goal", j, value[j], *at)
-            yield replace(item, subject=item.subject + of_segment)
 
     def _by_base(self, cost: Callable[[Robot], float]) -> Array:
         """Derivatives of a cost by a displacement of the base, shape (6,)."""
