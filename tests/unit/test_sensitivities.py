@@ -174,6 +174,8 @@ def test_a_cycle_is_the_sum_of_its_motions() -> None:
         Sensitivities.of_cycle([])
     with pytest.raises(tm.ProblemError, match="parts is"):
         Sensitivities.of_cycle([1.0])  # type: ignore[list-item]
+    with pytest.raises(tm.ProblemError, match="parts is"):
+        Sensitivities.of_cycle(range(10**15))  # type: ignore[arg-type]
     resting = Sensitivities(0.0, (), 0.0, np.zeros(6))
     assert Sensitivities.of_cycle([resting]).T == 0.0
     with pytest.raises(tm.ProblemError, match="T is 'long'"):
