@@ -271,9 +271,6 @@ def _certificate(
     failures = failed_conditions(motion, dual, out, verification, fastest=not rounding)
     failed = " ".join(failures)
     message = failed or conditions_kept(motion, out, rounding)
-    if motion.system.problem.robot.kinematic:
-        message = message.replace("torques", "accelerations")
-        message = message.replace("Torques", "Accelerations")
     return replace(out, ok=not failed, message=message)
 
 
