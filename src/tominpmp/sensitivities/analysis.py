@@ -334,10 +334,10 @@ class SegmentRows:
     def _base_of_goal(self) -> Array:
         """Derivatives of ln T by a displacement of the base, through the goal, (6,)."""
         y, node = self._sums(GOAL, self.rows.y, 0), self.motion.span[1]
-        if self._problem.goal.configuration is not None or not y.size:
+        goal = self._problem.goal
+        if goal.configuration is not None or not y.size:
             return np.zeros(6)
         state = self.motion.changes.q[node], self.motion.changes.v[node]
-        goal = self._problem.goal.nearest(self.motion.system.kinematics, *state)
 
         def cost(robot: Robot) -> float:
             return float(y @ goal.residual(RobotKinematics(robot), *state).value)
