@@ -190,18 +190,7 @@ def _unevaluated(
         switching=np.zeros((N, n)),
         hamiltonian=np.zeros(N),
         obeys=np.zeros((N, n), dtype=bool),
-        active=(),
-        hamiltonian_deviation=np.inf,
-        hamiltonian_mean_deviation=np.inf,
-        sign_share=0.0,
-        saturated_share=0.0,
-        active_share=0.0,
-        complementarity=np.inf,
-        stationarity=np.inf,
-        grid_gain=np.inf,
-        costate_error=None,
         tolerance=tolerance,
-        seconds=0.0,
     )
 
 
@@ -266,7 +255,6 @@ def _certificate(
         grid_gain=float(dual.predicted_gain + more[:, driven].sum() / T),
         costate_error=error,
         tolerance=tolerance,
-        seconds=0.0,
     )
     failures = failed_conditions(motion, dual, out, verification, fastest=not rounding)
     failed = " ".join(failures)
