@@ -164,11 +164,7 @@ class Trajectory(TimedRows):
 
     def __repr__(self) -> str:
         """Show joints, nodes and duration on one line."""
-        joints = brief(", ".join(self.joint_names))[1:-1]
-        return (
-            f"<Trajectory of {self.n} joints ({joints}): {self.t.size} nodes, "
-            f"T = {self.duration:.6g} s>"
-        )
+        return self._in_brief(f"{self.t.size} nodes, T = {self.duration:.6g} s")
 
     @overload
     def __call__(
