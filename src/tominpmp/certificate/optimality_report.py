@@ -34,16 +34,15 @@ def subject_name(motion: GridMotion, kind: str, subject: int) -> str:
         kind: Kind of the limit.
         subject: Number of the subject, see :class:`~.limits.LimitRows`.
     """
-    if kind == "clearance":
-        number, pair = divmod(subject, SEGMENT)
-        checker = motion.segments[number].system.problem.checker
-        return " and ".join(checker.pairs[pair])
     if kind == ARRIVAL:
         return f"segment {subject + 1}"
-    for item in motion.constraints:
-        if item.name == kind:
-            return str(item.subject)
-    return motion.system.problem.robot.joint_names[subject]
+    number, index = divmod(subject, SEGMENT)
+    problem = motion.segments[number].system.problem
+    if kind == "clearance":
+        return " and ".join(problem.checker.pairs[index])
+    if kind in {item.name for item in motion.constraints}:
+        return str(problem.constraints[index].subject)
+    return problem.robot.joint_names[subject]
 
 
 def _time_dependence(motion: GridMotion) -> str:
