@@ -419,6 +419,7 @@ def test_parquet(folder: Path) -> None:
     path = tm.Dataset(results).to_parquet(folder / "table.parquet")
     table = parquet.read_table(path).to_pylist()
     assert len(table) == 2 and table[0]["success"] and len(table[0]["q"]) > 8
+    assert table[0]["joint_names"] == [*problems(folder, 1)[0].robot.joint_names]
 
 
 def test_parquet_has_the_motions_after_a_result_without_one(folder: Path) -> None:
