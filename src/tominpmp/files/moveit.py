@@ -128,7 +128,7 @@ class _Frames:
 
     Attributes:
         base: Placement base_to_world of the robot's root link.
-        fixed: Placements child_to_world of other frames than the world, among them the
+        fixed: Placements frame_to_base of other frames than the world, among them the
             links that are fixed to the base.
         package_dirs: Folders in which the packages of mesh files are searched.
     """
@@ -149,7 +149,7 @@ class _Frames:
             return self.base.inverse()
         for known in (name, name.lstrip("/")):
             if known in self.fixed:
-                return self.base.actInv(self.fixed[known])
+                return self.fixed[known]
         frame_id.fail(
             f"there is no fixed frame {brief(name)}; there are: "
             f"{', '.join(dict.fromkeys(['world', *self.fixed]))}"
@@ -214,7 +214,7 @@ def _read_frames(message: Field, robot: Robot | None, *states: Field) -> _Frames
     links: dict[str, pin.SE3] = {}
     for frame in () if robot is None else robot.model.frames:
         if frame.type == pin.FrameType.BODY and not frame.parentJoint:
-            links[frame.name] = base * frame.placement
+            links[frame.name] = frame.placement.copy()
     fixed = dict(links)
     for item in message.get("fixed_frame_transforms").items():
         name = item.need("child_frame_id").text()
@@ -222,7 +222,7 @@ def _read_frames(message: Field, robot: Robot | None, *states: Field) -> _Frames
         if parent.given and parent.value not in (*_WORLD, *fixed, name):
             # Parents that are defined later or not at all are not supported.
             continue
-        above = fixed.get(str(parent.value), pin.SE3.Identity())
+        above = fixed.get(str(parent.value), base.inverse())
         fixed[name] = above * _read_pose(item.need("transform"))
     # Packages of meshes are often next to that of the robot.
     folders = () if robot is None else robot.description.package_dirs
