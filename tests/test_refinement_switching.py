@@ -212,9 +212,14 @@ def arcs(lengths: list[float], levels: list[float]) -> Arcs:
     return Arcs(np.array(lengths), column, none != 0, none, none != 0)
 
 
+def still(times: np.ndarray) -> np.ndarray:
+    """States of a rail that stays at its start."""
+    return np.zeros((times.size, 2))
+
+
 def test_lengths_of_a_rail() -> None:
     system = rail_system()
-    found = solve_lengths(system, arcs([0.3, 0.8], [1.0, -1.0]), None, Budget())
+    found = solve_lengths(system, arcs([0.3, 0.8], [1.0, -1.0]), still, Budget())
     assert found is not None
     assert found.feasible
     np.testing.assert_allclose(found.arcs.lengths, np.sqrt(1 / 5.0), rtol=1e-9)
@@ -223,8 +228,7 @@ def test_lengths_of_a_rail() -> None:
 def test_useless_arcs_vanish() -> None:
     system = rail_system()
     rough = arcs([0.1, 0.2, 0.3, 0.4], [-1.0, 1.0, -1.0, 1.0])
-    still = np.zeros((1, 2))
-    found = refine_arcs(system, rough, lambda t: np.repeat(still, t.size, 0), Budget())
+    found = refine_arcs(system, rough, still, Budget())
     assert found is not None
     assert found.duration == pytest.approx(2 * np.sqrt(1 / 5.0), rel=1e-8)
     assert found.arcs.cleaned().count == 2
@@ -233,14 +237,14 @@ def test_useless_arcs_vanish() -> None:
 def test_no_arcs_reach_the_goal() -> None:
     """One arc of full force ends at full speed: that is no motion."""
     system = rail_system()
-    found = solve_lengths(system, arcs([1.0], [1.0]), None, Budget())
+    found = solve_lengths(system, arcs([1.0], [1.0]), still, Budget())
     assert found is None or not found.feasible
 
 
 def test_a_search_can_be_stopped() -> None:
     system = rail_system()
     rough = arcs([0.3, 0.8], [1.0, -1.0])
-    assert solve_lengths(system, rough, None, Budget(seconds=-1.0)) is None
+    assert solve_lengths(system, rough, still, Budget(seconds=-1.0)) is None
 
 
 def test_derivatives_by_lengths_and_torques(rng: np.random.Generator) -> None:

@@ -7,6 +7,7 @@ once it has been checked.
 from __future__ import annotations
 
 import copy
+import copyreg
 import inspect
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -41,21 +42,19 @@ LINE = 150
 FEW_NUMBERS = 12
 
 
+def _read_only(values: ArrayLike, _: str = "") -> NDArray[Any]:
+    array = np.array(values)
+    array.setflags(write=False)
+    return array
+
+
 def frozen_array(values: ArrayLike) -> Array:
     """Copy values into a read-only array of floats.
 
     Returns:
         A new array of the same shape that cannot be written to.
     """
-    array = np.array(values, dtype=np.float64)
-    array.setflags(write=False)
-    return array
-
-
-def _read_only(values: ArrayLike, _: str) -> NDArray[Any]:
-    array = np.array(values)
-    array.setflags(write=False)
-    return array
+    return _read_only(np.asarray(values, dtype=np.float64))
 
 
 # Field types of which a Record stores a read-only copy.
@@ -187,32 +186,36 @@ def record_line(record: Any) -> str:
         if item.repr and value is not item.default:
             value = dict(value) if isinstance(value, MappingProxyType) else value
             factory = item.default_factory
-            default = item.default if factory is MISSING else factory()
-            if not _same(value, default):
-                parts.append(f"{item.name}={in_brief(value)}")
+            usual = item.default if factory is MISSING else factory()
+            if type(value) is type(usual) and comparable(value) == comparable(usual):
+                continue
+            parts.append(f"{item.name}={in_brief(value)}")
     return f"{type(record).__name__}({shortened(', '.join(parts), LINE)})"
-
-
-def _same(value: object, default: object) -> bool:
-    return type(value) is type(default) and comparable(value) == comparable(default)
 
 
 def in_brief(value: object) -> str:
     """Show a value of a record; long arrays by their shape only."""
     if isinstance(value, np.ndarray) and value.size > FEW_NUMBERS:
         return f"<array of shape {value.shape}>"
-    if isinstance(value, np.ndarray):
-        return brief(value.tolist())
-    return brief(value)
+    return brief(value.tolist() if isinstance(value, np.ndarray) else value)
+
+
+def _frozen_mapping(values: dict[Any, Any]) -> MappingProxyType[Any, Any]:
+    return MappingProxyType(values)
+
+
+# Python neither copies nor pickles read-only mappings by itself.
+copyreg.pickle(MappingProxyType, lambda mapping: (_frozen_mapping, (dict(mapping),)))
 
 
 class Record:
     """Base of the frozen dataclasses with arrays, such as :func:`record` makes.
 
     Records are equal if they are of one class and all fields are equal, arrays element
-    by element; fields declared with ``compare=False`` do not count. Arrays remain
-    read-only when a record is copied or passed to another process. The ``repr`` of a
-    record is one line with the fields that differ from their defaults, abbreviated.
+    by element; fields declared with ``compare=False`` do not count. Arrays and mappings
+    remain read-only when a record is copied or passed to another process. The ``repr``
+    of a record is one line with the fields that differ from their defaults,
+    abbreviated.
 
     A field is checked and converted if its annotation names an ``Annotated`` type with
     a :data:`Check`, as ``Direction`` is. The checks of a base class hold in subclasses

@@ -251,7 +251,7 @@ class Budget:
         check()
         return self.remaining <= 0 or time.process_time() > self._end
 
-    def share(self, evaluations: float = EVALUATIONS) -> Budget:
+    def share(self, evaluations: float) -> Budget:
         """A budget of fewer evaluations, until the same end."""
         share = Budget(min(evaluations, self.remaining))
         share._end = self._end

@@ -33,6 +33,9 @@ def test_a_port_that_is_taken_and_a_robot_that_is_none_are_told() -> None:
         code, told = run("planar3r", "--port", str(port), "--no-browser")
     assert code == 2
     assert f"port {port} of 127.0.0.1 cannot be used" in told
+    code, told = run("planar3r", "--host", "no.invalid", "--no-browser")
+    assert code == 2
+    assert "of no.invalid cannot be used" in told and "another port or host" in told
     code, told = run("planar4r", "--no-browser")
     assert code == 2
     assert "planar4r" in told

@@ -255,6 +255,24 @@ def test_results_of_files_that_have_changed_are_not_taken_over(
     assert (second.T > 1.001 * first.T) == (changed == "arm.urdf")
 
 
+def test_a_mesh_whose_file_is_gone_stops_no_batch(
+    tmp_path: Path, planar3r: tm.Robot
+) -> None:
+    """A scenario with the mesh itself keeps the problem."""
+    file = tmp_path / "post.stl"
+    trimesh.creation.box((0.1, 0.1, 0.1)).export(file)
+    post = tm.Mesh("post", path=file, position=(0.0, 0.0, 3.0))
+    plain = tm.Problem(planar3r, (0.5, 0.5, 0.5), tm.JointGoal((0.7, 0.5, 0.5)))
+    given = [replace(plain, scene=tm.Scene([post])), plain]
+    file.unlink()
+    results = tmp_path / "results"
+    found = list(tm.plan_many(given, workers=1, results=results, **QUICK))
+    assert all(found), [item.message for item in found]
+    kept = next(iter(tm.Dataset(results))).load().problem
+    assert kept.scene == given[0].scene
+    assert all(item.resumed for item in tm.plan_many(given, results=results, **QUICK))
+
+
 SCRIPT = """
 import sys
 sys.path.insert(0, {here!r})
@@ -401,6 +419,7 @@ def test_parquet(folder: Path) -> None:
     path = tm.Dataset(results).to_parquet(folder / "table.parquet")
     table = parquet.read_table(path).to_pylist()
     assert len(table) == 2 and table[0]["success"] and len(table[0]["q"]) > 8
+    assert table[0]["joint_names"] == [*problems(folder, 1)[0].robot.joint_names]
 
 
 def test_parquet_has_the_motions_after_a_result_without_one(folder: Path) -> None:

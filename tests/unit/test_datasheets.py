@@ -5,6 +5,8 @@ Motions of a stock Panda once began with 1348 rad/s^2 at a wrist, without a word
 
 from __future__ import annotations
 
+import copy
+import pickle
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -33,6 +35,15 @@ READY = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
 @pytest.fixture(scope="module")
 def panda() -> Robot:
     return load_robot("panda", limits="datasheet", group="arm")
+
+
+def test_sheets_are_copied_and_passed_to_processes() -> None:
+    """Their read-only mappings could be neither copied nor pickled."""
+    sheet = datasheets()[0]
+    for other in (copy.deepcopy(sheet), pickle.loads(pickle.dumps(sheet))):
+        assert other == sheet
+        with pytest.raises(TypeError):
+            other.values["velocity"] = ()  # type: ignore[index]
 
 
 @pytest.mark.parametrize(

@@ -160,6 +160,10 @@ def test_what_holds_the_motion_back(solution: tm.Solution) -> None:
 def test_messages_say_accelerations(solution: tm.Solution) -> None:
     assert "accelerations obey" in solution.certificate.message
     assert "orque" not in solution.certificate.message
+    rough = {"effort": "quick", "objective": "feasible", "intervals": 20}
+    moving = tm.plan(tm.Problem(arm(velocity=1.0), START, GOAL), **rough).certificate
+    assert "the worst is the acceleration of joint" in moving.message
+    assert "orque" not in moving.message
     assert "torque" not in solution._repr_html_()
 
 

@@ -15,6 +15,7 @@ from tominpmp.linear_programs import piqp as piqp_module
 from tominpmp.linear_programs.choice import available_solvers, make_solver
 from tominpmp.linear_programs.piqp import PIQP_ITERATIONS, PiqpSolver, Termination
 from tominpmp.linear_programs.program import LinearProgram
+from tominpmp.stopping import bounded
 
 SOLVERS = ["highs", "piqp", "clarabel"]
 
@@ -271,6 +272,30 @@ def test_matrices_may_have_their_columns_in_any_order():
     one, other = (PiqpSolver().solve(p) for p in (ordered, mixed))
     assert one.optimal and one.iterations == other.iterations
     np.testing.assert_array_equal(one.x, other.x)
+
+
+def test_iterations_of_piqp_are_limited_by_the_time_that_one_takes(clock, monkeypatch):
+    """The set-up of the first program says nothing of how long they take."""
+    limits = []
+
+    class Slow(piqp_module.piqp.SparseSolver):
+        def setup(self, *parts):
+            clock.advance(30.0)
+            super().setup(*parts)
+
+        def solve(self):
+            limits.append(self.settings.max_iter)
+            status = super().solve()
+            clock.advance(self.result.info.iter)
+            return status
+
+    monkeypatch.setattr(piqp_module.piqp, "SparseSolver", Slow)
+    p = random_program(np.random.default_rng(0))
+    solver = PiqpSolver()
+    with bounded(90.0):
+        spent = solver.solve(p).iterations
+        solver.resolve(p)
+    assert limits == [1, 59, 59 - spent]
 
 
 def test_a_feasible_program_of_a_panda_is_not_called_infeasible():

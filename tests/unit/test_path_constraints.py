@@ -108,6 +108,19 @@ def test_an_arm_of_three_joints_keeps_its_tool_speed(method):
     assert "speed of frame tip" in solution.verification.worst
 
 
+class NozzleSpeed(tm.ToolSpeed):
+    name = "speed of a nozzle"
+
+
+def test_a_certificate_tells_constraints_of_one_name_apart():
+    robot = tm.load_robot("planar3r", velocity=20.0, gravity=(0, 0, 0))
+    limits = NozzleSpeed("link3", 50.0), NozzleSpeed("tip", 4.0)
+    goal = tm.JointGoal((0.5, 1, 1))
+    held = tm.Problem(robot, (0.5, 1.7, -1.7), goal, constraints=limits)
+    active = plan_quickly(held, starts=1).certificate.active
+    assert [a.name for a in active if a.kind == NozzleSpeed.name] == ["frame tip"]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("options", [{}, {"method": "collocation"}])
 def test_a_cup_is_kept_upright_on_its_way(options):

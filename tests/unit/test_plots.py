@@ -216,7 +216,7 @@ def test_controls_overlay_motions(motions: Motions) -> None:
         effort = problem.robot.limits.effort_upper[i]
         assert limits(panel) == [-effort, effort]
         assert panel.get_xlim() == (0.0, 1.1)
-        assert panel.get_ylabel() == f"$u_{{{i + 1}}}$ [N m]"
+        assert panel.get_ylabel() == f"u{i + 1} [N m]"
         assert panel.get_title("left") == held.joint_names[i]
     labels = ["initial (T = 1.1 s)", "adjoint (T = 0.95 s)", "limit"]
     assert legend_texts(figure) == labels
@@ -238,6 +238,16 @@ def records(durations: list[float], start: int = 0) -> list[IterationRecord]:
     ]
 
 
+def test_names_that_look_like_formulas_are_shown_as_they_are(tmp_path: Path) -> None:
+    named = {r"$\frac{$": records([1.5, 1.2, 1.0])}
+    figure = plot_convergence(named, tmp_path / "formula.svg")
+    assert legend_texts(figure) == [r"$\frac{$"]
+    below = figure.axes[1]
+    assert "0.1" in [label.get_text() for label in below.get_yticklabels()]
+    drawn = (tmp_path / "formula.svg").read_text("utf-8")
+    assert "mathdefault" not in drawn and "frac{$" in drawn
+
+
 def test_convergence_of_several_methods() -> None:
     history = {
         "adjoint": records([1.5, 1.2, 1.0, 0.9]),
@@ -246,7 +256,7 @@ def test_convergence_of_several_methods() -> None:
     }
     above, below = (figure := plot_convergence(history)).axes
     assert below.get_yscale() == "log"
-    assert above.get_ylabel() == "$T$ [s]"
+    assert above.get_ylabel() == "T [s]"
     drawn = [points(line).tolist() for line in above.get_lines()]
     assert drawn == [
         [[0.0, 1.5], [1.0, 1.2], [2.0, 1.0], [3.0, 0.9]],
@@ -314,7 +324,7 @@ def test_motion_shows_the_arm_at_instants(motions: Motions) -> None:
         assert panel.get_xlabel() == "x [m]"
     assert figure.axes[0].get_ylabel() == "y [m]"
     assert figure.axes[0].get_xlim() == figure.axes[1].get_xlim()
-    assert figure.axes[1].get_title("left") == "b: $T$ = 0.95 s"
+    assert figure.axes[1].get_title("left") == "b: T = 0.95 s"
     assert "obstacle" in legend_texts(figure)
 
 

@@ -167,3 +167,5 @@ def test_locked_joints_may_be_recorded(planar3r: Robot) -> None:
     elsewhere = load_robot("planar3r", locked_joints={"joint3": -1.0})
     with pytest.raises(ScenarioError, match=r"joint3 is up to 0\.7 away from -1"):
         join(samples, elsewhere, HERE)
+    with pytest.raises(ScenarioError, match="row 1: expected finite positions"):
+        join(samples_of(t[:0]), locked, HERE)

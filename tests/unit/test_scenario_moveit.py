@@ -145,6 +145,27 @@ def test_the_base_is_the_link_that_no_joint_carries(tmp_path: Path) -> None:
         load_moveit_scene(scene, robot)
 
 
+def test_links_that_are_fixed_to_the_base_are_frames(tmp_path: Path) -> None:
+    """Only the root was known as a frame, not the base of an arm on a table."""
+    root = fromstring(load_robot("planar3r").urdf_path.read_text())
+    root.append(fromstring('<link name="table"/>'))
+    root.append(
+        fromstring(
+            '<joint name="mount" type="fixed"><origin xyz="0 0 2"/>'
+            '<parent link="table"/><child link="base"/></joint>'
+        )
+    )
+    (tmp_path / "arm.urdf").write_bytes(tostring(root))
+    robot = load_robot(tmp_path / "arm.urdf")
+    placed = {}
+    for frame in ("table", "base", "/base"):
+        header = ("world", "collision_objects", 0, "header")
+        scene = write(tmp_path, changed(SCENE, *header, {"frame_id": frame}))[0]
+        placed[frame] = load_moveit_scene(scene, robot)["box"].position.tolist()
+    above = [5.0, 4.0, 2.0]
+    assert placed == {"table": [5.0, 4.0, 0.0], "base": above, "/base": above}
+
+
 def test_goals_on_frames(planar3r: Robot, tmp_path: Path) -> None:
     assert goal_of(planar3r, tmp_path, place()) == PositionGoal("tip", [4.0, 1.0, 0.0])
     rotation = np.array([[0.28, -0.96, 0.0], [0.96, 0.28, 0.0], [0.0, 0.0, 1.0]])

@@ -174,6 +174,8 @@ def test_a_cycle_is_the_sum_of_its_motions() -> None:
         Sensitivities.of_cycle([])
     with pytest.raises(tm.ProblemError, match="parts is"):
         Sensitivities.of_cycle([1.0])  # type: ignore[list-item]
+    with pytest.raises(tm.ProblemError, match="parts is"):
+        Sensitivities.of_cycle(range(10**15))  # type: ignore[arg-type]
     resting = Sensitivities(0.0, (), 0.0, np.zeros(6))
     assert Sensitivities.of_cycle([resting]).T == 0.0
     with pytest.raises(tm.ProblemError, match="T is 'long'"):
@@ -234,6 +236,47 @@ def test_the_command_line_reports_what_holds(tmp_path: Path) -> None:
     assert result.exit_code == 0, result.output
     assert "held by" in result.output and "effort, 1 % more: -" in result.output
     assert picture.stat().st_size > 1000
+
+
+def test_alternative_goals_have_the_records_of_the_goal_that_is_met() -> None:
+    solution = planned("free")
+    assert solution.trajectory is not None
+    goal = tm.AnyGoal([JOINTS, tm.JointGoal([3.0, -1.0, 1.0])])
+    found = analyse(replace(solution.problem, goal=goal), solution.trajectory)
+    assert found == solution.sensitivities
+    assert {item.joint for item in found.of("goal")} == {"joint1", "joint2", "joint3"}
+
+
+def test_ranges_of_final_positions_have_records_of_their_joints() -> None:
+    width, step = 0.05, 0.02
+    solutions = [
+        tm.plan(
+            tm.Problem(arm(), START, tm.JointRegionGoal({"joint3": x}, width)), **FINE
+        )
+        for x in (-0.4 - step, -0.4, -0.4 + step)
+    ]
+    by_plans = np.log(solutions[2].T / solutions[0].T) / (2.0 * step)
+    (item,) = solutions[1].sensitivities.of("goal")
+    assert (item.joint, item.unit, item.limit) == ("joint3", "1/rad", -0.4)
+    assert item.value == pytest.approx(by_plans, rel=0.05)
+
+
+def test_goals_of_several_arms_have_records_of_joints_and_frames() -> None:
+    both = tm.combine_robots([("a", arm(), (0, 0, 0)), ("b", arm(), (0, 12, 0))])
+    goals = [JOINTS.prefixed("a/", arm()), tm.PositionGoal("b/tip", (4, 13, 0))]
+    problem = tm.Problem(both, (*START, *START), tm.AllGoals(goals))
+    found = tm.plan(problem, effort="quick").sensitivities.of("goal")
+    joints = {f"a/joint{k}" for k in (1, 2, 3)}
+    assert {item.joint for item in found} == joints | {None}
+    assert max(abs(item.value) for item in found) > 0.1
+
+
+def test_ends_of_segments_that_a_problem_lacks_do_not_count() -> None:
+    solution = planned("free")
+    motion = solution.trajectory
+    assert motion is not None
+    recorded = replace(motion, segment_ends=motion.t[[4, -1]])
+    assert analyse(solution.problem, recorded) == solution.sensitivities
 
 
 def test_constraints_on_the_way_have_records() -> None:

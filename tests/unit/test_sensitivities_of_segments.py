@@ -116,6 +116,17 @@ def test_times_of_arrival_are_refused() -> None:
     assert caught.value.field == "segments[0].arrival"
 
 
+def test_a_segment_that_takes_no_time_leaves_no_multipliers() -> None:
+    robot = make_arm(slide(MASS), effort=FORCE)
+    motion = tm.plan(tm.Problem(robot, [0.0], tm.JointGoal([1.0]))).trajectory
+    problem = tm.Problem(robot, [0.0], segments=[at(0.0, stop=True), at(1.0)])
+    recorded = replace(motion, segment_ends=np.array([0.0, motion.duration]))
+    assert tm.verify(problem, recorded).ok
+    assert "could not be evaluated" in tm.certify(problem, recorded).message
+    with pytest.raises(tm.ProblemError, match="has no multipliers"):
+        analyse(problem, recorded)
+
+
 def test_differences_of_plans() -> None:
     robot = tm.load_robot("planar3r")
     options = {**FINE, "intervals": 40}

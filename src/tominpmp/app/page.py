@@ -107,7 +107,7 @@ def check_port(host: str, port: int) -> None:
             trial.bind((host, port))
     except (OSError, OverflowError) as error:
         raise OptionsError(
-            f"port {port} of {host} cannot be used ({error}); choose another one",
+            f"port {port} of {host} cannot be used ({error}); try another port or host",
             "port",
         ) from error
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from tominpmp.arrays import FrozenArray, FrozenFlags, Record
@@ -36,6 +37,8 @@ class ActiveLimit(Record):
 @dataclass(frozen=True, eq=False)
 class Certificate(Record):
     """How well a motion satisfies the first-order conditions of time-optimality.
+
+    The defaults are those of a motion whose conditions cannot be evaluated.
 
     Attributes:
         joint_names: Names of the joints, in column order.
@@ -83,18 +86,18 @@ class Certificate(Record):
     switching: FrozenArray
     hamiltonian: FrozenArray
     obeys: FrozenFlags
-    active: tuple[ActiveLimit, ...]
-    hamiltonian_deviation: float
-    hamiltonian_mean_deviation: float
-    sign_share: float
-    saturated_share: float
-    active_share: float
-    complementarity: float
-    stationarity: float
-    grid_gain: float
-    costate_error: float | None
-    tolerance: float
-    seconds: float
+    active: tuple[ActiveLimit, ...] = ()
+    hamiltonian_deviation: float = math.inf
+    hamiltonian_mean_deviation: float = math.inf
+    sign_share: float = 0.0
+    saturated_share: float = 0.0
+    active_share: float = 0.0
+    complementarity: float = math.inf
+    stationarity: float = math.inf
+    grid_gain: float = math.inf
+    costate_error: float | None = None
+    tolerance: float = 0.0
+    seconds: float = 0.0
 
     def __bool__(self) -> bool:
         """Whether the motion satisfies the conditions."""

@@ -74,11 +74,15 @@ class DualSolution:
 def solve_dual_program(motion: GridMotion, enough: float = 0.0) -> DualSolution | None:
     """Costates and multipliers of a motion; None if the program cannot be solved.
 
+    A motion with a segment of zero duration, which has no interval, has no program.
+
     Args:
         motion: The motion.
         enough: Predicted gain up to which distances need not be evaluated: without
             their rows the predicted gain is at least as large.
     """
+    if any(begin == end for begin, end in (part.span for part in motion.segments)):
+        return None
     if enough:
         dual = _Program(motion, near=False).solve()
         if dual is not None and dual.predicted_gain <= enough:

@@ -39,11 +39,7 @@ from tominpmp.arrays import Array, BoolArray
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.certificate.allowances import clock_share
 from tominpmp.certificate.certificate import ActiveLimit, Certificate
-from tominpmp.certificate.dual_program import (
-    PLACES,
-    DualSolution,
-    solve_dual_program,
-)
+from tominpmp.certificate.dual_program import PLACES, DualSolution, solve_dual_program
 from tominpmp.certificate.dwells import without_dwells
 from tominpmp.certificate.limits import PASSIVE
 from tominpmp.certificate.motion import GridMotion
@@ -59,7 +55,6 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Tolerances
 from tominpmp.problem.controls import need_smooth
 from tominpmp.problem.problem import Problem
-from tominpmp.problem.segments import spans_of
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification.replay import Replay
 from tominpmp.verification.stages import with_segments
@@ -118,8 +113,7 @@ def certify(
     period, expected = control_period, "seconds > 0 or None"
     if period is not None:
         period = number(period, "control_period", expected, above=0.0)
-    robot = problem.robot
-    trajectory = checked_motion(trajectory, robot, problem.q_start, problem.v_start)
+    trajectory = checked_motion(trajectory, problem)
     trajectory = with_segments(problem, trajectory, Tolerances())
     # Alternatives of a goal may differ in their number of rows.
     whole, problem = problem, problem.alternative_of(trajectory)
@@ -168,14 +162,12 @@ def examine(
     problem, trajectory = without_dwells(problem, trajectory)
     rounding = 0.0 if period is None else clock_share(trajectory, period)
     tolerance += rounding
-    # A segment of zero duration has no interval.
-    if all(span.begin < span.end for span in spans_of(trajectory, ())):
-        with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
-            motion = GridMotion.of(ProblemFunctions.of(problem), trajectory)
-            dual = solve_dual_program(motion, enough)
-            if dual is not None:
-                out = _certificate(motion, dual, verification, tolerance, rounding)
-                return Examination(out, dual)
+    with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
+        motion = GridMotion.of(ProblemFunctions.of(problem), trajectory)
+        dual = solve_dual_program(motion, enough)
+        if dual is not None:
+            out = _certificate(motion, dual, verification, tolerance, rounding)
+            return Examination(out, dual)
     return Examination(_unevaluated(trajectory, verification, tolerance), None)
 
 
@@ -198,18 +190,7 @@ def _unevaluated(
         switching=np.zeros((N, n)),
         hamiltonian=np.zeros(N),
         obeys=np.zeros((N, n), dtype=bool),
-        active=(),
-        hamiltonian_deviation=np.inf,
-        hamiltonian_mean_deviation=np.inf,
-        sign_share=0.0,
-        saturated_share=0.0,
-        active_share=0.0,
-        complementarity=np.inf,
-        stationarity=np.inf,
-        grid_gain=np.inf,
-        costate_error=None,
         tolerance=tolerance,
-        seconds=0.0,
     )
 
 
@@ -274,14 +255,10 @@ def _certificate(
         grid_gain=float(dual.predicted_gain + more[:, driven].sum() / T),
         costate_error=error,
         tolerance=tolerance,
-        seconds=0.0,
     )
     failures = failed_conditions(motion, dual, out, verification, fastest=not rounding)
     failed = " ".join(failures)
     message = failed or conditions_kept(motion, out, rounding)
-    if motion.system.problem.robot.kinematic:
-        message = message.replace("torques", "accelerations")
-        message = message.replace("Torques", "Accelerations")
     return replace(out, ok=not failed, message=message)
 
 

@@ -185,11 +185,9 @@ class Perturbations:
         Args:
             interval: The intervals, shape (k,).
         """
-        if self.profile == "ramps":
-            pairs = np.stack([interval, interval], axis=1), (0.0, 1.0)
-        else:
-            pairs = np.stack([interval, interval + 1], axis=1), (0.5, 0.5)
-        return Instants(pairs[0].ravel(), np.tile(pairs[1], interval.size))
+        next_, shares = (0, (0.0, 1.0)) if self.profile == "ramps" else (1, (0.5, 0.5))
+        pairs = np.stack([interval, interval + next_], axis=1)
+        return Instants(pairs.ravel(), np.tile(shares, interval.size))
 
 
 @dataclass(frozen=True, eq=False)

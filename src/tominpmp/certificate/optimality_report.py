@@ -34,16 +34,15 @@ def subject_name(motion: GridMotion, kind: str, subject: int) -> str:
         kind: Kind of the limit.
         subject: Number of the subject, see :class:`~.limits.LimitRows`.
     """
-    if kind == "clearance":
-        number, pair = divmod(subject, SEGMENT)
-        checker = motion.segments[number].system.problem.checker
-        return " and ".join(checker.pairs[pair])
     if kind == ARRIVAL:
         return f"segment {subject + 1}"
-    for item in motion.constraints:
-        if item.name == kind:
-            return str(item.subject)
-    return motion.system.problem.robot.joint_names[subject]
+    number, index = divmod(subject, SEGMENT)
+    problem = motion.segments[number].system.problem
+    if kind == "clearance":
+        return " and ".join(problem.checker.pairs[index])
+    if kind in {item.name for item in motion.constraints}:
+        return str(problem.constraints[index].subject)
+    return problem.robot.joint_names[subject]
 
 
 def _time_dependence(motion: GridMotion) -> str:
@@ -60,6 +59,11 @@ def _time_dependence(motion: GridMotion) -> str:
     return ""
 
 
+def _control(motion: GridMotion) -> str:
+    """Name of the control of a joint in sentences."""
+    return "acceleration" if motion.system.problem.robot.kinematic else "torque"
+
+
 def conditions_kept(motion: GridMotion, out: Certificate, rounding: float) -> str:
     """Sentences on a motion that satisfies all first-order conditions.
 
@@ -70,11 +74,13 @@ def conditions_kept(motion: GridMotion, out: Certificate, rounding: float) -> st
             clock.
     """
     T, reason = float(out.t[-1]), _time_dependence(motion)
+    controls = f"{_control(motion)}s"
     constancy = (
         f"The Hamiltonian is constant within {out.hamiltonian_mean_deviation:.1g} in "
-        f"the mean ({out.hamiltonian_deviation:.1g} at most), torques"
+        f"the mean ({out.hamiltonian_deviation:.1g} at most), {controls}"
         if not reason
-        else f"{reason}, so that the Hamiltonian need not be constant. Torques"
+        else f"{reason}, so that the Hamiltonian need not be constant. "
+        f"{controls.capitalize()}"
     )
     text = (
         "The motion satisfies the first-order conditions to "
@@ -90,8 +96,8 @@ def conditions_kept(motion: GridMotion, out: Certificate, rounding: float) -> st
         )
     if out.grid_gain > out.stationarity + FINER_GAIN:
         text += (
-            " Torques that switch within the intervals of the grid could gain up to "
-            f"{_percent(out.grid_gain)}."
+            f" {controls.capitalize()} that switch within the intervals of the grid "
+            f"could gain up to {_percent(out.grid_gain)}."
         )
     return text
 
@@ -138,10 +144,11 @@ def failed_conditions(
         lost = np.abs(out.switching) * ~out.obeys * h[:, None]
         joint = int(np.argmax(lost.sum(axis=0)))
         k = int(np.argmax(lost[:, joint]))
+        control = _control(motion)
         yield (
-            "Torques obey the signs of their switching functions only "
-            f"{_percent(out.sign_share)} of the time; the worst is the torque of joint "
-            f"{out.joint_names[joint]}, about {_middle(motion, k):.3f} s."
+            f"{control.capitalize()}s obey the signs of their switching functions only "
+            f"{_percent(out.sign_share)} of the time; the worst is the {control} of "
+            f"joint {out.joint_names[joint]}, about {_middle(motion, k):.3f} s."
         )
 
 

@@ -28,7 +28,7 @@ from typing import (
     get_origin,
     get_type_hints,
 )
-from xml.etree.ElementTree import Element, ParseError
+from xml.etree.ElementTree import Element
 
 from cyclopts import Group, Parameter, Token
 
@@ -109,7 +109,7 @@ def _elements(typed: CompletionContext, kind: str, *tags: str) -> Iterator[Eleme
         if not path.name or path.stat().st_size > MOST_BYTES:
             return
         root = read_xml(path)
-    except (TominpmpError, OSError, ParseError):
+    except (TominpmpError, OSError):
         return
     for tag in tags:
         yield from root.findall(tag)

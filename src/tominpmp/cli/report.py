@@ -84,8 +84,7 @@ def report_data(
         if trajectory.segment_ends is not None:
             data["segments"] = _segments_data(solution)
     if replay is not None:
-        data |= {"verified": replay.ok, "goal_error": replay.goal_error}
-        data["min_clearance"] = replay.min_clearance
+        data |= {"verified": replay.ok, **_named(replay, "goal_error", "min_clearance")}
     if solution.lower_bound is not None:
         data["lower_bound"] = solution.lower_bound.T
         data["lower_bound_reason"] = solution.lower_bound.reason

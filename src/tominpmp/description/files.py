@@ -115,10 +115,8 @@ def find_srdf(urdf: Path) -> Path | None:
         urdf: The file; ``NAME.srdf`` is searched next to it and in ``../srdf``.
     """
     name = f"{urdf.stem}.srdf"
-    for candidate in (urdf.parent / name, urdf.parent.parent / "srdf" / name):
-        if candidate.is_file():
-            return candidate
-    return None
+    candidates = urdf.parent / name, urdf.parent.parent / "srdf" / name
+    return next((path for path in candidates if path.is_file()), None)
 
 
 def robot_names() -> tuple[str, ...]:

@@ -86,12 +86,11 @@ def describe_model(
             more: Any = {kind: (*getattr(links[name], kind), shape)}
             links[name] = replace(links[name], **more)
     warn_of_empty_shapes(empty_shapes, path)
-    gravity = tuple(np.asarray(model.gravity.linear).tolist())
     description = UrdfDescription(
         name=model.name or "robot",
         bodies=tuple(links.values()),
         tree=(*reader.joints, *reader.fixed),
-        gravity=gravity,
+        gravity=tuple(np.asarray(model.gravity.linear).tolist()),
         path=path,
         package_dirs=tuple(package_dirs),
         order=tuple(joint.name for joint in reader.joints),

@@ -116,7 +116,6 @@ def build_geometry(
                     f"{one_line(error)}",
                     description.path,
                 ) from error
-            colour = np.array(GREY if shape.colour is None else shape.colour)
             item = pin.GeometryObject(
                 f"{link.name}_{number}",
                 int(frame.parentJoint),
@@ -126,7 +125,7 @@ def build_geometry(
                 shape.file,
                 np.array(shape.sizes if shape.kind == "mesh" else np.ones(3)),
                 shape.colour is not None,
-                colour,
+                np.array(GREY if shape.colour is None else shape.colour),
                 shape.texture,
             )
             geometry.addGeometryObject(item)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -68,11 +68,11 @@ Positions: TypeAlias = "Mapping[str, float]"
 Group: TypeAlias = "str | Sequence[str]"
 
 
-def _mapped(value: Any, kind: Callable[[dict[Any, Any]], Any]) -> Any:
-    """Convert a mapping, and mappings inside it; other values remain unchanged."""
+def _read_only(value: Any) -> Any:
+    """Freeze a mapping, and mappings inside it; other values remain unchanged."""
     if not isinstance(value, Mapping):
         return value
-    return kind({key: _mapped(item, kind) for key, item in value.items()})
+    return MappingProxyType({key: _read_only(item) for key, item in value.items()})
 
 
 @dataclass(frozen=True)
@@ -128,11 +128,7 @@ class SemanticDescription(Record):
     def __post_init__(self) -> None:
         """Make the mappings read-only."""
         for name, value in vars(self).items():
-            self._keep(**{name: _mapped(value, MappingProxyType)})
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the read-only mappings as plain ones."""
-        return type(self), tuple(_mapped(value, dict) for value in vars(self).values())
+            self._keep(**{name: _read_only(value)})
 
     def for_joints(self, names: Collection[str]) -> SemanticDescription:
         """The description for a robot that moves these joints.
@@ -237,12 +233,11 @@ class _SrdfReader:
             self.context.text(joint, "name", "passive_joint")
             for joint in self.root.findall("passive_joint")
         )
-        groups = {name: self._group(name) for name in self.groups}
         return SemanticDescription(
             tuple(disabled),
             {},
             self.context.path,
-            groups,
+            {name: self._group(name) for name in self.groups},
             self.root.get("name", ""),
             tuple(passive),
             self._rotor_inertias(),
@@ -323,21 +318,18 @@ class _SrdfReader:
         """Joints of any kind in a group, and members that the robot lacks."""
         if name in above:
             self.context.fail(f"the group {name!r} holds itself")
-        where, members = f"group {name}", set[str]()
-        unknown: list[str] = []
+        text, where = self.context.text, f"group {name}"
+        members, unknown = set[str](), list[str]()
         for element in self.groups[name]:
             tag = element.tag
             if tag == "chain":
-                base, tip = (
-                    self.context.text(element, f"{end}_link", where)
-                    for end in ("base", "tip")
-                )
-                lacking = [link for link in (base, tip) if link not in self.links]
+                ends = [text(element, f"{end}_link", where) for end in ("base", "tip")]
+                lacking = [link for link in ends if link not in self.links]
                 unknown += lacking
                 if not lacking:
-                    members |= self.description.joints_between(base, tip)
+                    members |= self.description.joints_between(*ends)
             elif tag in ("joint", "link", "group"):
-                member = self.context.text(element, "name", where)
+                member = text(element, "name", where)
                 if tag == "group" and member in self.groups:
                     joints, lacking = self._members(member, (*above, name))
                     members |= joints

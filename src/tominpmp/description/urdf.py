@@ -269,26 +269,21 @@ class _UrdfReader:
             RobotLoadError: If it is not a URDF file, an element or attribute is
                 missing, a number is invalid, or a name is repeated.
         """
-        self._check_root()
-        self.unread += misspellings(self.root, "robot")
-        name = self.root.get("name", "").strip() or self.context.path.stem
+        root, context = self.root, self.context
+        if root.tag != "robot":
+            context.fail(f"is no URDF file: its root is <{root.tag}>, expected <robot>")
+        if root.find("link") is None:
+            context.fail("is no URDF file: it has no <link>")
+        self.unread += misspellings(root, "robot")
+        name = root.get("name", "").strip() or context.path.stem
         robot = Element("robot", name=name)
         for where, link in self._named("link").items():
             self._add_shapes(self._add(robot, link, where), link, where)
         for where, joint in self._named("joint").items():
-            is_fixed = self.context.text(joint, "type", where) == "fixed"
+            is_fixed = context.text(joint, "type", where) == "fixed"
             form = FORMS["fixed joint" if is_fixed else "joint"]
             self._add(robot, joint, where, form)
         return robot
-
-    def _check_root(self) -> None:
-        """Refuse XML files that are not URDF files."""
-        if self.root.tag != "robot":
-            self.context.fail(
-                f"is no URDF file: its root is <{self.root.tag}>, expected <robot>"
-            )
-        if self.root.find("link") is None:
-            self.context.fail("is no URDF file: it has no <link>")
 
     def _named(self, tag: str) -> dict[str, Element]:
         """Links or joints by their names in messages; names must be unique."""

@@ -233,7 +233,7 @@ def exact_switches(
     search = Search(smooth, options, progress, budget, limit)
     search.run(plan)
     for motion in reversed(search.found):
-        sharp = sharpen(motion, budget.share())
+        sharp = sharpen(motion)
         iterate, records = sharp.iterate, tuple(progress.records)
         result = SlpResult(Status.CONVERGED, iterate, iterate, records, sharp.program)
         exact = Candidate.of(attempt.name, attempt.initial, result)

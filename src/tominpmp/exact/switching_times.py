@@ -23,7 +23,7 @@ from tominpmp.exact.shooting import ArcProgram, Shot
 from tominpmp.exact.structure import Arcs
 from tominpmp.exact.switching_functions import find_changes
 from tominpmp.solvers.iterate import Iterate
-from tominpmp.stopping import EVALUATIONS, Budget
+from tominpmp.stopping import Budget
 from tominpmp.transcription.base import NOT_INTEGRATED
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -125,7 +125,7 @@ def steps_of(arcs: Arcs, total: int) -> IntArray:
 def solve_lengths(
     system: ProblemFunctions,
     arcs: Arcs,
-    states: StateFunction | None,
+    states: StateFunction,
     budget: Budget,
     total: int = STEPS,
 ) -> OptimisedArcs | None:
@@ -135,7 +135,7 @@ def solve_lengths(
         system: The functions of the problem.
         arcs: The arcs, with approximate lengths.
         states: States (q, v) of a similar motion as a function of times, shape (m,) to
-            (m, 2n), the initial guess; None for an arm that stays at its start.
+            (m, 2n), the initial guess.
         budget: Budget of evaluations and time.
         total: Number of integration steps over the whole motion.
 
@@ -145,8 +145,7 @@ def solve_lengths(
     program = ArcProgram(system, arcs, steps_of(arcs, total))
     times = program.sample_times(arcs)
     y = program.pack()
-    if states is not None:
-        program.guess = states(times.ravel()).reshape(*times.shape, -1)
+    program.guess = states(times.ravel()).reshape(*times.shape, -1)
     shot = program.shoot(y)
     excess = np.inf
     for _ in range(LIMIT_ROUNDS):
@@ -326,23 +325,22 @@ def refine_arcs(
     return improve(found, budget, FEWER_STEPS)
 
 
-def sharpen(optimised: OptimisedArcs, budget: Budget) -> OptimisedArcs:
+def sharpen(optimised: OptimisedArcs) -> OptimisedArcs:
     """Halve the integration steps until the duration converges.
 
-    This needs a small part of the budget; if less is left, a reserve is granted.
+    This has a budget of its own, of which it needs a small part.
     """
-    total = STEPS // 2
-    reserve = Budget(max(budget.remaining, EVALUATIONS // 4))
+    total, budget = STEPS // 2, Budget()
     while total < MOST_STEPS:
         total *= 2
-        finer = polish(optimised, reserve, total)
+        finer = polish(optimised, budget, total)
         if finer is None:
             break
         change = abs(finer.duration / optimised.duration - 1.0)
         if change > ACCURACY and total <= CHANGED_STEPS:
             # The motion violated a limit between the coarser steps, at which an arc may
             # have to be inserted.
-            finer = improve(finer, reserve, total)
+            finer = improve(finer, budget, total)
         optimised = finer
         if change < ACCURACY:
             break

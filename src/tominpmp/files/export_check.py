@@ -157,7 +157,7 @@ def check_file(
         replay = verify(problem, motion, within)
         return replay.violations, replay
 
-    return _check(problem, path, judge, interpolation)
+    return _check(problem, checked_path(path), judge, interpolation)
 
 
 @on_one_thread
@@ -213,13 +213,12 @@ def check_export(
 
 def _check(
     problem: Problem,
-    path: str | Path,
+    path: Path,
     judge: Callable[[Trajectory], Judgement],
     interpolation: Interpolation | None = None,
 ) -> ExportCheck:
     """Read a file, interpolate its points, and verify the motion."""
     begin = time.perf_counter()
-    path = checked_path(path)
     refusals: tuple[Refusal, ...] = ()
     notes: list[str] = []
     samples, message = read_motion(path, interpolation)

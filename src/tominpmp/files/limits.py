@@ -110,12 +110,6 @@ class MoveItLimits(Record):
     velocity_scaling: float = 1.0
     acceleration_scaling: float = 1.0
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the read-only mappings as plain ones."""
-        values = vars(self).values()
-        plain = (dict(v) if isinstance(v, Mapping) else v for v in values)
-        return type(self), tuple(plain)
-
     def overrides(self, *, scaled: bool = False) -> dict[str, dict[str, float]]:
         """Arguments for :func:`~tominpmp.load_robot` and ``with_changes``.
 
@@ -246,10 +240,9 @@ def load_joint_limits(path: str | Path) -> MoveItLimits:
                 notes.append(f"the larger of {limits.key}.max_(ac|de)celeration")
         notes += _unread(limits)
     warn_of_keys(path, "not used", notes)
-    scaling = (table.get(key) for key in _SCALINGS)
     speed, acceleration = (
-        factor.number("a factor from 0 to 1", default=1.0, above=0.0, most=1.0)
-        for factor in scaling
+        table.get(key).number("a factor from 0 to 1", default=1.0, above=0.0, most=1.0)
+        for key in _SCALINGS
     )
     return MoveItLimits(
         path, **values, velocity_scaling=speed, acceleration_scaling=acceleration

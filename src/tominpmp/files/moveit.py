@@ -128,13 +128,12 @@ class _Frames:
 
     Attributes:
         base: Placement base_to_world of the robot's root link.
-        root: Name of that link, empty without a robot.
-        fixed: Placements child_to_world of further frames.
+        fixed: Placements frame_to_base of other frames than the world, among them the
+            links that are fixed to the base.
         package_dirs: Folders in which the packages of mesh files are searched.
     """
 
     base: pin.SE3
-    root: str
     fixed: Mapping[str, pin.SE3]
     package_dirs: tuple[Path, ...] = ()
 
@@ -148,14 +147,12 @@ class _Frames:
         name = frame_id.text() if frame_id.given else ""
         if name in _WORLD:
             return self.base.inverse()
-        if name.lstrip("/") == self.root:
-            return pin.SE3.Identity()
-        if name in self.fixed:
-            return self.base.actInv(self.fixed[name])
-        known = ["world", *([self.root] if self.root else []), *self.fixed]
+        for known in (name, name.lstrip("/")):
+            if known in self.fixed:
+                return self.fixed[known]
         frame_id.fail(
             f"there is no fixed frame {brief(name)}; there are: "
-            f"{', '.join(dict.fromkeys(known))}"
+            f"{', '.join(dict.fromkeys(['world', *self.fixed]))}"
         )
 
 
@@ -214,20 +211,22 @@ def _read_frames(message: Field, robot: Robot | None, *states: Field) -> _Frames
                 f"holds {len(placements)} transforms, expected that of the base only"
             )
         base = placements[0] if placements else base
-    fixed: dict[str, pin.SE3] = {}
+    links: dict[str, pin.SE3] = {}
+    for frame in () if robot is None else robot.model.frames:
+        if frame.type == pin.FrameType.BODY and not frame.parentJoint:
+            links[frame.name] = frame.placement.copy()
+    fixed = dict(links)
     for item in message.get("fixed_frame_transforms").items():
         name = item.need("child_frame_id").text()
         parent = item.get("header").get("frame_id")
         if parent.given and parent.value not in (*_WORLD, *fixed, name):
             # Parents that are defined later or not at all are not supported.
             continue
-        above = fixed.get(str(parent.value), pin.SE3.Identity())
+        above = fixed.get(str(parent.value), base.inverse())
         fixed[name] = above * _read_pose(item.need("transform"))
-    if robot is None:
-        return _Frames(base, "", fixed)
-    urdf = robot.description
     # Packages of meshes are often next to that of the robot.
-    return _Frames(base, urdf.root, fixed, urdf.package_dirs)
+    folders = () if robot is None else robot.description.package_dirs
+    return _Frames(base, fixed | links, folders)
 
 
 def _read_pose(value: Field) -> pin.SE3:

@@ -534,16 +534,15 @@ def controller_refusals(
     if not all(isinstance(name, str) for name in names):
         return (Refusal(f"are {brief(names)}, expected names", "joint_names"),)
     points = [point if isinstance(point, Mapping) else {} for point in points]
-    broken = [
+    return (
         *_joints(names, joint_names, partial),
         *_goal(outer, names),
         *_stamp(trajectory.get("header")),
         *_times(points),
         *_numbers(points, names, effort_interface),
         *_uniform(points),
-        *([] if moving_end else _end(points, names)),
-    ]
-    return tuple(broken)
+        *(() if moving_end else _end(points, names)),
+    )
 
 
 def _joints(

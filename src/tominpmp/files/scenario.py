@@ -188,21 +188,24 @@ def read_scene(table: Field) -> Scene:
         ScenarioError: If the table is wrong.
     """
     table.only("obstacles")
-    kinds = classes(Obstacle)
-    items = table.get("obstacles").items()
-    obstacles = [from_table(item, kinds, "obstacle") for item in items]
-    with blaming(table.get("obstacles")):
-        return Scene(obstacles)
+    items = table.get("obstacles")
+    with blaming(items):
+        return Scene(_read_each(items, Obstacle, "obstacle"))
 
 
-def _read_constraints(table: Field) -> tuple[PathConstraint, ...]:
-    """Read a list of constraints.
+def _read_each(items: Field, base: type[Any], noun: str) -> tuple[Any, ...]:
+    """Read a list of records of one kind.
+
+    Args:
+        items: Their tables.
+        base: Base class of the kind.
+        noun: Noun for the kind in messages.
 
     Raises:
-        ScenarioError: If a constraint is wrong.
+        ScenarioError: If a table is wrong.
     """
-    kinds = classes(PathConstraint)
-    return tuple(from_table(item, kinds, "constraint") for item in table.items())
+    kinds = classes(base)
+    return tuple(from_table(item, kinds, noun) for item in items.items())
 
 
 def read_goal(table: Field, robot: Robot, before: Array | None) -> Goal:
@@ -218,9 +221,8 @@ def read_goal(table: Field, robot: Robot, before: Array | None) -> Goal:
     Raises:
         ScenarioError: If the table is wrong.
     """
-    kinds = classes(Goal)
     if table.get("type").value != "joint":
-        goal: Goal = from_table(table, kinds, "goal")
+        goal: Goal = from_table(table, classes(Goal), "goal")
         with blaming(table):
             return goal.resolved(robot, before)
     table.only("type", "q", "v", "state", "wrap")
@@ -424,7 +426,7 @@ READERS: dict[str, Callable[[Field], Any]] = {
     "scene": read_scene,
     "margin": Field.number,
     "self_collision": Field.flag,
-    "constraints": _read_constraints,
+    "constraints": lambda items: _read_each(items, PathConstraint, "constraint"),
     "payload": _read_payload,
     "may_touch": read_pairs,
     "stop": Field.flag,
@@ -541,9 +543,8 @@ def read_robot(table: Field) -> Robot:
         where = table.get(option) if option in ROBOT_KEYS else table
         where.blame(error)
     for item in table.get("payloads").items():
-        payload = _read_payload(item)
         with blaming(item):
-            robot = robot.with_payload(payload)
+            robot = robot.with_payload(_read_payload(item))
     return robot
 
 

@@ -293,7 +293,7 @@ def former_motion(problem: Problem, motion: Trajectory | Samples) -> Trajectory:
             "start",
         )
     try:
-        motion = checked_motion(motion, problem.robot, problem.q_start, problem.v_start)
+        motion = checked_motion(motion, problem)
     except (ProblemError, ScenarioError) as error:
         raise ProblemError(f"start: {error}", "start") from error
     return with_segments(problem, motion, Tolerances())

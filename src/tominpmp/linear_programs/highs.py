@@ -53,8 +53,7 @@ class HighsSolver(LpSolver):
         lp.a_matrix_.value_ = matrix.data
         self._highs.passModel(lp)
         if self._basis is not None and self._program is not None:
-            basis = _carried(self._basis, self._program, program)
-            self._highs.setBasis(basis)
+            self._highs.setBasis(_carried(self._basis, self._program, program))
         self._program = program
         if self._basis is None and program.cost.size > MANY_COLUMNS:
             found = self._run("ipm")

@@ -146,20 +146,17 @@ class PiqpSolver(LpSolver):
         self._simplex: HighsSolver | None = None
 
     def solve(self, program: LinearProgram) -> LpSolution:
-        """Solve a program; the interior-point method has no warm start.
-
-        If that fails, the simplex method solves it, and later changes of its bounds.
-        """
-        begin = time.perf_counter()
+        """Solve a program; the interior-point method has no warm start."""
         self._simplex = None
         self._set_up(program)
-        solution = self._run(program, begin)
+        solution = self._run(program)
         info = self._solver.result.info
         # Where limits overlap, only the multipliers are inexact. With many columns the
         # simplex method takes seconds for them, and a shorter step does without.
         closed = max(info.primal_res, info.duality_gap) <= program.accuracy
         if solution.optimal or (closed and program.cost.size > MANY_COLUMNS):
             return solution
+        # Later changes of its bounds are solved by the simplex method, too.
         self._simplex = HighsSolver()
         exact = self._simplex.solve(program)
         return replace(exact, iterations=solution.iterations + exact.iterations)
@@ -192,7 +189,6 @@ class PiqpSolver(LpSolver):
 
     def resolve(self, program: LinearProgram) -> LpSolution:
         """Solve again with other row bounds; the symbolic factorisation is kept."""
-        begin = time.perf_counter()
         if self._simplex is not None:
             return self._simplex.resolve(program)
         equal, lower, upper = self._equal, program.row_lower, program.row_upper
@@ -201,33 +197,43 @@ class PiqpSolver(LpSolver):
             h_l=np.maximum(lower[~equal], -NO_BOUND),
             h_u=np.minimum(upper[~equal], NO_BOUND),
         )
-        return self._run(program, begin)
+        return self._run(program)
 
-    def _run(self, program: LinearProgram, begin: float) -> LpSolution:
-        spent = self._try(begin, self._termination.residual)
+    def _run(self, program: LinearProgram) -> LpSolution:
+        spent = self._try(self._termination.residual)
         if not self._solved and self._solver.settings.kkt_solver == STAGED:
             # Without pivoting between stages, coefficients of 1e9 next to others of 1
             # may lead to NaN or wrong numbers. Other programs of the same motion have
             # such coefficients, too.
             self._stages_fail = True
             self._set_up(program)
-            spent += self._try(begin, self._termination.residual)
+            spent += self._try(self._termination.residual)
             self._stages_fail = self._solved
         rough = self._termination.residual > RESIDUAL and not self._solved
         if rough and (self._exact or program.cost.size > MANY_COLUMNS):
-            spent += self._try(begin, RESIDUAL)
+            spent += self._try(RESIDUAL)
         result = self._solver.result
         duals = np.zeros(self._equal.size)
         duals[self._equal] = self._scale * result.y
         duals[~self._equal] = result.z_u - result.z_l
         return LpSolution(self._solved, np.array(result.x), duals, spent, curved=True)
 
-    def _try(self, begin: float, residual: float) -> int:
+    def _try(self, residual: float) -> int:
         """Run PIQP; returns the number of iterations."""
-        settings = self._solver.settings
+        settings, most = self._solver.settings, self._termination.iterations
         settings.eps_abs = settings.eps_rel = residual
         settings.iterative_refinement_always_enabled = residual <= RESIDUAL
-        self._limit()
+        if np.isfinite(seconds_left()):
+            # PIQP has no time limit, but all iterations take the same time.
+            if self._pace == 0.0:
+                self._iterate(1)
+            most = max(int(min(seconds_left() / max(self._pace, 1e-9), most)), 1)
+        return self._iterate(most)
+
+    def _iterate(self, most: int) -> int:
+        """Run PIQP for some iterations at most, and time them; returns their number."""
+        self._solver.settings.max_iter = most
+        begin = time.perf_counter()
         self._solver.solve()
         count = int(self._solver.result.info.iter)
         self._pace = (time.perf_counter() - begin) / max(count, 1)
@@ -249,20 +255,3 @@ class PiqpSolver(LpSolver):
     def _exact(self) -> bool:
         """Whether the last run has converged to the requested residual."""
         return bool(self._solver.result.info.status == piqp.PIQP_SOLVED)
-
-    def _limit(self) -> None:
-        """Limit the iterations by the remaining time, as PIQP has no time limit."""
-        settings, left = self._solver.settings, seconds_left()
-        settings.max_iter = self._termination.iterations
-        if np.isinf(left):
-            return
-        if self._pace == 0.0:
-            # All iterations take the same time: the first one is timed.
-            begin = time.perf_counter()
-            settings.max_iter = 1
-            self._solver.solve()
-            self._pace = time.perf_counter() - begin
-            check()
-            left = seconds_left()
-        allowed = int(min(left / max(self._pace, 1e-9), self._termination.iterations))
-        settings.max_iter = max(allowed, 1)

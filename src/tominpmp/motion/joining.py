@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -24,6 +24,9 @@ from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion.samples import Interpolation, Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.robot.robot import Robot
+
+if TYPE_CHECKING:
+    from tominpmp.problem.problem import Problem
 
 # Tolerance of the position of a locked joint in a recorded motion [rad or m].
 APART = 1e-3
@@ -251,28 +254,21 @@ def _recovered(rows: _Rows) -> Joined:
     return rows.recorded("cubic")
 
 
-def checked_motion(
-    motion: Trajectory | Samples,
-    robot: Robot,
-    start: Array,
-    start_velocity: Array | None = None,
-) -> Trajectory:
-    """Check a caller's motion of a robot; samples are joined into a motion.
+def checked_motion(motion: Trajectory | Samples, problem: Problem) -> Trajectory:
+    """Check a caller's motion; samples are joined into a motion.
 
     Args:
-        motion: The motion, or samples of it.
-        robot: The robot that moves.
-        start: Positions at time 0 of samples that begin later, shape (n,) [rad or m].
-        start_velocity: Velocities at time 0, shape (n,) [rad/s or m/s]; None for a
-            start at rest.
+        motion: The motion, or samples of it, which may begin after time 0.
+        problem: The problem, with the robot that moves and its state at time 0.
 
     Raises:
         ProblemError: If the motion has other joints than the robot, or values that are
             not finite, or is neither a trajectory nor samples.
         ScenarioError: As raised by :func:`join`.
     """
+    robot, start, velocity = problem.robot, problem.q_start, problem.v_start
     if isinstance(motion, Samples):
-        joined = join(motion, robot, start=start, start_velocity=start_velocity)
+        joined = join(motion, robot, start=start, start_velocity=velocity)
         motion = joined.trajectory
     instance(motion, Trajectory, "trajectory", "a Trajectory or Samples")
     if motion.joint_names != robot.joint_names:
@@ -317,7 +313,7 @@ def _columns(samples: Samples, robot: Robot, path: str | Path | None) -> list[in
         )
     for name, position in robot.locked_joints.items():
         column = samples.q[:, names.index(name)] if name in names else position
-        distance = float(np.max(np.abs(column - position)))
+        distance = float(np.max(np.abs(column - position), initial=0.0))
         if distance > APART:
             raise ScenarioError(
                 f"{_named(path)}: joint {name} is up to {distance:g} away from "

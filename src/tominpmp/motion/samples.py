@@ -70,6 +70,11 @@ class TimedRows(Record):
         for name in columns:
             self._take(name, called, (times, len(self.joint_names)), layout)
 
+    def _in_brief(self, contents: str) -> str:
+        """Show the joints, and a description of the rows, on one line."""
+        kind, joints = type(self).__name__, brief(", ".join(self.joint_names))[1:-1]
+        return f"<{kind} of {len(self.joint_names)} joints ({joints}): {contents}>"
+
     def _segments_at(self, times: Array) -> IntArray:
         """Index of the segment at each time; at an end the later segment."""
         if self.segment_ends is None:
@@ -133,12 +138,8 @@ class Samples(TimedRows):
 
     def __repr__(self) -> str:
         """Show joints, rows and times on one line."""
-        joints = brief(", ".join(self.joint_names))[1:-1]
         span = f"{self.t[0]:g} to {self.t[-1]:g} s" if self.t.size else "none"
-        return (
-            f"<Samples of {len(self.joint_names)} joints ({joints}): {self.t.size} "
-            f"rows, {span}>"
-        )
+        return self._in_brief(f"{self.t.size} rows, {span}")
 
 
 def clock(duration: float, period: float) -> Array:

@@ -164,11 +164,7 @@ class Trajectory(TimedRows):
 
     def __repr__(self) -> str:
         """Show joints, nodes and duration on one line."""
-        joints = brief(", ".join(self.joint_names))[1:-1]
-        return (
-            f"<Trajectory of {self.n} joints ({joints}): {self.t.size} nodes, "
-            f"T = {self.duration:.6g} s>"
-        )
+        return self._in_brief(f"{self.t.size} nodes, T = {self.duration:.6g} s")
 
     @overload
     def __call__(
@@ -206,7 +202,8 @@ class Trajectory(TimedRows):
         if times.ndim > 1 or np.any(np.isnan(times)):
             raise wrong(time, "time", "a time or a row of times [s]")
         row = np.atleast_1d(times)
-        outside = self._outside(row)
+        slack = ROUNDING * max(1.0, self.duration)
+        outside = (row < -slack) | (row > self.duration + slack)
         if np.any(outside) and hold is not True:
             raise ProblemError(
                 f"time is {row[outside][0]:g} s, outside of the motion, which takes "
@@ -249,11 +246,6 @@ class Trajectory(TimedRows):
         q, v, _, u = self(times)
         title = f"Trajectory in SI units, T = {self.duration:.6g} s"
         return motion_card(title, self.joint_names, times, q, v, u)
-
-    def _outside(self, times: Array) -> BoolArray:
-        """Whether times are outside of the motion by more than rounding, shape (m,)."""
-        slack = ROUNDING * max(1.0, self.duration)
-        return np.asarray((times < -slack) | (times > self.duration + slack))
 
     def _held(self, state: State, outside: BoolArray, times: Array) -> State:
         """The states, with the arm held at rest at times outside of the motion."""

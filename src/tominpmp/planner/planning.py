@@ -198,6 +198,6 @@ def motion_of(
         message = getattr(start, "message", "")
         raise ProblemError(f"start: there is no motion in it: {message}", "start")
     if isinstance(former, Trajectory | Samples) and former.t.size == 1:
-        checked_motion(former, problem.robot, problem.q_start, problem.v_start)
+        checked_motion(former, problem)
         return None
     return former

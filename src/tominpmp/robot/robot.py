@@ -152,9 +152,7 @@ class Robot(Record):
 
         Meshes would make the pickle hundreds of megabytes large.
         """
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
-        values["locked_joints"] = dict(self.locked_joints)
-        return type(self), tuple(values.values())
+        return type(self), tuple(getattr(self, f.name) for f in fields(self))
 
     def _values(self) -> tuple[Any, ...]:
         """Values to compare; of the model, only those that other fields do not fix."""

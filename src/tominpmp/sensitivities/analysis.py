@@ -34,6 +34,7 @@ from tominpmp.certificate.limits import GOAL, SEGMENT, LimitRows
 from tominpmp.certificate.motion import GridMotion
 from tominpmp.checks import instance
 from tominpmp.exceptions import ProblemError
+from tominpmp.goals.place import joint_labels
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.motion.joining import checked_motion
 from tominpmp.motion.samples import Samples
@@ -77,11 +78,11 @@ def analyse(problem: Problem, trajectory: Trajectory | Samples) -> Sensitivities
         ScenarioError: If the samples have other joints than the robot.
     """
     instance(problem, Problem, "problem")
-    robot = problem.robot
-    trajectory = checked_motion(trajectory, robot, problem.q_start, problem.v_start)
+    trajectory = checked_motion(trajectory, problem)
     T = trajectory.duration
-    if problem.segments:
-        problem, trajectory = _moving(problem, trajectory)
+    refuse_arrival_times(problem)
+    trajectory = with_segments(problem, trajectory, Tolerances())
+    problem, trajectory = without_dwells(problem.alternative_of(trajectory), trajectory)
     if not trajectory.duration:
         return Sensitivities(T, (), 0.0, np.zeros(6))
     dual = None
@@ -116,13 +117,6 @@ def refuse_arrival_times(problem: Problem) -> None:
                 "arrival times are not known",
                 f"segments[{number - 1}].arrival",
             )
-
-
-def _moving(problem: Problem, motion: Trajectory) -> tuple[Problem, Trajectory]:
-    """A motion of several segments without its dwells, and the problem it solves."""
-    refuse_arrival_times(problem)
-    motion = with_segments(problem, motion, Tolerances())
-    return without_dwells(problem.alternative_of(motion), motion)
 
 
 def _segments(motion: GridMotion, rows: LimitRows) -> Iterator[SegmentRows]:
@@ -316,19 +310,21 @@ class SegmentRows:
     # -- positions of the goal, of obstacles and of the base ---------------------------
 
     def _goal(self) -> Iterator[Sensitivity]:
-        """Records of the goal: of a configuration joint by joint, or of a position."""
-        goal, number = self._problem.goal, self.motion.number
+        """Records of the goal: of positions of joints one by one, or of a place."""
+        goal, number, n = self._problem.goal, self.motion.number, self._robot.n
         of_segment = "" if number is None else f" of segment {number + 1}"
-        if goal.configuration is None:
+        place = goal.place(self.motion.system.kinematics, np.zeros(n))
+        joints = {label: joint for joint, label in enumerate(joint_labels(self._robot))}
+        values = 0.0 - self._sums(GOAL, self.rows.y, place.value.size)
+        for row, label in enumerate(place.labels):
+            if label in joints:
+                at = 0.0 - place.value[row], label.unit, f"1/{label.unit}"
+                item = self._of_joint("goal", joints[label], values[row], *at)
+                yield replace(item, subject=item.subject + of_segment)
+        if not joints.keys() >= set(place.labels):
             name = goal.frame_name
             subject = "goal" if name is None else f"frame {name}"
             yield _of_position("goal", subject + of_segment, -self._base_of_goal[:3])
-            return
-        value = 0.0 - self._sums(GOAL, self.rows.y, 0)
-        for j, unit in enumerate(self._units(POSITION)):
-            at = goal.configuration[j], unit, f"1/{unit}"
-            item = self._of_joint("goal", j, value[j], *at)
-            yield replace(item, subject=item.subject + of_segment)
 
     def _by_base(self, cost: Callable[[Robot], float]) -> Array:
         """Derivatives of a cost by a displacement of the base, shape (6,)."""
@@ -338,10 +334,10 @@ class SegmentRows:
     def _base_of_goal(self) -> Array:
         """Derivatives of ln T by a displacement of the base, through the goal, (6,)."""
         y, node = self._sums(GOAL, self.rows.y, 0), self.motion.span[1]
-        if self._problem.goal.configuration is not None or not y.size:
+        goal = self._problem.goal
+        if goal.configuration is not None or not y.size:
             return np.zeros(6)
         state = self.motion.changes.q[node], self.motion.changes.v[node]
-        goal = self._problem.goal.nearest(self.motion.system.kinematics, *state)
 
         def cost(robot: Robot) -> float:
             return float(y @ goal.residual(RobotKinematics(robot), *state).value)

@@ -197,10 +197,10 @@ class Sensitivities(Record):
                 the cycle is less than the sum of the durations, or names are too few or
                 too many.
         """
-        items = list(instance(parts, Iterable, "parts", "Sensitivities of motions"))
+        expected = "Sensitivities of motions"
+        each = instance(parts, Iterable, "parts", expected)
+        items = [instance(item, Sensitivities, "parts", expected) for item in each]
         goals = [f"goal {k + 1}" for k in range(len(items))] if names is None else names
-        for item in items:
-            instance(item, Sensitivities, "parts", "Sensitivities of motions")
         total = math.fsum(item.T for item in items)
         whole = total if T is None else number_or_nan(T)
         if not items or not whole >= total * (1.0 - 1e-9):

@@ -108,10 +108,6 @@ class RowExchange:
             return False
         return state.gains[-1] < self.level * state.duration
 
-    def _changed(self, loop: Loop) -> float:
-        """Change of the duration since rows last joined, as a share of it."""
-        return abs(self.joined_at / loop.state.duration - 1.0)
-
     def join(
         self, loop: Loop, status: Status | None
     ) -> tuple[RowExchange, Status | None]:
@@ -138,9 +134,8 @@ class RowExchange:
             return exchange, Status.ITERATION_LIMIT if settled else status
         loop.program, z = changed
         joined = loop.state.on(loop.program, z)
-        settled, limit = self._changed(loop) <= SETTLED, self.radius
-        if settled:
-            limit *= 0.5
+        settled = abs(self.joined_at / loop.state.duration - 1.0) <= SETTLED
+        limit = 0.5 * self.radius if settled else self.radius
         radius = max(joined.radius, limit)
         if settled or self.level == 0.0:
             radius = min(max(math.sqrt(joined.violation), SMALLEST), limit)

@@ -16,7 +16,6 @@ minimization of the functional (10) follows".
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -90,9 +89,7 @@ class FixedStep:
         assert isinstance(torques, AdjointTranscription)  # noqa: S101
         steps = torques.fixed_steps(z, self.control_step, self.time_step)
         linearization = nlp.linearize(z, state.values, steps)
-        program = _build_program(state, linearization)
-        begin = time.perf_counter()
-        solution = loop.count(self.lp.solve(program), begin)
+        solution = loop.solved(self.lp.solve, _build_program(state, linearization))
         if not solution.optimal:
             loop.advance(replace(state, radius=0.0), None)
             return

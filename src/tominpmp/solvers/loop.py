@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.linear_programs.program import LpSolution
+from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.solvers.iterate import Iterate, SlpResult, StepOutcome
 from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Stop, grace
@@ -42,6 +42,8 @@ Callback = Callable[[IterationRecord], Status | None]
 Keep = Callable[[NonlinearProgram, Iterate], None]
 # Stop rule: the status with which the loop ends; None to continue.
 Rule = Callable[["Loop"], Status | None]
+# Method of a solver that solves a linear program.
+Solve = Callable[[LinearProgram], LpSolution]
 # Time for slowing a motion down once a stop was requested [s].
 RESTORATION_TIME = 0.2
 
@@ -155,11 +157,13 @@ class Loop:
     extended_limit: int = 0
     dropped: bool = False
     _begin: float = field(default_factory=time.perf_counter)
-    _solved: list[tuple[int, float]] = field(default_factory=list)
+    _programs: list[tuple[int, float]] = field(default_factory=list)
 
-    def count(self, solution: LpSolution, begin: float) -> LpSolution:
-        """Count a program whose solution began at a time; returns the solution."""
-        self._solved.append((solution.iterations, time.perf_counter() - begin))
+    def solved(self, solve: Solve, program: LinearProgram) -> LpSolution:
+        """Solve a program of the iteration, with its time and iterations on record."""
+        begin = time.perf_counter()
+        solution = solve(program)
+        self._programs.append((solution.iterations, time.perf_counter() - begin))
         return solution
 
     def advance(self, state: Iterate, outcome: StepOutcome | None) -> None:
@@ -177,12 +181,12 @@ class Loop:
             actual=0.0 if outcome is None else outcome.actual,
             radius=state.radius,
             accepted=outcome is not None and outcome.accepted,
-            programs=len(self._solved),
-            pivots=sum(iterations for iterations, _ in self._solved),
-            program_seconds=sum(seconds for _, seconds in self._solved),
+            programs=len(self._programs),
+            pivots=sum(iterations for iterations, _ in self._programs),
+            program_seconds=sum(seconds for _, seconds in self._programs),
             seconds=time.perf_counter() - self._begin,
         )
-        self._solved = []
+        self._programs = []
         self.history.append(record)
         self.callback_status = None if self.callback is None else self.callback(record)
 

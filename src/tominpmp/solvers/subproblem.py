@@ -174,12 +174,11 @@ def _elastic_columns(
     rows, here = state.rows, state.values[chosen]
     low, high = rows.lower[chosen], rows.upper[chosen]
     group = rows.group[chosen]
-    column = np.full(violation.size, -1)
-    column[slack_groups] = np.arange(slack_groups.size)
     sign = np.where(here > high, 1.0, np.where(here < low, -1.0, 0.0))
     equal = low == high
     share = (here - high)[equal] / np.maximum(violation[group[equal]], NEGLIGIBLE)
     sign[equal] = share
-    used = np.flatnonzero((sign != 0.0) & (column[group] >= 0))
-    places, shape = (used, column[group[used]]), (chosen.size, slack_groups.size)
+    used = np.flatnonzero((sign != 0.0) & np.isin(group, slack_groups))
+    places = used, np.searchsorted(slack_groups, group[used])
+    shape = chosen.size, slack_groups.size
     return sp.csc_matrix((-sign[used], places), shape=shape)

@@ -252,17 +252,16 @@ class TimeAndEnergy(Objective):
 
     def value(self, program: NonlinearProgram, z: Array, values: Array) -> float:
         """T + k times the energy [s]; infinite if the motion is not finite."""
-        energy = self._energy(program)
-        if not energy.nlp.transcription.motion(z).finite:
+        if not program.transcription.motion(z).finite:
             return np.inf
-        return float(program.cost @ z) + self.weight * energy(z)
+        return float(program.cost @ z) + self.weight * Energy(program, self.kind)(z)
 
     def model(
         self, program: NonlinearProgram, state: Iterate, linearization: Linearization
     ) -> Model:
         """The duration, and a convex model of the energy."""
-        k, steps = self.weight, linearization.steps
-        model = self._energy(program).model(state.z, steps)
+        k, energy = self.weight, Energy(program, self.kind)
+        model = energy.model(state.z, linearization.steps)
         proximal = None if model.proximal is None else np.sqrt(k) * model.proximal
         return Model(
             lambda z, values: self.value(program, z, values),
@@ -272,6 +271,3 @@ class TimeAndEnergy(Objective):
             model.variation,
             k * model.weight,
         )
-
-    def _energy(self, program: NonlinearProgram) -> Energy:
-        return Energy(program, self.kind)

@@ -18,7 +18,6 @@ evaluations, while a smaller trust region would cost another program.
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -105,13 +104,9 @@ def trust_regions(
             the objective; None for a gap that fits the tolerance of the objective.
     """
     lp = make_solver(options.lp_solver) if lp is None else lp
-    limits = (
-        weights_exceed(LARGEST_WEIGHT),
-        collapsed,
-        iterations(options.max_iterations),
-    )
-    step = TrustRegionStep(lp, options.trust_region, accuracy)
-    return step, first_of(settled, *limits)
+    limit = iterations(options.max_iterations)
+    stop = first_of(settled, weights_exceed(LARGEST_WEIGHT), collapsed, limit)
+    return TrustRegionStep(lp, options.trust_region, accuracy), stop
 
 
 class _Proposal(NamedTuple):
@@ -170,13 +165,12 @@ class TrustRegionStep:
         weights = state.raised_weights(multipliers, proposal.promised)
         if outcome.accepted:
             state = replace(state, z=outcome.trial.z, values=outcome.trial.values)
-        gained = max(outcome.actual, 0.0)
         state = replace(
             state,
             weights=weights,
             radius=self._radius_after(loop, proposal, outcome),
             multipliers=multipliers,
-            gains=(*state.gains, gained)[-WINDOW:],
+            gains=(*state.gains, max(outcome.actual, 0.0))[-WINDOW:],
         )
         value = objective.value(loop.program, state.z, state.values)
         little = objective.tolerance * max(value, SHORTEST)
@@ -222,8 +216,7 @@ class TrustRegionStep:
         while True:
             check()
             program = build_subproblem(state, model, linearization, accuracy)
-            begin = time.perf_counter()
-            solution = loop.count(lp.solve(program.program), begin)
+            solution = loop.solved(lp.solve, program.program)
             if not solution.optimal:
                 return None
             if unknown:
@@ -277,8 +270,7 @@ class TrustRegionStep:
                 break
             linear = values[program.rows] + program.change(trial.z - z)
             error = trial.values[program.rows] - linear
-            begin = time.perf_counter()
-            again = loop.count(self.lp.resolve(program.corrected(error)), begin)
+            again = loop.solved(self.lp.resolve, program.corrected(error))
             if not again.optimal:
                 break
             trial = tried(program.step(again))

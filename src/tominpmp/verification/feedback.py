@@ -23,18 +23,10 @@ from tominpmp.motion_limits import FEEDBACK
 from tominpmp.options import Tolerances
 from tominpmp.robot.robot import Robot
 from tominpmp.stopping import check
-from tominpmp.verification.limit_violations import (
-    LimitViolation,
-    worst_of_joints,
-)
+from tominpmp.verification.limit_violations import LimitViolation, worst_of_joints
 from tominpmp.verification.plant import Plant
 from tominpmp.verification.polynomials import Pieces
-from tominpmp.verification.replay import (
-    RTOL,
-    Integration,
-    Integrator,
-    Replay,
-)
+from tominpmp.verification.replay import RTOL, Integration, Integrator, Replay
 
 if TYPE_CHECKING:
     from tominpmp.verification.stages import Stage

@@ -125,17 +125,10 @@ def planned(
     """
     nodes = trajectory.t if torque is None else torque.t
     t = subdivided(nodes, max(time_step, trajectory.duration / MOST_ROWS))
-    state = trajectory(t)
+    q, v, _, u = trajectory(t)
+    way = trajectory.turns.at(0.5 * (t[1:] + t[:-1]))
     return Replay(
-        trajectory.joint_names,
-        t,
-        state.q,
-        state.v,
-        state.u,
-        trajectory.turns.at(0.5 * (t[1:] + t[:-1])),
-        "planned",
-        0,
-        True,
+        trajectory.joint_names, t, q, v, u, way, "planned", evaluations=0, complete=True
     )
 
 

@@ -205,7 +205,7 @@ def _residuals(
     kinematics, state = RobotKinematics(phase.robot), motion(times)
     units = tolerances.goal, tolerances.speed
     for q, v in zip(state.q, state.v, strict=True):
-        misses = phase.goal.nearest(kinematics, q, v).misses(kinematics, q, v)
+        misses = phase.goal.misses(kinematics, q, v)
         yield max((miss.amount / units[miss.moving] for miss in misses), default=0.0)
 
 
@@ -279,7 +279,7 @@ def goal_misses(
     misses = [
         miss
         for q, v in zip(replay.q[rows], replay.v[rows], strict=True)
-        for miss in goal.nearest(kinematics, q, v).misses(kinematics, q, v)
+        for miss in goal.misses(kinematics, q, v)
     ]
     time, worst = replay.duration, []
     for kind, tolerance in (("goal", tolerances.goal), ("speed", tolerances.speed)):

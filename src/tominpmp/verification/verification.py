@@ -184,7 +184,7 @@ def verify(
     if checker is not None:
         instance(checker, CollisionChecker, "checker", "a CollisionChecker or None")
     robot = problem.robot
-    trajectory = checked_motion(trajectory, robot, problem.q_start, problem.v_start)
+    trajectory = checked_motion(trajectory, problem)
     if trajectory.duration > LONGEST:
         return _too_long(problem, trajectory, tolerances, begin)
     trajectory = with_segments(problem, trajectory, tolerances)

@@ -120,7 +120,7 @@ def plot_motion(
                 panel.plot(*view.project(ends).T, **END_LOOK, zorder=2.6)
             if goal is not None:
                 panel.plot(*view.project(goal), **GOAL_LOOK, zorder=3.0)
-            panel.set_title(f"{label}: $T$ = {motion.duration:.4g} s")
+            panel.set_title(f"{label}: T = {motion.duration:.4g} s")
             panel.margins(0.0)
             panel.update_datalim([low, high])
         edges = set(map(_edge, itertools.chain(*around)))

@@ -208,8 +208,7 @@ def plot_controls(
         for i, joint in enumerate(robot.joint_names):
             panel, values = panels[i], np.concatenate(drawn)[:, i]
             _show_limits(panel, values, limits.lower[i], limits.upper[i])
-            symbol = f"$u_{{{i + 1}}}$ [{limits.kind.units[slides[i]]}]"
-            panel.set(title=joint, ylabel=symbol)
+            panel.set(title=joint, ylabel=f"u{i + 1} [{limits.kind.units[slides[i]]}]")
         for extra in panels[robot.n :]:
             extra.set_axis_off()
             axes[-2, -1].tick_params(labelbottom=True)
@@ -262,8 +261,10 @@ def plot_convergence(
             if starts:
                 handles.append(above.get_lines()[-len(starts)])
                 handles[-1].set_label(label)
-        above.set_ylabel("$T$ [s]")
+        above.set_ylabel("T [s]")
         below.set(ylabel="largest violation (scaled)", xlabel="iteration", yscale="log")
+        below.yaxis.set_major_formatter("{x:g}")
+        below.yaxis.set_minor_formatter("")
         lengths = [len(history) for history in histories.values() if history]
         if max(lengths) > ITERATION_RATIO * min(lengths):
             _spread_first_iterations(below, max(lengths))
@@ -459,13 +460,11 @@ def _show_limits(panel: Axes, values: Array, lower: float, upper: float) -> None
 
 def _spread_first_iterations(panel: Axes, longest: int) -> None:
     """Make the axis of iterations linear to 10, then logarithmic."""
-    from matplotlib.ticker import FixedLocator, NullLocator, ScalarFormatter
-
     panel.set_xscale("symlog", linthresh=10.0, linscale=1.0)
     ticks = [0, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10000]
-    panel.xaxis.set_major_locator(FixedLocator([t for t in ticks if t <= longest]))
-    panel.xaxis.set_major_formatter(ScalarFormatter())
-    panel.xaxis.set_minor_locator(NullLocator())
+    ticks = [tick for tick in ticks if tick < longest]
+    panel.set_xticks(ticks, map(str, ticks))
+    panel.minorticks_off()
     panel.set_xlim(left=-0.4)
 
 

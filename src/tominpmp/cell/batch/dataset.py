@@ -411,7 +411,7 @@ class Dataset(Record):
                 "success": entry.success,
                 "T": entry.T if math.isfinite(entry.T) else None,
                 "scenario": entry.scenario,
-                **{k: entry.arrays[k].tolist() for k in ARRAYS if k in entry.arrays},
+                **{k: values.tolist() for k, values in entry.arrays.items()},
             }
             for entry in self
         ]

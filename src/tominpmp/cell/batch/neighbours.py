@@ -107,13 +107,12 @@ def _nearest(table: Array, index: int, before: IntArray, members: list[int]) -> 
 
 def _spread(table: Array) -> IntArray:
     """An order in which each row is as far as possible from all rows before it."""
-    away = np.linalg.norm(table - table.mean(axis=0), axis=1)
-    order = [int(np.argmin(away))]
-    away = np.linalg.norm(table - table[order[0]], axis=1)
+    order = [int(np.argmin(np.linalg.norm(table - table.mean(axis=0), axis=1)))]
+    away = np.full(len(table), np.inf)
     for _ in table[1:]:
+        away = np.minimum(away, np.linalg.norm(table - table[order[-1]], axis=1))
         away[order] = -1.0
         order.append(int(np.argmax(away)))
-        away = np.minimum(away, np.linalg.norm(table - table[order[-1]], axis=1))
     return np.array(order)
 
 

@@ -457,17 +457,21 @@ def _contents(problem: Problem) -> Iterator[bytes]:
         yield urdf_file(description, (), "")[0]
         yield repr(robot.srdf and robot.srdf.disabled_pairs).encode()
         for link in description.bodies:
-            files = (shape.file for shape in link.collisions if shape.file)
-            yield from map(_content, files)
+            yield from (_content(shape.file) for shape in link.collisions if shape.file)
     for phase in problem.phases:
         meshes = (item for item in phase.scene if isinstance(item, Mesh) and item.path)
         yield from (_content(str(mesh.path)) for mesh in meshes)
 
 
 def _content(file: str) -> bytes:
-    """Digest of a file, which is computed once as long as the file is unchanged."""
-    about = Path(file).stat()
-    return _content_at(file, about.st_mtime_ns, about.st_size)
+    """Digest of a file, which is computed once as long as the file is unchanged.
+
+    It is empty for a file that is gone: a scenario then holds the mesh itself.
+    """
+    with suppress(OSError):
+        about = Path(file).stat()
+        return _content_at(file, about.st_mtime_ns, about.st_size)
+    return b""
 
 
 @lru_cache(1000)

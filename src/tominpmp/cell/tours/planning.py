@@ -284,8 +284,7 @@ class TourSearch:
     def _failed(self) -> Tour:
         """The result where no tour was found."""
         legs, status = self.legs, Status.INFEASIBLE
-        reason = "no order of the stations keeps the rules"
-        reason += " (after, then, precedence)"
+        reason = "no order of the stations keeps the rules (after, then, precedence)"
         if legs.errors:
             reason = legs.errors[-1].rstrip(".")
         text = f"{status.value} No tour was found: {reason}."

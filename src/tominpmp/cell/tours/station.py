@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -312,12 +313,10 @@ def together(stays: Iterable[tuple[str | None, float]]) -> float:
     Args:
         stays: Arms, None for all of them, and their dwell times [s].
     """
-    all_arms, by_arm = 0.0, dict[str, float]()
+    by_arm: defaultdict[str | None, float] = defaultdict(float)
     for arm, stay in stays:
-        if arm is None:
-            all_arms += stay
-        else:
-            by_arm[arm] = by_arm.get(arm, 0.0) + stay
+        by_arm[arm] += stay
+    all_arms = by_arm.pop(None, 0.0)
     return all_arms + max(by_arm.values(), default=0.0)
 
 
