@@ -173,10 +173,8 @@ def shot(system, shares, rng):
 def smooth(degree):
     def build(system, shares, rng):
         of = BSplineTranscription(system, shares, degree)
-        times = np.linspace(0.0, 1.0, 4 * of.intervals)
-        z = of.fitted(times, near(system, times.size, rng), 0.6)
-        z[:-1] += 0.02 * rng.normal(size=z.size - 1)
-        return of, z
+        points = near(system, of.intervals + degree, rng)
+        return of, of.unknowns(points, np.array([0.6]))
 
     return build
 

@@ -261,8 +261,8 @@ def build(kind: str, problem: tm.Problem, seed: int):
         nlp = AdjointTranscription(system, shares, 1.1)
         return NonlinearProgram.of(nlp), nlp.pack(u, np.array([0.3]))
     nlp = BSplineTranscription(system, shares, 5)
-    times = np.concatenate([[0.0], np.cumsum(shares[:, 0])])
-    return NonlinearProgram.of(nlp), nlp.fitted(times, q, 1.1)
+    points = np.pad(q, ((2, 2), (0, 0)), mode="edge")
+    return NonlinearProgram.of(nlp), nlp.unknowns(points, T)
 
 
 KINDS = ("inverse", "free lengths", "collocation", "adjoint", "bspline")

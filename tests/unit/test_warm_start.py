@@ -49,7 +49,7 @@ def test_the_motion_is_taken_over_to_the_last_bit(stepped):
     assert guess.bend is None and guess.entry == 0.0
     # On its own grid, and on a finer one that its intervals are split for.
     for intervals in (stepped.trajectory.t.size - 1, 57):
-        program, z = guess.inverse_program(system, intervals, "cosine")
+        program, z = guess.spline_program(system, intervals, "cosine", 2)
         motion = program.trajectory(z)
         assert motion.t.size == intervals + 1
         expected = stepped.trajectory(motion.t)

@@ -32,8 +32,7 @@ from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.controls import net_torque, torque_shares
 from tominpmp.transcription.curve import nodes_of
 from tominpmp.transcription.grid import interval_shares
-from tominpmp.transcription.inverse import InverseTranscription
-from tominpmp.transcription.layout import SHORTEST
+from tominpmp.transcription.layout import QUADRATIC, SHORTEST, Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.stages import with_segments
@@ -54,10 +53,6 @@ SPEED_WEIGHT = 0.1
 LEAST_DURATION = 1e-9
 # A grid with more than this multiple of the requested intervals is not adopted.
 FINEST = 4
-# A spline on a finer grid keeps at most this multiple of the requested intervals.
-FINER = 2
-# Samples per interval for fitting splines.
-FIT = 8
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -140,50 +135,26 @@ class WarmStart(Guess):
             nodes = np.insert(nodes, longest + 1, middle)
         return nodes
 
-    def inverse_program(
-        self, system: ProblemFunctions, intervals: int, kind: str
-    ) -> tuple[NonlinearProgram, Array]:
-        """Program with constant accelerations, and the motion as its iterate."""
-        T, motion = self.duration, self.trajectory
-        nodes = self.grid(intervals)
-        if nodes is None or motion.degree != 2:
-            shares = interval_shares(kind, intervals)
-            transcription = InverseTranscription(system, shares, T)
-            z = transcription.start(self.position, T, np.array([T]))
-            return _program(transcription, z)
-        transcription = InverseTranscription(system, np.diff(nodes)[:, None] / T, T)
-        z = transcription.interpolated(np.array([T]), self.position)
-        return _program(transcription, transcription.within_limits(z))
-
     def spline_program(
         self, system: ProblemFunctions, intervals: int, kind: str, degree: int
     ) -> tuple[NonlinearProgram, Array]:
-        """B-spline program, and the spline that fits the motion best as its iterate."""
-        lengths = np.diff(self.nodes)[:, None] / self.duration
-        finer = self._finer(intervals)
-        shares = interval_shares(kind, finer or intervals, sudden=system.sudden)
-        even = finer is None or lengths.min() >= SHORTEST * lengths.mean()
-        if lengths.shape == shares.shape and even:
-            shares = lengths
-        transcription = BSplineTranscription(system, shares, degree)
-        # Every interval has the same number of samples, however short it is, as each
-        # has a control point.
-        starts = nodes_of(shares[:-1, 0])
-        fit = (starts[:, None] + shares * np.linspace(0.0, 1.0, FIT)).ravel()
-        positions = self.position(fit * self.duration)
-        z = transcription.fitted(fit, positions, self.duration)
-        return _program(transcription, z)
+        """Program of splines, and the motion as its iterate.
 
-    def _finer(self, intervals: int) -> int | None:
-        """Number of intervals of a spline whose grid is finer than requested, or None.
-
-        A coarser grid would lose the gain of a fine grid. Even finer grids are left to
-        the refinement of the new motion, whose controls bend elsewhere.
+        A motion of the same degree keeps its nodes if they are as many as requested, as
+        its refinement would be lost, or if its accelerations jump at them. Any other
+        motion is interpolated on the requested grid.
         """
-        count = self.nodes.size - 1
-        if not self.continuous or count <= intervals:
-            return None
-        return min(count, FINER * intervals)
+        keeps = degree == QUADRATIC or self.nodes.size > intervals
+        keeps = keeps and self.trajectory.degree == degree
+        nodes = self.grid(intervals) if keeps else None
+        shares = interval_shares(kind, intervals, sudden=system.sudden)
+        if nodes is not None:
+            shares = np.diff(nodes)[:, None] / self.duration
+        eta = np.array([self.duration])
+        transcription = Layout(degree, shares, eta, ()).transcription(system)
+        assert isinstance(transcription, BSplineTranscription)  # noqa: S101
+        z = transcription.interpolated(eta, self.position)
+        return _program(transcription, transcription.within_limits(z))
 
     def lifted_program(
         self, system: ProblemFunctions, intervals: int, kind: str

@@ -57,9 +57,8 @@ def first_program(
         return collocated(system, options, guess, timed * guess.duration)
     degree = DEGREES.get(options.control)
     if isinstance(guess, WarmStart) and not system.parts:
-        if degree is not None:
-            return guess.spline_program(system, *grid, degree)
-        return with_active_rows(*guess.inverse_program(system, *grid))
+        program, z = guess.spline_program(system, *grid, degree or QUADRATIC)
+        return with_active_rows(program, z)
     shares, ends = _guess_grid(system, options, guess)
     if degree is not None:
         timed = 1.0 if guess.solved else SMOOTH_TIME_SCALE

@@ -242,19 +242,6 @@ class BSplineTranscription(Transcription[SplineMotion]):
         points = np.clip(points, limits.position_lower, limits.position_upper)
         return np.concatenate([(points - self._base).ravel(), z[count:]])
 
-    def fitted(self, times: Array, q: Array, duration: float) -> Array:
-        """Least-squares fit of an iterate to positions at shares of T."""
-        mapping, eta = self.point_map, np.array([duration])
-        knots = self._knots_for(eta)
-        design = knots.design(times * knots.knots[-1])
-        design = sp.kron(design, sp.identity(self._n), format="csr")
-        ones, column = np.ones((mapping.column.size, 1)), mapping.column[:, None]
-        by_free = design @ rows_of_table(ones, column, self.point_unknowns)
-        fixed = mapping.offset + mapping.slopes @ eta
-        rest = (q - self._base).ravel() - design @ fixed
-        points = spsolve((by_free.T @ by_free).tocsc(), by_free.T @ rest)
-        return self.within_limits(np.concatenate([points, eta]))
-
     def steps(self, z: Array, radius: float) -> tuple[Array, Array]:
         """Steps of the control points within position limits."""
         limits = self.system.problem.robot.limits
