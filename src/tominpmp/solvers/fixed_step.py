@@ -16,6 +16,7 @@ minimization of the functional (10) follows".
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -89,7 +90,8 @@ class FixedStep:
         assert isinstance(torques, AdjointTranscription)  # noqa: S101
         steps = torques.fixed_steps(z, self.control_step, self.time_step)
         linearization = nlp.linearize(z, state.values, steps)
-        solution = loop.solved(self.lp.solve, _build_program(state, linearization))
+        program, begin = _build_program(state, linearization), time.perf_counter()
+        solution = loop.count(self.lp.solve(program), begin)
         if not solution.optimal:
             loop.advance(replace(state, radius=0.0), None)
             return

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.linear_programs.program import LinearProgram, LpSolution
+from tominpmp.linear_programs.program import LpSolution
 from tominpmp.solvers.iterate import Iterate, SlpResult, StepOutcome
 from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Stop, grace
@@ -42,8 +42,6 @@ Callback = Callable[[IterationRecord], Status | None]
 Keep = Callable[[NonlinearProgram, Iterate], None]
 # Stop rule: the status with which the loop ends; None to continue.
 Rule = Callable[["Loop"], Status | None]
-# Method of a solver that solves a linear program.
-Solve = Callable[[LinearProgram], LpSolution]
 # Time for slowing a motion down once a stop was requested [s].
 RESTORATION_TIME = 0.2
 
@@ -159,10 +157,8 @@ class Loop:
     _begin: float = field(default_factory=time.perf_counter)
     _programs: list[tuple[int, float]] = field(default_factory=list)
 
-    def solved(self, solve: Solve, program: LinearProgram) -> LpSolution:
-        """Solve a program of the iteration, with its time and iterations on record."""
-        begin = time.perf_counter()
-        solution = solve(program)
+    def count(self, solution: LpSolution, begin: float) -> LpSolution:
+        """Count a program whose solution began at a time; returns the solution."""
         self._programs.append((solution.iterations, time.perf_counter() - begin))
         return solution
 

@@ -18,6 +18,7 @@ evaluations, while a smaller trust region would cost another program.
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -216,7 +217,8 @@ class TrustRegionStep:
         while True:
             check()
             program = build_subproblem(state, model, linearization, accuracy)
-            solution = loop.solved(lp.solve, program.program)
+            begin = time.perf_counter()
+            solution = loop.count(lp.solve(program.program), begin)
             if not solution.optimal:
                 return None
             if unknown:
@@ -270,7 +272,8 @@ class TrustRegionStep:
                 break
             linear = values[program.rows] + program.change(trial.z - z)
             error = trial.values[program.rows] - linear
-            again = loop.solved(self.lp.resolve, program.corrected(error))
+            begin = time.perf_counter()
+            again = loop.count(self.lp.resolve(program.corrected(error)), begin)
             if not again.optimal:
                 break
             trial = tried(program.step(again))
