@@ -28,7 +28,7 @@ from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.loop import solve
 from tominpmp.solvers.objective import MinimumTime
 from tominpmp.solvers.trust_region_step import trust_regions
-from tominpmp.status import IterationRecord, Status
+from tominpmp.status import Status
 from tominpmp.transcription.distance_rows import with_rows_at
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -39,8 +39,6 @@ logger = logging.getLogger(__name__)
 # Most rounds of improvement, each of which ends with a certificate; iterations of a
 # round, and its trust-region radius as a share of the usual one.
 ROUNDS, ITERATIONS, RADIUS = 4, 25, 0.1
-# Least iteration limit of all rounds.
-FEWEST = 60
 # If removing the padding of distances accounts for PADDING_SHARE of the predicted gain,
 # the padding is multiplied by LESS_PADDING for the next round.
 PADDING_SHARE = 0.3
@@ -82,12 +80,9 @@ def certified(state: PlanState) -> Schedule[None]:
         if converged:
             state.amend(best, status=Status.STALLED, remark=NO_CERTIFICATE)
         return
-    # The limit is the number of iterations of the search, between two bounds.
-    before = sum(len(candidate.history) for candidate in state.candidates)
-    limit = min(max(before, FEWEST), options.max_iterations)
 
     def make(system: ProblemFunctions, *_: object) -> Candidate:
-        return CertifiedDescent(system, state, tolerance, limit).run(best)
+        return CertifiedDescent(system, state, tolerance).run(best)
 
     settled = yield Work.from_best(state, best, make)
     if settled is None or settled.duration > best.duration:
@@ -110,18 +105,11 @@ class CertifiedDescent:
         system: Functions of the problem.
         state: The plan.
         tolerance: Largest predicted gain of an optimal motion, as a share of T.
-        limit: Iteration limit of all rounds.
     """
 
     system: ProblemFunctions
     state: PlanState
     tolerance: float
-    limit: int
-
-    @property
-    def spent(self) -> bool:
-        """Whether the iteration limit is reached."""
-        return len(self.state.records) >= self.limit
 
     def run(self, candidate: Candidate) -> Candidate:
         """The motion or a faster one, with its certified status."""
@@ -132,14 +120,11 @@ class CertifiedDescent:
         for _ in range(ROUNDS):
             spent = self._spend_padding(findings)
             idle = gain <= LEAST_GAIN and not spent
-            if self._is_optimal(findings) or layout is None or idle or self.spent:
+            over = len(self.state.records) >= self.state.options.max_iterations
+            if self._is_optimal(findings) or layout is None or idle or over:
                 break
             further = self._improved(best, layout)
             gain = 1.0 - further.duration / best.duration
-            if gain > self.tolerance:
-                # The search had ended too early: the motion gets more iterations.
-                more = min(FEWEST, self.state.options.max_iterations)
-                self.limit = max(self.limit, len(self.state.records) + more)
             if gain > 0.0:
                 best, layout = further, further.layout
                 findings = self.examine(best)
@@ -186,7 +171,7 @@ class CertifiedDescent:
             z,
             *trust_regions(warm),
             exchange=RowExchange(level=0.0),
-            callback=self._show,
+            callback=self.state,
             keep=self.state.keep,
         )
         if result.best is None:
@@ -198,24 +183,14 @@ class CertifiedDescent:
         faster = faster.verified(self.system.problem, self.state.options)
         return faster if faster.confirmed else best
 
-    def _show(self, record: IterationRecord) -> Status | None:
-        """Show a record to the plan; a status ends the iteration.
-
-        Where rows join at the end of the iteration, it continues until a motion keeps
-        them: the gain of all its steps would be lost otherwise.
-        """
-        status = self.state(record)
-        over = self.spent and record.violation <= self.state.options.feasibility
-        return status or (Status.ITERATION_LIMIT if over else None)
-
     def _concluded(self, best: Candidate, findings: Examination) -> Candidate:
         """The motion with its certified status, and a remark on the predicted gain."""
         history = tuple(self.state.records)
         if findings.certificate.ok:
             return replace(best, status=Status.CONVERGED, history=history)
-        status = Status.ITERATION_LIMIT if self.spent else Status.STALLED
-        if best.status not in (Status.CONVERGED, Status.STALLED):
-            status = best.status
+        status = best.status
+        if status is Status.CONVERGED:
+            status = Status.STALLED
         promise = 100.0 * findings.certificate.stationarity
         remark = f"Small changes promise {promise:.2g} % of T"
         intervals = best.trajectory.t.size - 1
