@@ -140,9 +140,9 @@ class WarmStart(Guess):
     ) -> tuple[NonlinearProgram, Array]:
         """Program of splines, and the motion as its iterate.
 
-        A motion of the same degree keeps its nodes if they are as many as requested, as
-        its refinement would be lost, or if its accelerations jump at them. Any other
-        motion is interpolated on the requested grid.
+        A motion of the same degree keeps its nodes if it has at least the requested
+        number of intervals, as a coarser grid would lose its refinement, or if its
+        accelerations jump at them. Other motions are interpolated on the usual grid.
         """
         keeps = degree == QUADRATIC or self.nodes.size > intervals
         keeps = keeps and self.trajectory.degree == degree
