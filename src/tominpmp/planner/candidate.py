@@ -53,6 +53,7 @@ class Candidate:
             unknowns are torques, and for motions from elsewhere.
         clearance_rows: Whether its program had clearance rows.
         dropped: Whether a stop rule has given the candidate up.
+        coarser: The candidate on a coarser grid that was refined; None without one.
         row_times: Times of the distance rows in its program [s], by block.
     """
 
@@ -68,6 +69,7 @@ class Candidate:
     layout: Layout | None = None
     clearance_rows: bool = False
     dropped: bool = False
+    coarser: Candidate | None = None
     row_times: Mapping[str, Array] = field(default_factory=dict)
 
     @classmethod

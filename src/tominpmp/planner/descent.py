@@ -155,13 +155,14 @@ def descend(
     step, usual = trust_regions(options)
     # Slowing down for small violations costs less time than refinement gains.
     small = SMALL_VIOLATION if options.refine == "auto" else 0.0
+    exchange = RowExchange(small_violation=small)
     result = solve(
         program,
         objective,
         z,
         step,
         usual if stop is None else first_of(usual, stop),
-        exchange=RowExchange(small_violation=small),
+        exchange=exchange,
         callback=state,
         keep=state.keep,
     )
@@ -169,11 +170,7 @@ def descend(
     if options.refine not in ("auto", "grid") or state.options.objective != "time":
         return candidate
     finer = on_finer_grids(result, state)
-    if finer is not result:
-        # On very short intervals rounding may break a limit that the longer ones keep.
-        refined = Candidate.of(guess.name, initial, finer)
-        with state.saving():
-            refined = refined.verified(system.problem, state.options)
-        if refined.confirmed:
-            return refined
-    return candidate
+    if finer is result:
+        return candidate
+    refined = Candidate.of(guess.name, initial, finer)
+    return replace(refined, coarser=candidate)

@@ -67,9 +67,10 @@ def on_finer_grids(result: Descended, state: PlanState) -> Descended:
         return result
     incumbent = state.incumbent
     if incumbent is not None and options.refine != "switching":
-        # Only a candidate that beats the incumbent is refined, unless the incumbent is
-        # refined for want of exact switches.
-        if best.duration >= incumbent.trajectory.duration:
+        # On the requested grid only a candidate that beats the incumbent is refined,
+        # unless the incumbent is refined for want of exact switches.
+        rival = incumbent.coarser or incumbent
+        if best.duration >= rival.trajectory.duration:
             return result
     usual = options.refine == "auto" and options.effort != "thorough"
     worth = WORTH if usual else LITTLE_WORTH

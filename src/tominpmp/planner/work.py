@@ -131,6 +131,11 @@ def make_and_repair(state: PlanState, work: Work) -> Candidate:
             # The reserved time is meant for this replay.
             with state.saving():
                 candidate = candidate.verified(complete.problem, state.options)
+                if candidate.refuted and candidate.coarser is not None:
+                    # On very short intervals rounding may break a limit that the longer
+                    # ones keep.
+                    coarser = candidate.coarser
+                    candidate = coarser.verified(complete.problem, state.options)
         if candidate.verification is not None:
             state.replayed(candidate.verification.seconds)
         worse = best is not None and candidate.excess > best.excess
