@@ -223,11 +223,13 @@ class PiqpSolver(LpSolver):
         settings, most = self._solver.settings, self._termination.iterations
         settings.eps_abs = settings.eps_rel = residual
         settings.iterative_refinement_always_enabled = residual <= RESIDUAL
-        if np.isfinite(seconds_left()):
+        left = seconds_left()
+        if np.isfinite(left):
             # PIQP has no time limit, but all iterations take the same time.
             if self._pace == 0.0:
                 self._iterate(1)
-            most = max(int(min(seconds_left() / max(self._pace, 1e-9), most)), 1)
+                left = seconds_left()
+            most = max(int(min(left / max(self._pace, 1e-9), most)), 1)
         return self._iterate(most)
 
     def _iterate(self, most: int) -> int:
