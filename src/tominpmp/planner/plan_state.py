@@ -65,7 +65,7 @@ class PlanState:
         initial: The initial iterate of the candidate in progress.
         cut_short: How the candidate in progress was stopped; None if it was not.
         fallbacks: Candidates of coarse grids, the best one first, whose last iterate
-            may become the solution if there is no incumbent in the end.
+            may become the solution; beside an incumbent the best one only.
         first_guesses: The first guess for each goal, with its name and its problem,
             which are tried next if the best fallback fails.
         complete: Whether all stages of a plan with less effort are done. The thorough

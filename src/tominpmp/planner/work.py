@@ -247,14 +247,19 @@ def _keep_first_guess(state: PlanState, work: Work) -> None:
 
 
 def _keep_fallback(state: PlanState, work: Work, candidate: Candidate) -> None:
-    """Keep a candidate of a coarse grid as fallback, the best one first."""
+    """Keep a candidate of a coarse grid as fallback, the best one first.
+
+    Beside an incumbent only the best one may be of use, and the programs of all
+    candidates of a long search would fill the memory.
+    """
 
     def order(item: Fallback) -> tuple[bool, float]:
         motion = item.candidate
         return motion.violation > RESTORABLE, motion.trajectory.duration
 
     fallback = Fallback(candidate, state.kept_iterates[-1], work.system.problem)
-    state.fallbacks = sorted([*state.fallbacks, fallback], key=order)
+    kept = sorted([*state.fallbacks, fallback], key=order)
+    state.fallbacks = kept if state.incumbent is None else kept[:1]
 
 
 def use_fallback(state: PlanState, status: Status) -> None:
