@@ -185,8 +185,9 @@ class Perturbations:
         Args:
             interval: The intervals, shape (k,).
         """
-        next_, shares = (0, (0.0, 1.0)) if self.profile == "ramps" else (1, (0.5, 0.5))
-        pairs = np.stack([interval, interval + next_], axis=1)
+        ramps = self.profile == "ramps"
+        second, shares = (interval, (0.0, 1.0)) if ramps else (interval + 1, (0.5, 0.5))
+        pairs = np.stack([interval, second], axis=1)
         return Instants(pairs.ravel(), np.tile(shares, interval.size))
 
 

@@ -144,9 +144,9 @@ class WarmStart(Guess):
         number of intervals, as a coarser grid would lose its refinement, or if its
         accelerations jump at them. Other motions are interpolated on the usual grid.
         """
-        keeps = degree == QUADRATIC or self.nodes.size > intervals
-        keeps = keeps and self.trajectory.degree == degree
-        nodes = self.grid(intervals) if keeps else None
+        same = self.trajectory.degree == degree
+        fine = degree == QUADRATIC or self.nodes.size > intervals
+        nodes = self.grid(intervals) if same and fine else None
         shares = interval_shares(kind, intervals, sudden=system.sudden)
         if nodes is not None:
             shares = np.diff(nodes)[:, None] / self.duration

@@ -188,9 +188,8 @@ class CertifiedDescent:
         history = tuple(self.state.records)
         if findings.certificate.ok:
             return replace(best, status=Status.CONVERGED, history=history)
-        status = best.status
-        if status is Status.CONVERGED:
-            status = Status.STALLED
+        converged = best.status is Status.CONVERGED
+        status = Status.STALLED if converged else best.status
         promise = 100.0 * findings.certificate.stationarity
         remark = f"Small changes promise {promise:.2g} % of T"
         intervals = best.trajectory.t.size - 1

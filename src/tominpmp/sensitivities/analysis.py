@@ -313,6 +313,7 @@ class SegmentRows:
         """Records of the goal: of positions of joints one by one, or of a place."""
         goal, number, n = self._problem.goal, self.motion.number, self._robot.n
         of_segment = "" if number is None else f" of segment {number + 1}"
+        # Where all positions are zero, the values of joints are minus their goals.
         place = goal.place(self.motion.system.kinematics, np.zeros(n))
         joints = {label: joint for joint, label in enumerate(joint_labels(self._robot))}
         values = 0.0 - self._sums(GOAL, self.rows.y, place.value.size)
