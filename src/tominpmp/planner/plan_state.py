@@ -32,9 +32,6 @@ MOST_KEPT = 4
 # the shares RESERVE and MOST_RESERVE of the time limit; before the first replay,
 # END_SECONDS is its estimate.
 RESERVE, MOST_RESERVE, REPLAYS = 0.03, 0.25, 1.5
-# Time reserved while there is no incumbent and no feasible iterate, as a share of the
-# time limit: an initial guess would have to be slowed down and replayed.
-FIRST_RESERVE = 0.06
 # Overrun allowed for one step, and for the conclusion: share of the limit, and [s].
 STEP_SHARE, STEP_SECONDS = 0.02, 0.08
 END_SHARE, END_SECONDS = 0.08, 0.15
@@ -234,12 +231,11 @@ class PlanState:
     def _reserve(self) -> float:
         """Time reserved for the replay of the motions found [s]."""
         limit = self._limit
-        if limit == np.inf:
+        # Without a feasible motion the initial guess has to be slowed down.
+        guess = self.best_duration == np.inf and self.initial is not None
+        feasible = any(item.feasible for item in self.kept_iterates)
+        if limit == np.inf or not (feasible or guess):
             return 0.0
-        if not any(item.feasible for item in self.kept_iterates):
-            # Without a feasible motion the initial guess has to be time-scaled.
-            nothing = self.best_duration == np.inf and self.initial is not None
-            return FIRST_RESERVE * limit if nothing else 0.0
         replay = REPLAYS * (self._longest_replay or END_SECONDS)
         return min(max(RESERVE * limit, replay), MOST_RESERVE * limit)
 

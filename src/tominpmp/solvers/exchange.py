@@ -121,11 +121,7 @@ class RowExchange:
             The exchange from now on, and the new status: None to continue.
         """
         exchange = replace(self, level=LEVEL_FACTOR * self.level)
-        changed, reached = self.revise(loop.program, loop.state.z), loop.state
-        if changed is None and status is not None:
-            loop.end(status)
-            if loop.state is not reached:
-                changed = self.revise(loop.program, loop.state.z)
+        changed = self.revise(loop.program, loop.state.z)
         if changed is None:
             return exchange, status
         if status is not None and self.extensions == EXTENSIONS:

@@ -14,8 +14,6 @@ from tominpmp.transcription.rows import Rows
 
 # Penalty weights exceed the largest sum of multipliers of their groups by this factor.
 WEIGHT_MARGIN = 1.5
-# A program leaves a violation unreduced if more than this share of it remains.
-STUCK = 0.95
 # Violations below this need no elastic variable.
 NEGLIGIBLE = 1e-9
 # Least share of the predicted reduction for which a step is accepted (Fletcher, 1987).
@@ -110,28 +108,20 @@ class Iterate:
         violation = self.rows.group_violation(values)
         return float(self.weights[self.rows.group_kind] @ violation)
 
-    def raised_weights(self, multipliers: Array, promised: Array) -> Array:
+    def raised_weights(self, multipliers: Array) -> Array:
         """Weights above the multipliers of a program, shape (kinds,).
 
         The multipliers of a group with an elastic variable add up to its weight at
-        most, so that they are no measure for it; the weight is doubled instead if the
-        program would leave the violation unreduced.
+        most, so that they are no measure for it.
 
         Args:
             multipliers: Multipliers of all rows, shape (m,).
-            promised: Row values that the linearisation predicts, shape (m,).
         """
-        violation = self.rows.group_violation(self.values)
-        after = self.rows.group_violation(promised)
-        elastic = violation > NEGLIGIBLE
-        groups = np.bincount(self.rows.group, np.abs(multipliers), elastic.size)
-        kind = self.rows.group_kind
-        needed = np.zeros_like(self.weights)
-        np.maximum.at(needed, kind[~elastic], WEIGHT_MARGIN * groups[~elastic])
-        stuck = np.zeros(self.weights.size, dtype=bool)
-        stuck[kind[elastic & (after > STUCK * violation)]] = True
-        weights = np.where(stuck, 2.0 * self.weights, self.weights)
-        return np.asarray(np.maximum(weights, needed))
+        rigid = self.rows.group_violation(self.values) <= NEGLIGIBLE
+        groups = np.bincount(self.rows.group, np.abs(multipliers), rigid.size)
+        kind, needed = self.rows.group_kind, np.zeros_like(self.weights)
+        np.maximum.at(needed, kind[rigid], WEIGHT_MARGIN * groups[rigid])
+        return np.maximum(self.weights, needed)
 
     def on(self, program: ProgramInterface, z: Array) -> Iterate:
         """The iterate on a similar program, with other rows and unknowns."""

@@ -167,27 +167,20 @@ class Objective(ABC):
         """
         if state.violation <= self.feasibility or not self.restorable(program, state):
             return state
-        best, low, high = state, 1.0, np.inf
-        violation, rate = state.violation, 0.0
+        former, violation = 1.0, state.violation
         factor = 1.0 + SLOWDOWN * violation
         for _ in range(RESTORATIONS):
             z, values = program.slower(state.z, factor, state.values)
             trial = replace(state, z=z, values=values)
             if trial.violation <= self.feasibility:
-                best, high = trial, factor
-                if rate > 0.0:
-                    break
-            else:
-                rate = max((violation - trial.violation) / (factor - low), 0.0)
-                low, violation = factor, trial.violation
+                return trial
+            rate = (violation - trial.violation) / (factor - former)
+            former, violation = factor, trial.violation
             # If the violation keeps falling at this rate, it vanishes slightly before
             # this factor.
-            beyond = low + OVERSHOOT * violation / rate if rate > 0.0 else np.inf
-            if np.isinf(high):
-                factor = min(beyond, 1.0 + 2.0 * (factor - 1.0))
-            else:
-                factor = beyond if beyond < high else 0.5 * (low + high)
-        return best
+            beyond = factor + OVERSHOOT * violation / rate if rate > 0.0 else np.inf
+            factor = min(beyond, 1.0 + 2.0 * (factor - 1.0))
+        return state
 
     def _curable(self, program: NonlinearProgram, state: Iterate) -> bool:
         """Whether slowing down reduces all violations."""

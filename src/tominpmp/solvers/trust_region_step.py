@@ -163,7 +163,7 @@ class TrustRegionStep:
             return
         outcome = self._search(loop, proposal)
         multipliers = proposal.program.multipliers(proposal.solution)
-        weights = state.raised_weights(multipliers, proposal.promised)
+        weights = state.raised_weights(multipliers)
         if outcome.accepted:
             state = replace(state, z=outcome.trial.z, values=outcome.trial.values)
         state = replace(
