@@ -11,14 +11,14 @@ import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tests.schedules import carried_out
 from tominpmp.initial_guess.guess import Guess, GuessRequest, initial_guesses
-from tominpmp.planner.candidate import Candidate, KeptIterate
+from tominpmp.planner.candidate import Candidate, Fallback, KeptIterate
 from tominpmp.planner.coarse_search import CoarseSearch
 from tominpmp.planner.descent import descent_work
 from tominpmp.planner.first_program import first_program
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.planning import _finish
 from tominpmp.planner.work import (
-    _slowed_down,
+    _scaled,
     as_candidate,
     make_and_repair,
     use_fallback,
@@ -183,10 +183,11 @@ def test_a_guess_is_not_slowed_down_once_time_is_up():
     guess = next(initial_guesses(system, GuessRequest(1, np.random.default_rng(0))))
     program, z = first_program(system, options, guess)
     begun = KeptIterate(program, Iterate.of(program, z, 1.0), False)
+    candidate = as_candidate("guess", begun, begun, tm.Status.TIME_LIMIT)
     late = Deadline()
     late.end = 0.0
     with late.in_force(), pytest.raises(Stop):
-        _slowed_down(begun, options.feasibility)
+        _scaled(Fallback(candidate, begun, problem), candidate, options)
 
 
 def test_time_is_reserved_for_a_replay_before_one_was_timed():

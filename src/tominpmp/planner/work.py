@@ -28,9 +28,8 @@ logger = logging.getLogger(__name__)
 
 # Most doublings of the grid of a candidate whose replay breaks limits.
 REPAIRS = 2
-# Without an incumbent, an initial guess is slowed down until it is feasible: largest
-# time-scaling factor, and number of factors that are tried.
-SLOWEST, FACTORS = 10.0, 12
+# Time-scaling factors at which a fallback is tried.
+FACTORS = (*TIME_SCALINGS, 1.5, 2.0, 3.0, 5.0, 10.0)
 # Share of the padding of clearances that is left where it is too much.
 LESS_PADDING = 0.3
 
@@ -226,18 +225,6 @@ def as_candidate(
     return Candidate.of(name, begun, result)
 
 
-def _slowed_down(begun: KeptIterate, feasibility: float) -> KeptIterate | None:
-    """A motion slowed down until it is feasible; None if that does not help."""
-    program, iterate, _ = begun
-    for factor in np.geomspace(1.0, SLOWEST, FACTORS).tolist():
-        check()
-        z = program.time_scale(iterate.z, factor)
-        slow = replace(iterate, z=z, values=program.evaluate(z))
-        if slow.violation <= feasibility:
-            return KeptIterate(program, slow, True)
-    return None
-
-
 def _keep_first_guess(state: PlanState, work: Work) -> None:
     """Keep the first guess for each goal, as a last resort."""
     problem, guess = work.system.problem, state.initial
@@ -305,13 +292,14 @@ def use_fallback(state: PlanState, status: Status) -> None:
 
 def _scaled(fallback: Fallback, candidate: Candidate, options: Options) -> Candidate:
     """A fallback slowed down until its program and its replay keep all limits."""
-    _, kept, problem = fallback
-    slow = _slowed_down(kept, options.feasibility)
-    if slow is None:
-        return candidate
-    for factor in TIME_SCALINGS:
-        z = slow.program.time_scale(slow.iterate.z, factor)
-        motion = slow.program.trajectory(z)
+    _, (program, iterate, _), problem = fallback
+    for factor in FACTORS:
+        check()
+        z = program.time_scale(iterate.z, factor)
+        slow = replace(iterate, z=z, values=program.evaluate(z))
+        if slow.violation > options.feasibility:
+            continue
+        motion = program.trajectory(z)
         candidate = replace(candidate, trajectory=motion, layout=None, feasible=True)
         candidate = candidate.verified(problem, options)
         # On the same path, links touch at any speed, unless obstacles move.
