@@ -183,6 +183,22 @@ def test_sizes_are_those_of_the_obstacle_of_another_robot() -> None:
         assert panel._sizes[2].visible and panel._sizes[2].label == "z [m]"
 
 
+def test_hidden_handles_stay_hidden_and_their_obstacles_visible() -> None:
+    """Obstacles vanished with their handles, and came back with another size."""
+    with opened("ur5") as page:
+        handles = page.handles  # type: ignore[attr-defined]
+        handles.show(False)
+        page.panel._add_point()  # type: ignore[attr-defined]
+        page.panel._sizes[0].value = 0.1  # type: ignore[attr-defined]
+        page.panel._resize()  # type: ignore[attr-defined]
+        nodes = [node for _, node in handles._known.values()]
+        assert len(nodes) == 4
+        for node in nodes:
+            assert node.visible and node.disable_axes and node.disable_rotations
+        handles.show(True)
+        assert not any(node.disable_axes for _, node in handles._known.values())
+
+
 def test_a_dropped_file_that_is_no_robot_is_told(page: object) -> None:
     from viser import UploadedFile
 

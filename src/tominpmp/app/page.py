@@ -173,14 +173,9 @@ class Page:
         )
         gui.main_panel.dock_left()
         gui.main_panel.set_width(340)
-        scene.world_axes.visible = False
         # Lights that a machine without a graphics card can render, too.
         scene.configure_environment_map(None)
-        white = (255, 255, 255)
-        scene.add_light_hemisphere(
-            "/sky", sky_color=white, ground_color=GROUND, intensity=2.2
-        )
-        scene.configure_default_lights(True, cast_shadow=True)
+        scene.add_light_hemisphere("/sky", ground_color=GROUND, intensity=2.2)
 
     # -- the request -------------------------------------------------------------------
 
@@ -611,7 +606,7 @@ class Handles:
     def __init__(self, page: Page) -> None:
         self._page, self._scene = page, page.server.scene
         self._size = 0.2
-        self._turning = False
+        self._turning, self._shown = False, True
         self._known: dict[str, tuple[object, Any]] = {}
         self._held: dict[str, float] = {}
 
@@ -626,9 +621,9 @@ class Handles:
         self.refresh()
 
     def show(self, visible: bool) -> None:
-        """Show or hide all handles."""
-        for _, node in self._known.values():
-            node.visible = visible
+        """Show or hide all handles; the obstacles and balls on them stay."""
+        self._shown = visible
+        self.refresh()
 
     def refresh(self) -> None:
         """Move handles to the places of the request, except handles being dragged."""
@@ -677,14 +672,16 @@ class Handles:
             body: Obstacle that is drawn with the handle; None for a handle alone.
             look: Colour and opacity of the body.
         """
-        kind = scale, turns, body and (body.kind, body.size)
+        axes, rings = self._shown, self._shown and turns
+        kind = scale, axes, rings, body and (body.kind, body.size)
         if key in self._known and self._known[key][0] != kind:
             self._known.pop(key)[1].remove()
         if key not in self._known:
             node = self._scene.add_transform_controls(
                 f"/handles/{key}",
                 scale=scale,
-                disable_rotations=not turns,
+                disable_axes=not axes,
+                disable_rotations=not rings,
                 disable_sliders=True,
                 depth_test=False,
                 **({"line_width": 3.0} if body is None else {}),
