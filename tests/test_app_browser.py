@@ -6,6 +6,7 @@ import contextlib
 import socket
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -197,6 +198,24 @@ def test_hidden_handles_stay_hidden_and_their_obstacles_visible() -> None:
             assert node.visible and node.disable_axes and node.disable_rotations
         handles.show(True)
         assert not any(node.disable_axes for _, node in handles._known.values())
+
+
+def test_another_robot_has_its_own_acceleration_and_no_motion_yet(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The page went on to show the curves and the limit of the robot before."""
+    with opened("planar3r") as page:
+        panel, readout = page.panel, page.readout  # type: ignore[attr-defined]
+        controller = page.controller  # type: ignore[attr-defined]
+        awaited(page, 1)
+        panel._bounded.value, panel._acceleration.value = True, 40.0
+        panel._change_limits()
+        assert awaited(page, 2).request.acceleration == 40.0
+        monkeypatch.setattr(controller._planning, "plan", lambda *_: None)
+        page.choose(replace(known("planar3r"), kinematic=True))  # type: ignore[attr-defined]
+        assert panel._acceleration.value == controller.request.acceleration == 15.0
+        assert "Planning the first motion" in readout._headline.content
+        assert not readout._bars.content and not readout._curves.content
 
 
 def test_a_dropped_file_that_is_no_robot_is_told(page: object) -> None:

@@ -226,6 +226,21 @@ def test_outcomes_that_come_too_late_are_not_told(
     assert not controller.busy
 
 
+def test_the_motion_of_another_robot_is_not_exported(
+    controller: Controller, told: list[Outcome]
+) -> None:
+    """After a plan without a motion the file of the robot before was offered."""
+    controller.start()
+    take = recorder(controller).on_outcome
+    take(Outcome(1, PLANAR, "found", final=False, solution=b"motion"))
+    controller.choose(replace(PLANAR.robot, kinematic=True))
+    take(Outcome(1, PLANAR, "late", solution=b"motion"))
+    assert [outcome.message for outcome in told] == ["found"]
+    assert controller.outcome is None
+    with pytest.raises(ProblemError, match="no motion to export"):
+        controller.export(".csv")
+
+
 def test_a_dragged_goal_is_planned(controller: Controller) -> None:
     position, quaternion = controller.reach().pose(PLANAR.q_goal)
     aim = position + np.array([0.0, 0.2, 0.0])

@@ -103,7 +103,7 @@ class Controller:
 
     Attributes:
         request: The present request.
-        outcome: The last outcome; None before the first.
+        outcome: The last outcome; None before the first of the robot.
     """
 
     def __init__(
@@ -116,7 +116,8 @@ class Controller:
         self.outcome: Outcome | None = None
         self._lock = threading.RLock()
         self._on_outcome = on_outcome
-        self._number = 0
+        # Number of the last request, and the least one whose outcome counts.
+        self._number = self._oldest = 0
         self._solution = b""
         self._planning = planning(self._take)
 
@@ -155,7 +156,9 @@ class Controller:
                 found.
         """
         request = first_request(choice)
-        if request != self.request:
+        with self._lock:
+            # The motion of another robot is neither shown nor exported.
+            self.outcome, self._solution, self._oldest = None, b"", self._number + 1
             self._plan(request)
 
     def drag(self, end: str, position: Any, quaternion: Any) -> float:
@@ -212,8 +215,8 @@ class Controller:
 
     def _take(self, outcome: Outcome) -> None:
         with self._lock:
-            if self.outcome is not None and outcome.number < self.outcome.number:
+            if outcome.number < self._oldest:
                 return
-            self.outcome = outcome
+            self.outcome, self._oldest = outcome, outcome.number
             self._solution = outcome.solution or self._solution
         self._on_outcome(outcome)

@@ -244,6 +244,7 @@ class Page:
                 arm.remove()
             scene.remove_by_name("/path")
             self.shown = None
+            self.readout.show(None)
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 bodies = robot_bodies(robot)
@@ -281,11 +282,12 @@ class Page:
             now = self.readout.time(shown, time.monotonic() - self._begun)
             try:
                 with self._lock:
-                    if shown is self.shown:
-                        self._arms["robot"].move(shown.q[shown.row(now)])
-                if time.monotonic() >= next_bars:
-                    self.readout.show_bars(shown, now)
-                    next_bars = time.monotonic() + 1.0 / BARS_PER_SECOND
+                    if shown is not self.shown:
+                        continue
+                    self._arms["robot"].move(shown.q[shown.row(now)])
+                    if time.monotonic() >= next_bars:
+                        self.readout.show_bars(shown, now)
+                        next_bars = time.monotonic() + 1.0 / BARS_PER_SECOND
             except Exception:  # an error of a client must not end the animation
                 logger.exception("a frame could not be shown")
 
@@ -315,7 +317,7 @@ class Readout:
 
     def __init__(self, server: Any, controller: Controller) -> None:
         gui, self._controller = server.gui, controller
-        self._headline = gui.add_html(pictures.headline(None, True))
+        self._headline = gui.add_html("")
         self._notice = gui.add_html("")
         self._playing = gui.add_checkbox("Play", True)
         self._speed = gui.add_dropdown("Speed", tuple(SPEEDS), initial_value="half")
@@ -348,16 +350,18 @@ class Readout:
         self._now = min(max(at, 0.0), shown.T)
         return self._now
 
-    def show(self, outcome: Outcome, goes_on: bool) -> None:
+    def show(self, outcome: Outcome | None, goes_on: bool = False) -> None:
         """Show an outcome.
 
         Args:
-            outcome: The outcome.
+            outcome: The outcome; None before the first one of a robot.
             goes_on: Whether an earlier motion continues to play.
         """
         busy = self._controller.busy
         self._headline.content = pictures.headline(outcome, busy, goes_on)
-        if outcome.shown is not None:
+        if outcome is None:
+            self._bars.content = self._curves.content = self._held.content = ""
+        elif outcome.shown is not None:
             self._slider.max = latest = round(outcome.shown.T, 3)
             self._slider.value = min(float(self._slider.value), latest)
             self._curves.content = pictures.curves(outcome.shown)
@@ -434,6 +438,7 @@ class Panel:
                 slider.value = getattr(request, name)
             self._bounded.value = request.acceleration is not None
             self._acceleration.visible = self._bounded.value
+            self._acceleration.value = request.acceleration or MODERATE
             # Obstacles of two robots may have the same names.
             self._show_sizes()
 
@@ -618,12 +623,12 @@ class Handles:
     def allow_turning(self, wanted: bool) -> None:
         """Choose whether the handles of obstacles also turn them."""
         self._turning = wanted
-        self.refresh()
+        self._page.refresh()
 
     def show(self, visible: bool) -> None:
         """Show or hide all handles; the obstacles and balls on them stay."""
         self._shown = visible
-        self.refresh()
+        self._page.refresh()
 
     def refresh(self) -> None:
         """Move handles to the places of the request, except handles being dragged."""

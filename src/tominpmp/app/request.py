@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
+from itertools import count
 from typing import Annotated, Any, TypeAlias
 
 import numpy as np
@@ -21,6 +22,7 @@ from tominpmp.arrays import Record
 from tominpmp.checks import choice, number, raised_as, wrong
 from tominpmp.datasheets import find_datasheet
 from tominpmp.exceptions import RobotLoadError, SceneError, TominpmpWarning
+from tominpmp.files.records import classes
 from tominpmp.goals.frames import PoseGoal, PositionGoal
 from tominpmp.goals.joints import JointGoal
 from tominpmp.kinematics import RobotKinematics
@@ -28,7 +30,7 @@ from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import Segment
 from tominpmp.robot.robot import Robot, load_robot, read_source
-from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Obstacle, Sphere
+from tominpmp.scene.obstacles import Obstacle
 from tominpmp.scene.scene import Scene
 
 Triple = tuple[float, float, float]
@@ -43,9 +45,6 @@ MODERATE = 15.0
 # Kinds of goals: the configuration, the pose of the frame, or its position only.
 GOALS = ("joint", "pose", "position")
 
-KINDS: dict[str, Callable[..., Obstacle]] = {
-    kind.__name__.lower(): kind for kind in (Box, Sphere, Cylinder, Capsule)
-}
 # Sizes by kind, with the names of the library, and their default values [m].
 SIZES: dict[str, dict[str, float]] = {
     "box": {"x": 0.15, "y": 0.15, "z": 0.15},
@@ -249,7 +248,7 @@ class Item(Record):
         options["position"] = self.position
         if self.quaternion != UPRIGHT:
             options["rotation"] = self.quaternion
-        return Call(KINDS[self.kind], (self.name,), options)
+        return Call(classes(Obstacle)[self.kind], (self.name,), options)
 
 
 def new_item(kind: str, position: ArrayLike, taken: tuple[str, ...]) -> Item:
@@ -258,11 +257,9 @@ def new_item(kind: str, position: ArrayLike, taken: tuple[str, ...]) -> Item:
     Raises:
         SceneError: If the kind is unknown.
     """
-    number = 1
-    while f"{kind}{number}" in taken:
-        number += 1
+    name = next(n for k in count(1) if (n := f"{kind}{k}") not in taken)
     sizes = tuple(SIZES.get(kind, {}).values())
-    return Item(kind, f"{kind}{number}", sizes, rounded(position))
+    return Item(kind, name, sizes, rounded(position))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
