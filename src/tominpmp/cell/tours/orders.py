@@ -12,6 +12,7 @@ programming, and the two steps alternate.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from itertools import combinations, pairwise, permutations
 
@@ -84,31 +85,30 @@ def exact_order(
         allowed = rules.follows(i - 1, j - 1) if inner else rules.may_end(i - 1)
         if j and i <= n and (i == 0 or allowed):
             between[block_of[i], block_of[j]] = block(i, j) if inner or ends else 0.0
-    # By set: best time for each last configuration, and the configuration before it.
+    # By set: best time for each last configuration.
     never = np.full(edges[-1], np.inf)
-    cost, predecessor = {1: never.copy()}, dict[tuple[int, int], Array]()
+    cost = defaultdict[int, Array](never.copy)
     cost[1][block_of[0]] = 0.0
     for visited in range(1, before_end + 1, 2):
         check()
-        row = cost.pop(visited, never)
+        row = cost.get(visited, never)
         alive = np.flatnonzero(np.isfinite(row))
         if not alive.size:
             continue
+        through = between[alive]
+        through += row[alive, None]
+        least = np.min(through, axis=0)
         for j in range(1, len(block_of)):
-            if visited >> j & 1 or need[j] & ~visited:
-                continue
-            through = row[alive, None] + between[alive, block_of[j]]
-            predecessor[visited | 1 << j, j] = alive[np.argmin(through, axis=0)]
-            after = cost.setdefault(visited | 1 << j, never.copy())
-            after[block_of[j]] = np.min(through, axis=0)
+            if not (visited >> j & 1 or need[j] & ~visited):
+                cost[visited | 1 << j][block_of[j]] = least[block_of[j]]
     total = cost.get(full, never)
     path, visited = [int(np.argmin(total))], full
     if not np.isfinite(total[path[0]]):
         return np.inf, (), ()
     while visited > 1:
-        j = int(node[path[-1]])
-        path.append(int(predecessor[visited, j][path[-1] - edges[j]]))
-        visited ^= 1 << j
+        # The configuration before is found anew: that takes less time than to note all.
+        visited ^= 1 << int(node[path[-1]])
+        path.append(int(np.argmin(cost[visited] + between[:, path[-1]])))
     nodes = node[path[::-1]]
     chosen = (np.array(path[::-1]) - np.array(edges)[nodes])[: n + 1 + ends]
     order = nodes[1 : n + 1] - 1
