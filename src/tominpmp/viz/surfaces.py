@@ -124,12 +124,11 @@ def tube(points: Array, radius: float, around: int = 8) -> Trimesh:
     rings = points[:, None] + circle @ frames
     this = np.arange(around)
     after = np.roll(this, -1)
-    faces = []
-    for low in range(0, (len(points) - 1) * around, around):
-        high = low + around
-        faces.append(np.stack([low + this, low + after, high + after], axis=1))
-        faces.append(np.stack([low + this, high + after, high + this], axis=1))
-    return Trimesh(rings.reshape(-1, 3), np.concatenate(faces), process=False)
+    # Two triangles for each facet between the first ring and the second one.
+    corners = [[this, after, around + after], [this, around + after, around + this]]
+    first = around * np.arange(len(points) - 1)[:, None, None, None]
+    faces = first + np.array(corners).swapaxes(1, 2)
+    return Trimesh(rings.reshape(-1, 3), faces.reshape(-1, 3), process=False)
 
 
 def path_tube(points: Array, radius: float, size: float) -> Trimesh | None:
