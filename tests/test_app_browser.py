@@ -16,6 +16,7 @@ from test_browser import CHROMIUM, Browser
 
 from tominpmp.app.first_request import first_request, known
 from tominpmp.app.planning import Outcome
+from tominpmp.app.request import loaded
 from tominpmp.exceptions import OptionsError
 
 viser = pytest.importorskip("viser")
@@ -226,6 +227,20 @@ def test_a_dropped_file_that_is_no_robot_is_told(page: object) -> None:
     told = page.readout._notice.content  # type: ignore[attr-defined]
     assert "cat.urdf" in told
     assert page.controller.request == before  # type: ignore[attr-defined]
+
+
+def test_files_opened_on_the_page_go_with_it() -> None:
+    """Each stayed in the folder of temporary files for ever."""
+    from viser import UploadedFile
+
+    content = loaded(known("planar3r")).urdf_path.read_bytes()
+    with opened("planar3r") as page:
+        for _ in range(2):
+            before = page.controller.request  # type: ignore[attr-defined]
+            page.panel._take_file(UploadedFile("arm.urdf", content))  # type: ignore[attr-defined]
+            path = Path(page.controller.request.robot.source)  # type: ignore[attr-defined]
+            assert path.is_file() and str(path) != before.robot.source
+    assert not path.exists() and not path.parents[1].exists()
 
 
 def handshake(page: object, host: str, origin: str | None, path: str = "/") -> int:

@@ -155,7 +155,6 @@ class Page:
         self._begun = time.monotonic()
         self._arms: dict[str, stage.Arm] = {}
         self.shown: ShownMotion | None = None
-        self._size = 1.0
         self.controller = Controller(request, self._on_outcome)
         self._dress()
         self.readout = Readout(self.server, self.controller)
@@ -297,6 +296,7 @@ class Page:
         self.controller.close()
         with redirect_stdout(io.StringIO()):
             self.server.stop()
+        self.panel.uploads.cleanup()
 
     def wait(self) -> None:
         """Serve until Ctrl-C."""
@@ -388,10 +388,14 @@ class Panel:
 
     Args:
         page: The page.
+
+    Attributes:
+        uploads: Folder of the URDF files that were opened on the page.
     """
 
     def __init__(self, page: Page) -> None:
         self._page, self._gui = page, page.server.gui
+        self.uploads = tempfile.TemporaryDirectory(prefix="tominpmp-")
         panel = self._gui.add_panel()
         with panel.add_tab("Task"):
             with self._gui.add_folder("Robot"):
@@ -488,7 +492,8 @@ class Panel:
         """Choose the robot of an uploaded file."""
         if not file.content or len(file.content) > MOST_BYTES:
             return
-        folder = Path(tempfile.mkdtemp(prefix="tominpmp-"))
+        # A folder for each, as robots are told apart by their paths.
+        folder = Path(tempfile.mkdtemp(dir=self.uploads.name))
         path = folder / f"{plain_name(Path(file.name).stem)}.urdf"
         path.write_bytes(file.content)
         self._choose(str(path))
@@ -610,7 +615,6 @@ class Handles:
 
     def __init__(self, page: Page) -> None:
         self._page, self._scene = page, page.server.scene
-        self._size = 0.2
         self._turning, self._shown = False, True
         self._known: dict[str, tuple[object, Any]] = {}
         self._held: dict[str, float] = {}
