@@ -146,6 +146,14 @@ def test_wrong_robots_are_named() -> None:
         first_request(known("tiago"))
 
 
+def test_a_robot_with_too_many_joints_moves_a_group_of_them() -> None:
+    """It was refused with the advice to choose a group, and no group was offered."""
+    request = first_request(known("talos"))
+    assert request.robot.group == group_names("talos")[0] == "r_leg"
+    assert len(request.q_start) == 6
+    assert request.frame == "right_sole_link"
+
+
 def test_a_file_that_is_no_urdf_is_told(tmp_path: Path) -> None:
     path = tmp_path / "photo.urdf"
     path.write_bytes(b"\x89PNG not a robot")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
@@ -14,11 +13,13 @@ from tominpmp.app.request import (
     Item,
     Request,
     RobotChoice,
+    group_names,
     loaded,
+    quiet,
     rounded,
 )
 from tominpmp.arrays import Array
-from tominpmp.exceptions import ProblemError, RobotLoadError, TominpmpWarning
+from tominpmp.exceptions import ProblemError, RobotLoadError
 from tominpmp.goals.joints import JointGoal
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem.problem import Problem
@@ -54,31 +55,36 @@ def known(source: str) -> RobotChoice:
 def first_request(choice: RobotChoice) -> Request:
     """The first request for a robot.
 
+    A robot with too many joints for the page moves those of the first group that fits.
+
     Raises:
         TominpmpError: If the robot cannot be loaded, or no start and goal are found.
     """
+    try:
+        robot = loaded(choice)
+    except RobotLoadError:
+        for group in () if choice.group else group_names(choice.source):
+            with suppress(RobotLoadError):
+                return first_request(replace(choice, group=group, locked=()))
+        raise
     example = EXAMPLES.get(choice.source)
-    robot = loaded(choice)
     own = robot.motion_limits
     # A kinematic robot needs acceleration limits.
     free = robot.kinematic and (own is None or own.acceleration is None)
     acceleration = MODERATE if free else None
     if example is not None and len(example.q_start) == robot.n:
         return replace(example, robot=choice, acceleration=acceleration)
-    frame = tool_frame(robot)
     start = _first_free(robot, _starts(robot))
     goal = _first_free(robot, _goals(robot, start))
-    request = Request(robot=choice, frame=frame, q_start=start, q_goal=goal)
+    request = Request(robot=choice, frame=tool_frame(robot), q_start=start, q_goal=goal)
     return replace(request, acceleration=acceleration, margin=0.01)
 
 
 def tool_frame(robot: Robot) -> str:
     """The frame that handles move: a tool frame, or else the last of the chain."""
-    for ending in TOOLS:
-        for name in robot.frame_names:
-            if name.endswith(ending):
-                return name
-    return last_frame(robot)
+    carried = [str(item.name) for item in robot.model.frames if item.parentJoint]
+    tools = (name for end in TOOLS for name in carried if name.endswith(end))
+    return next(tools, last_frame(robot))
 
 
 def _starts(robot: Robot) -> Iterator[Array]:
@@ -110,20 +116,19 @@ def _goals(robot: Robot, start: tuple[float, ...]) -> Iterator[Array]:
         yield np.clip(start + step, low, high)
 
 
+@quiet()
 def _first_free(robot: Robot, candidates: Iterator[Array]) -> tuple[float, ...]:
     """The first candidate that is inside the limits and free of collisions.
 
     Raises:
         RobotLoadError: If no candidate is.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", TominpmpWarning)
-        for q in candidates:
-            with suppress(ProblemError):
-                start: tuple[float, ...] = rounded(q)
-                limits = MotionLimits(acceleration=MODERATE)
-                Problem(robot, start, JointGoal(start), motion_limits=limits)
-                return start
+    for q in candidates:
+        with suppress(ProblemError):
+            start: tuple[float, ...] = rounded(q)
+            limits = MotionLimits(acceleration=MODERATE)
+            Problem(robot, start, JointGoal(start), motion_limits=limits)
+            return start
     raise RobotLoadError(
         f"no configuration of {robot.name} without self-collision was found",
         robot.urdf_path,

@@ -15,7 +15,6 @@ import socket
 import tempfile
 import threading
 import time
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import replace
@@ -41,6 +40,7 @@ from tominpmp.app.request import (
     group_names,
     loaded,
     new_item,
+    quiet,
 )
 from tominpmp.description.files import robot_names
 from tominpmp.exceptions import OptionsError, TominpmpError, optional
@@ -112,7 +112,7 @@ def check_port(host: str, port: int) -> None:
         ) from error
 
 
-def by_user(act: Callable[[], Any]) -> Callable[[Any], None]:
+def _by_user(act: Callable[[], Any]) -> Callable[[Any], None]:
     """A callback that acts on changes of a field by a user, not by the program."""
 
     def changed(event: Any) -> None:
@@ -162,8 +162,7 @@ class Page:
         self.handles = Handles(self)
         self._set_stage()
         self.controller.start()
-        self._clock = threading.Thread(target=self._play, daemon=True)
-        self._clock.start()
+        threading.Thread(target=self._play, daemon=True).start()
 
     def _dress(self) -> None:
         gui, scene = self.server.gui, self.server.scene
@@ -244,8 +243,7 @@ class Page:
             scene.remove_by_name("/path")
             self.shown = None
             self.readout.show(None)
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
+            with quiet():
                 bodies = robot_bodies(robot)
             ghost = stage.outlines(robot, bodies)
             self._arms = {
@@ -409,7 +407,7 @@ class Panel:
             with self._gui.add_folder("Export"):
                 files = self._gui.add_dropdown("File", tuple(FILES))
                 button = self._gui.add_button("Download the motion")
-                button.on_click(by_user(lambda: page.export(*FILES[files.value])))
+                button.on_click(_by_user(lambda: page.export(*FILES[files.value])))
             with self._gui.add_folder("In Python", expand_by_default=False):
                 self._lines = self._gui.add_markdown("")
         panel.dock_right()
@@ -467,10 +465,10 @@ class Panel:
         upload = gui.add_upload_button(
             "Open a URDF file", mime_type=".urdf,.xml,text/xml"
         )
-        self._robots.on_update(by_user(lambda: self._choose(self._robots.value)))
+        self._robots.on_update(_by_user(lambda: self._choose(self._robots.value)))
         for part in (self._groups, self._datasheet, self._kinematic):
-            part.on_update(by_user(self._choose_part))
-        upload.on_upload(by_user(lambda: self._take_file(upload.value)))
+            part.on_update(_by_user(self._choose_part))
+        upload.on_upload(_by_user(lambda: self._take_file(upload.value)))
 
     def _choose(self, source: str, **options: Any) -> None:
         """Choose a robot by its name or path, with or without its dynamics."""
@@ -504,16 +502,16 @@ class Panel:
         gui, page = self._gui, self._page
         self._goals = gui.add_dropdown("Goal is", tuple(GOAL_WORDS))
         self._frames = gui.add_dropdown("Frame", ("",))
-        gui.add_button("Swap start and goal").on_click(by_user(self._swap))
-        gui.add_button("Add a via point").on_click(by_user(self._add_point))
+        gui.add_button("Swap start and goal").on_click(_by_user(self._swap))
+        gui.add_button("Add a via point").on_click(_by_user(self._add_point))
         self._fewer = gui.add_button("Remove the last via point")
         show = gui.add_checkbox("Show handles", True)
         self._goals.on_update(
-            by_user(lambda: page.ask(goal=GOAL_WORDS[self._goals.value]))
+            _by_user(lambda: page.ask(goal=GOAL_WORDS[self._goals.value]))
         )
-        self._frames.on_update(by_user(lambda: page.ask(frame=self._frames.value)))
-        self._fewer.on_click(by_user(lambda: page.ask(via=self._request.via[:-1])))
-        show.on_update(by_user(lambda: page.handles.show(show.value)))
+        self._frames.on_update(_by_user(lambda: page.ask(frame=self._frames.value)))
+        self._fewer.on_click(_by_user(lambda: page.ask(via=self._request.via[:-1])))
+        show.on_update(_by_user(lambda: page.handles.show(show.value)))
 
     def _swap(self) -> None:
         start, goal = self._request.q_start, self._request.q_goal
@@ -543,7 +541,7 @@ class Panel:
         label = "Acceleration [rad/s\N{SUPERSCRIPT TWO}]"
         self._acceleration = gui.add_slider(label, 1.0, 60.0, 0.5, MODERATE)
         for field in (*self._sliders.values(), self._bounded, self._acceleration):
-            field.on_update(by_user(self._change_limits))
+            field.on_update(_by_user(self._change_limits))
 
     def _change_limits(self) -> None:
         bounded = bool(self._bounded.value)
@@ -564,12 +562,12 @@ class Panel:
         ]
         turn = gui.add_checkbox("Turn obstacles", False)
         self._remove = gui.add_button("Remove this obstacle", color="gray")
-        kinds.on_click(by_user(lambda: self._add_item(kinds.value)))
-        self._items.on_update(by_user(self._show_sizes))
+        kinds.on_click(_by_user(lambda: self._add_item(kinds.value)))
+        self._items.on_update(_by_user(self._show_sizes))
         for slider in self._sizes:
-            slider.on_update(by_user(self._resize))
-        self._remove.on_click(by_user(self._remove_item))
-        turn.on_update(by_user(lambda: page.handles.allow_turning(turn.value)))
+            slider.on_update(_by_user(self._resize))
+        self._remove.on_click(_by_user(self._remove_item))
+        turn.on_update(_by_user(lambda: page.handles.allow_turning(turn.value)))
 
     def _add_item(self, kind: str) -> None:
         items = self._request.items
@@ -581,25 +579,22 @@ class Panel:
         self._items.value = item.name
         self._show_sizes()
 
-    def _chosen(self) -> Item | None:
-        items = self._request.items
-        return next((item for item in items if item.name == self._items.value), None)
-
     def _show_sizes(self) -> None:
-        item = self._chosen()
-        names = () if item is None else tuple(SIZES[item.kind])
+        """Show the sizes of the chosen obstacle, if there is one."""
+        items = self._request.items
+        chosen = [item for item in items if item.name == self._items.value]
+        names = [name for item in chosen for name in SIZES[item.kind]]
         for number, slider in enumerate(self._sizes):
             slider.visible = number < len(names)
-            if item is not None and number < len(names):
+            if slider.visible:
                 slider.label = f"{names[number]} [m]"
-                slider.value = item.size[number]
-        self._remove.visible = item is not None
+                slider.value = chosen[0].size[number]
+        self._remove.visible = bool(chosen)
 
     def _resize(self) -> None:
-        item = self._chosen()
-        if item is not None:
-            sizes = [slider.value for slider in self._sizes[: len(item.size)]]
-            self._page.ask(items=self._request.items_with(item.name, size=sizes))
+        sizes = [slider.value for slider in self._sizes if slider.visible]
+        items = self._request.items_with(self._items.value, size=sizes)
+        self._page.ask(items=items)
 
     def _remove_item(self) -> None:
         name, items = self._items.value, self._request.items

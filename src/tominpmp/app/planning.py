@@ -6,17 +6,16 @@ Outcomes are plain data, small enough to be sent between processes at once.
 from __future__ import annotations
 
 import pickle
-import warnings
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tominpmp.app.request import Request
+from tominpmp.app.request import Request, quiet
 from tominpmp.arrays import Array, Record
 from tominpmp.bounds.result import LowerBound
-from tominpmp.exceptions import ProblemError, TominpmpError, TominpmpWarning
+from tominpmp.exceptions import ProblemError, TominpmpError
 from tominpmp.kinematics import FrameMotions
 from tominpmp.planner.planning import plan
 from tominpmp.problem.problem import Problem
@@ -143,8 +142,7 @@ class Session:
             if superseded():
                 raise Superseded
 
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", TominpmpWarning)
+        with quiet():
             try:
                 for solution, certified, final in self._solutions(request, check):
                     shown = _shown(solution, request.frame, certified)

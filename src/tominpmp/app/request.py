@@ -8,7 +8,8 @@ rounded when they are set, so that the lines are short and exact.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from itertools import count
@@ -150,7 +151,16 @@ class RobotChoice:
         return Call(load_robot, (self.source,), needed)
 
 
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Context without warnings about descriptions: the page does not show them."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", TominpmpWarning)
+        yield
+
+
 @lru_cache(maxsize=8)
+@quiet()
 def loaded(choice: RobotChoice) -> Robot:
     """Load a robot; the latest robots are cached.
 
@@ -159,10 +169,7 @@ def loaded(choice: RobotChoice) -> Robot:
         OptionsError: If the group or the data sheet does not exist.
         JointNotFound: If a locked joint is unknown.
     """
-    with warnings.catch_warnings():
-        # The page does not show warnings about descriptions.
-        warnings.simplefilter("ignore", TominpmpWarning)
-        robot: Robot = choice.call().evaluate()
+    robot: Robot = choice.call().evaluate()
     if robot.n > MOST_JOINTS:
         raise RobotLoadError(
             f"{robot.name} has {robot.n} joints that move, expected {MOST_JOINTS} at "
@@ -173,7 +180,7 @@ def loaded(choice: RobotChoice) -> Robot:
 
 
 # The content of a robot's files; the latest are cached.
-_source = lru_cache(maxsize=8)(read_source)
+_source = lru_cache(maxsize=8)(quiet()(read_source))
 
 
 def group_names(source: str) -> tuple[str, ...]:
@@ -183,9 +190,8 @@ def group_names(source: str) -> tuple[str, ...]:
         RobotLoadError: If the robot is unknown, or its files are wrong.
     """
     semantics = _source(source).semantics
-    if semantics is None:
-        return ()
-    return tuple(name for name, group in semantics.groups.items() if group.joints)
+    groups = {} if semantics is None else semantics.groups
+    return tuple(name for name, group in groups.items() if group.joints)
 
 
 def follows_datasheet(choice: RobotChoice) -> bool | None:
