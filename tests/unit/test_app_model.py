@@ -221,6 +221,21 @@ def test_a_handle_is_followed_as_far_as_the_arm_goes() -> None:
     assert miss > 10.0
 
 
+def test_handles_of_robots_without_dynamics_are_followed() -> None:
+    """Where no limit of accelerations was known there were no handles."""
+    robot = loaded(replace(PLANAR.robot, kinematic=True))
+    assert robot.motion_limits is None
+    reach = Reach(robot, "tip")
+    position, quaternion = reach.pose(PLANAR.q_goal)
+    assert reach.solve(position, quaternion, PLANAR.q_goal)[1] == 0.0
+
+
+def test_continuous_joints_begin_at_zero() -> None:
+    """Their infinite limits led to a warning about invalid values."""
+    choice = RobotChoice("pr2", group="right_arm")
+    assert np.all(np.isfinite(first_request(choice).q_start))
+
+
 def shown(**changes: object) -> ShownMotion:
     t = np.linspace(0.0, 2.0, 241)
     share = np.sin(np.pi * t / 2.0)[:, None] * [1.0, 0.5]

@@ -16,12 +16,13 @@ import pinocchio as pin
 
 from tominpmp.app.first_request import first_request
 from tominpmp.app.planning import Outcome, plain_name
-from tominpmp.app.request import Request, RobotChoice, loaded, rounded
+from tominpmp.app.request import MODERATE, Request, RobotChoice, loaded, rounded
 from tominpmp.app.worker import Worker
 from tominpmp.exceptions import ProblemError
 from tominpmp.files.export_check import check_export
 from tominpmp.goals.frames import PoseGoal, PositionGoal
 from tominpmp.initial_guess.inverse_kinematics import Target
+from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import Robot
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -49,11 +50,12 @@ class Reach:
     def __init__(self, robot: Robot, frame: str) -> None:
         self.turns = robot.n >= JOINTS_OF_A_POSE
         self._frame = frame
-        limits = robot.limits
-        q = np.clip(np.zeros(robot.n), limits.position_lower, limits.position_upper)
+        q = np.clip(0.0, robot.limits.position_lower, robot.limits.position_upper)
         goal = PositionGoal(frame, np.zeros(3))
-        # Collisions are not checked: users may drag the arm through obstacles.
-        problem = Problem(robot, q, goal, self_collision=False)
+        # Kinematic robots need a limit of accelerations, whatever it is. Collisions are
+        # not checked: users may drag the arm through obstacles.
+        limits = MotionLimits(acceleration=MODERATE)
+        problem = Problem(robot, q, goal, motion_limits=limits, self_collision=False)
         self._functions = ProblemFunctions.of(problem)
 
     def pose(self, q: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
@@ -78,9 +80,7 @@ class Reach:
         """
         goal: PoseGoal | PositionGoal = PositionGoal(self._frame, np.array(position))
         if self.turns:
-            unit = np.asarray(quaternion) / np.linalg.norm(quaternion)
-            place = pin.XYZQUATToSE3(np.concatenate([position, unit]))
-            goal = PoseGoal(self._frame, place)
+            goal = PoseGoal(self._frame, (position, quaternion))
         q, miss = Target(self._functions, goal).solve(np.array(near))
         return rounded(q), 0.0 if miss <= REACHED else miss
 

@@ -91,8 +91,8 @@ def _starts(robot: Robot) -> Iterator[Array]:
     """Candidates for the start: group states, the middle of the limits, random ones."""
     low, high = robot.limits.position_lower, robot.limits.position_upper
     states = {} if robot.srdf is None else robot.srdf.group_states
-    middle = np.clip(np.zeros(robot.n), 0.9 * low + 0.1 * high, 0.1 * low + 0.9 * high)
-    middle = np.where(np.isfinite(middle), middle, np.clip(0.0, low, high))
+    spare = np.where(np.isfinite(high - low), 0.1 * (high - low), 0.0)
+    middle = np.clip(0.0, low + spare, high - spare)
     for name in START_NAMES:
         if name in states:
             state = [states[name].get(joint, np.nan) for joint in robot.joint_names]

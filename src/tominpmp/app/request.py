@@ -87,13 +87,11 @@ class Call:
         function: The function or class to call.
         arguments: Positional arguments; calls among them are evaluated first.
         options: Arguments by name.
-        module: Name of the module in the expression.
     """
 
     function: Callable[..., Any]
     arguments: tuple[Any, ...] = ()
     options: Mapping[str, Any] = field(default_factory=dict)
-    module: str = "tm"
 
     def evaluate(self) -> Any:
         """Evaluate the call."""
@@ -104,7 +102,7 @@ class Call:
         """The expression."""
         parts = [*map(_written, self.arguments)]
         parts += [f"{name}={_written(value)}" for name, value in self.options.items()]
-        return f"{self.module}.{self.function.__name__}({', '.join(parts)})"
+        return f"tm.{self.function.__name__}({', '.join(parts)})"
 
 
 def _value(value: Any) -> Any:
@@ -331,8 +329,6 @@ class Request(Record):
             f"{name}={_written(value)}" for name, value in self._options().items()
         ]
         lines = ["import tominpmp as tm", "", f"robot = {self.robot.call()}"]
-        if self.goal == "pose":
-            lines[:0] = ["import numpy as np", "import pinocchio as pin"]
         if self.speed_scale != 1.0:
             speeds = f"{self.speed_scale!r} * robot.limits.velocity"
             lines.append(f"robot = robot.with_changes(velocity={speeds})")
@@ -377,7 +373,4 @@ class Request(Record):
         position = rounded(place[:3])
         if self.goal == "position":
             return Call(PositionGoal, (self.frame, position))
-        numbers = [*position, *rounded(place[3:], 9)]
-        array = Call(np.array, (numbers,), module="np")
-        pose = Call(pin.XYZQUATToSE3, (array,), module="pin")
-        return Call(PoseGoal, (self.frame, pose))
+        return Call(PoseGoal, (self.frame, (position, rounded(place[3:], 9))))
