@@ -367,9 +367,8 @@ class Request(Record):
         if self.goal == "joint":
             return Call(JointGoal, (list(self.q_goal),))
         kinematics = RobotKinematics(loaded(self.robot))
-        place = pin.SE3ToXYZQUAT(
-            kinematics.placement(np.array(self.q_goal), self.frame)
-        )
+        placement = kinematics.placement(np.array(self.q_goal), self.frame)
+        place = pin.SE3ToXYZQUAT(placement)
         position = rounded(place[:3])
         if self.goal == "position":
             return Call(PositionGoal, (self.frame, position))
