@@ -422,6 +422,15 @@ def test_parquet(folder: Path) -> None:
     assert table[0]["joint_names"] == [*problems(folder, 1)[0].robot.joint_names]
 
 
+def test_parquet_needs_a_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The message began with "Parquet files needs"."""
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(tm.MissingDependency, match="writing Parquet files needs"):
+        tm.Dataset(tmp_path).to_parquet(tmp_path / "table.parquet")
+
+
 def test_parquet_has_the_motions_after_a_result_without_one(folder: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     results = folder / "late"

@@ -402,7 +402,7 @@ class Dataset(Record):
             MissingDependency: If pyarrow is not installed.
             ScenarioError: If a result is broken or the file cannot be written.
         """
-        with optional("pyarrow", "parquet", "Parquet files"):
+        with optional("pyarrow", "parquet", "writing Parquet files"):
             import pyarrow as pa
             import pyarrow.parquet as pq
         rows = [
