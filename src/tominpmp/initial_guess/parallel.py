@@ -1,9 +1,9 @@
 """Parallel processes: distribute work, and yield results in order of completion.
 
-The worker processes come from loky, on which joblib builds. ``joblib.Parallel`` itself
-would be a further dependency and no shorter: it neither requests busy workers to stop
-nor waits for their results. Processes of :mod:`concurrent.futures` outlive a parent
-that was killed: seen with "spawn", "fork" and "forkserver".
+The worker processes come from loky, on which joblib builds: ``joblib.Parallel`` neither
+requests busy workers to stop nor waits for their results. Processes of
+:mod:`concurrent.futures` outlive a parent that was killed: seen with "spawn", "fork"
+and "forkserver".
 """
 
 from __future__ import annotations
