@@ -85,6 +85,17 @@ def test_semantics_of_a_text_come_back(tmp_path: Path) -> None:
     assert found.robot.armature[1] == 1.0
 
 
+@pytest.mark.parametrize("reason", ["", "Never", "User"])
+def test_reasons_of_disabled_pairs_come_back(reason: str, tmp_path: Path) -> None:
+    """Distant links whose pair has no reason are taken for links that never touch."""
+    pair = '<disable_collisions link1="base" link2="link3" reason="{}"/>'
+    srdf = f'<robot name="planar3r">{pair.format(reason)}</robot>'
+    robot = tm.load_robot(URDF.read_text("utf-8"), srdf=srdf)
+    problem, found = saved_and_loaded(robot, tmp_path)
+    assert problem.robot.srdf.never_touch == found.robot.srdf.never_touch
+    assert bool(found.robot.srdf.never_touch) == (reason != "User")
+
+
 def test_files_of_others_are_not_replaced(tmp_path: Path) -> None:
     problem, found = saved_and_loaded(from_text(), tmp_path)
     changed = problem.robot.with_changes(damping=0.5)

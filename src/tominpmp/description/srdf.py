@@ -55,9 +55,9 @@ WITHOUT_EFFECT = {
     "link_sphere_approximation",
     "specificities",
 }
-# Reason with which MoveIt disables pairs that never touched in its samples, and the
-# reason of pairs that a file disables for a whole link.
-NEVER, WHOLE_LINK = "Never", "disable_default_collisions"
+# Reasons with which MoveIt disables pairs that never touched in its samples, and pairs
+# that its user chose; and the reason of pairs that a file disables for a whole link.
+NEVER, BY_USER, WHOLE_LINK = "Never", "User", "disable_default_collisions"
 
 #: Names of two links, in alphabetical order.
 Pair: TypeAlias = "tuple[str, str]"
@@ -469,9 +469,9 @@ def srdf_file(
     root = Element("robot", name=semantics.robot or name)
     for one, other in semantics.disabled_pairs:
         if not {one, other} & set(without):
-            item = add(root, "disable_collisions", link1=one, link2=other)
-            if (one, other) in semantics.never_touch:
-                item.set("reason", NEVER)
+            # Pairs of distant links without a reason would be taken for never touching.
+            reason = NEVER if (one, other) in semantics.never_touch else BY_USER
+            add(root, "disable_collisions", link1=one, link2=other, reason=reason)
     for group, members in semantics.groups.items():
         element = add(root, "group", name=group)
         for joint in (*members.joints, *members.unknown):
