@@ -85,6 +85,22 @@ def test_semantics_of_a_text_come_back(tmp_path: Path) -> None:
     assert found.robot.armature[1] == 1.0
 
 
+def test_states_of_several_groups_come_back(tmp_path: Path) -> None:
+    """Of states of one name, the joints that move later decide which one holds."""
+    up = '<group_state name="up" group="{0}"><joint name="joint1" value="{1}"/>'
+    joints = '<joint name="joint1"/>', '<joint name="joint1"/><joint name="joint2"/>'
+    srdf = "".join(
+        f'<group name="g{i}">{inside}</group>{up.format(f"g{i}", i)}</group_state>'
+        for i, inside in enumerate(joints)
+    )
+    text = URDF.read_text("utf-8")
+    robot = tm.load_robot(text, srdf=f'<robot name="planar3r">{srdf}</robot>')
+    problem, found = saved_and_loaded(robot, tmp_path)
+    for locks in ({"joint3": 0.0}, {"joint2": 0.0, "joint3": 0.0}):
+        one, other = (p.robot.with_locked(locks).srdf for p in (problem, found))
+        assert one.group_states == other.group_states
+
+
 @pytest.mark.parametrize("reason", ["", "Never", "User"])
 def test_reasons_of_disabled_pairs_come_back(reason: str, tmp_path: Path) -> None:
     """Distant links whose pair has no reason are taken for links that never touch."""

@@ -480,8 +480,9 @@ def srdf_file(
             base = f"{group}_base"
             add(element, "joint", name=base)
             add(root, "virtual_joint", name=base, type="floating")
-    for state, positions in semantics.group_states.items():
-        element = add(root, "group_state", name=state)
+    merged = {("", name): state for name, state in semantics.group_states.items()}
+    for (group, state), positions in (semantics.states_of_groups or merged).items():
+        element = add(root, "group_state", name=state, group=group)
         for joint, value in positions.items():
             add(element, "joint", name=joint, value=value)
     for joint in semantics.passive:
