@@ -136,25 +136,25 @@ class _ModelReader:
         # The motion subspace of a mimic joint is scaled by its ratio.
         axis = motion[:3, 0] + motion[3:, 0]
         ratio = float(np.linalg.norm(axis))
-        axis = frozen_array(axis / ratio)
-        values: dict[str, Any] = {
-            "name": name,
-            "kind": "revolute" if turns else "prismatic",
-            "parent": self.main[model.parents[index]],
-            "child": self.main[index],
-            "placement": frozen_array(model.jointPlacements[index].homogeneous),
-            "axis": axis,
-            **{"lower": -math.inf, "upper": math.inf},
-            **{"velocity": math.inf, "effort": math.nan},
-        }
+        described = JointDescription(
+            name,
+            "revolute" if turns else "prismatic",
+            self.main[model.parents[index]],
+            self.main[index],
+            frozen_array(model.jointPlacements[index].homogeneous),
+            frozen_array(axis / ratio),
+            *(-math.inf, math.inf, math.inf, math.nan),
+        )
         if joint.nv == 0:
             place = list(model.mimicking_joints).index(index)
             leader = str(model.names[model.mimicked_joints[place]])
             # At the neutral configuration the joint is at its offset.
             moved = pin.log6(data.M)
-            offset = float(np.asarray(moved.angular if turns else moved.linear) @ axis)
-            return JointDescription(**values, mimic=Mimic(leader, ratio, offset))
+            shift = np.asarray(moved.angular if turns else moved.linear)
+            own = Mimic(leader, ratio, float(shift @ described.axis))
+            return replace(described, mimic=own)
         v = joint.idx_v
+        values: dict[str, Any] = {k: float(getattr(model, k)[v]) for k in LOSSES}
         if joint.nq == 1:
             values["lower"] = limit_or_infinity(model.lowerPositionLimit[joint.idx_q])
             values["upper"] = limit_or_infinity(model.upperPositionLimit[joint.idx_q])
@@ -165,8 +165,7 @@ class _ModelReader:
             self.uneven_efforts[name] = low, high
         values["velocity"] = limit_or_infinity(model.velocityLimit[v])
         values["effort"] = limit_or_infinity(min(abs(low), abs(high)))
-        values |= {loss: float(getattr(model, loss)[v]) for loss in LOSSES}
-        return JointDescription(**values)
+        return replace(described, **values)
 
     # -- links -------------------------------------------------------------------------
 
@@ -318,17 +317,11 @@ def _triangles(solid: Any) -> Triangles | None:
         top = [[0.0, 0.0, solid.halfLength]]
         return _hull(np.vstack([np.hstack([solid.radius * ring, base]), top]))
     if kind == "Ellipsoid":
-        tilt = np.linspace(0.0, np.pi, VERTICES // 2 + 1)[:, None, None]
+        tilt = np.linspace(0.0, np.pi, VERTICES // 2 + 1)
+        rings = np.stack([np.sin(tilt), np.sin(tilt), np.cos(tilt)], axis=1)[:, None]
+        ball = (rings * np.hstack([ring, np.ones((VERTICES, 1))])).reshape(-1, 3)
         # Circumscribed: the faces touch the ellipsoid, the vertices are outside.
-        ball = np.concatenate(
-            [
-                np.sin(tilt) * ring,
-                np.broadcast_to(np.cos(tilt), (tilt.size, VERTICES, 1)),
-            ],
-            axis=2,
-        ).reshape(-1, 3)
-        ball /= np.cos(np.pi / VERTICES)
-        return _hull(ball * np.asarray(solid.radii))
+        return _hull(ball / np.cos(np.pi / VERTICES) * np.asarray(solid.radii))
     return None
 
 

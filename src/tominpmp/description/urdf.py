@@ -599,10 +599,10 @@ def urdf_file(
     Returns:
         The file, and the mesh files to be written next to it, by name.
     """
-    root, files = Element("robot", name=description.name), {}
+    root, files = Element("robot", name=description.name), dict[str, bytes]()
     for link in description.bodies:
         if link.name not in without:
-            files.update(_add_link(root, link, stem))
+            _add_link(root, link, stem, files)
     for joint in description.tree:
         if joint.child not in without:
             _add_joint(root, joint)
@@ -611,9 +611,11 @@ def urdf_file(
     return xml_text(root), files
 
 
-def _add_link(root: Element, link: LinkDescription, stem: str) -> dict[str, bytes]:
-    """Add a link, and return its meshes that have no file yet."""
-    element, files = add(root, "link", name=link.name), {}
+def _add_link(
+    root: Element, link: LinkDescription, stem: str, files: dict[str, bytes]
+) -> None:
+    """Add a link, and the files of its meshes that have none yet."""
+    element = add(root, "link", name=link.name)
     if link.mass is not None:
         inertial = add(element, "inertial")
         add(inertial, "origin", xyz=link.com)
@@ -624,30 +626,30 @@ def _add_link(root: Element, link: LinkDescription, stem: str) -> dict[str, byte
         for shape in shapes:
             item = add(element, tag)
             _add_origin(item, shape.placement)
-            files.update(_add_shape(add(item, "geometry"), shape, stem))
+            _add_shape(add(item, "geometry"), shape, stem, files)
             if shape.colour is not None:
                 material = add(item, "material", name="")
                 add(material, "color", rgba=shape.colour)
                 if shape.texture:
                     add(material, "texture", filename=shape.texture)
-    return files
 
 
-def _add_shape(element: Element, shape: Shape, stem: str) -> dict[str, bytes]:
-    """Add a shape, and return its mesh if that has no file yet."""
+def _add_shape(
+    element: Element, shape: Shape, stem: str, files: dict[str, bytes]
+) -> None:
+    """Add a shape, and the file of its mesh if that has none yet."""
     if shape.kind != "mesh":
         sizes = iter(shape.sizes)
         counts = SIZES[shape.kind].items()
         named = {name: [*islice(sizes, count)] for name, count in counts}
         add(element, shape.kind, **named)
-        return {}
+        return
     item = add(element, "mesh", scale=shape.sizes, filename=shape.file)
-    if shape.corners is None or shape.faces is None:
-        return {}
-    content = _stl(shape.corners, shape.faces)
-    file = f"{stem}_{hashlib.sha256(content).hexdigest()[:32]}.stl"
-    item.set("filename", file)
-    return {file: content}
+    if shape.corners is not None and shape.faces is not None:
+        content = _stl(shape.corners, shape.faces)
+        file = f"{stem}_{hashlib.sha256(content).hexdigest()[:32]}.stl"
+        item.set("filename", file)
+        files[file] = content
 
 
 def _stl(corners: Array, faces: IntArray) -> bytes:
