@@ -292,6 +292,40 @@ def test_a_body_may_have_several_joints() -> None:
     assert np.allclose(tool, data.body("tool").xpos)
 
 
+def test_sites_of_bodies_without_joints_are_where_mujoco_has_them() -> None:
+    """Nested bodies, below a joint beside the origin of its body."""
+    mujoco = pytest.importorskip("mujoco")
+    site = '<site name="{}" pos="0 0.1 0.2" euler="0 20 0"/>'
+    inner = f'<body name="flange" pos="0.1 0 0" euler="0 0 30">{site.format("tip")}'
+    body = f'<body name="wrist" pos="0 0.3 0">{inner}{site.format("flange")}</body>'
+    text = changed(
+        ('name="slide"', 'name="slide" pos="0.1 0.2 0"'),
+        ('<geom type="box"', f'{body}</body><geom type="box"'),
+    )
+    arm, model = tm.load_robot(text, velocity=2), mujoco.MjModel.from_xml_string(text)
+    data, mine = mujoco.MjData(model), arm.model.createData()
+    data.qpos[:] = q = np.array([0.3, 0.2])
+    mujoco.mj_forward(model, data)
+    pin.framesForwardKinematics(arm.model, mine, q)
+    # MuJoCo's sites may have the name of a body.
+    for frame, place in (("tip", "tip"), ("flange_2", "flange")):
+        found, site = mine.oMf[arm.frame_id(frame)], data.site(place)
+        assert np.allclose(found.translation, site.xpos)
+        assert np.allclose(found.rotation, site.xmat.reshape(3, 3))
+
+
+def test_weights_of_shapes_may_replace_those_of_bodies() -> None:
+    """Bodies without shapes keep theirs."""
+    mujoco = pytest.importorskip("mujoco")
+    tool = '<geom type="box" pos="0 0 0.1" size="0.03 0.03 0.05"/>'
+    text = changed((tool, ""), ('"degree"/', '"degree" inertiafromgeom="true"/'))
+    arm, model = tm.load_robot(text, velocity=2), mujoco.MjModel.from_xml_string(text)
+    data, mine, mass = mujoco.MjData(model), arm.model.createData(), np.zeros((2, 2))
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, mass)
+    assert np.allclose(pin.crba(arm.model, mine, np.zeros(2)), mass, rtol=1e-9)
+
+
 def test_a_site_has_sizes_of_its_own() -> None:
     box = 'size="0.03 0.03 0.05"/>'
     text = changed((box, f'{box}<site size="0.01"/><site size="1 1"/>'))

@@ -46,8 +46,7 @@ MULTI_DOF = ("free", "ball")
 # Attributes of the compiler that Pinocchio reads; supported shapes, with the number of
 # their sizes; lengths of further attributes, which Pinocchio does not check.
 COMPILER = {"angle", "inertiafromgeom"}
-ROUND, SOLID = {"sphere": 1, "capsule": 2, "cylinder": 2}, {"box": 3, "ellipsoid": 3}
-SHAPES = {"mesh": 0, **ROUND, **SOLID}
+SHAPES = dict(mesh=0, sphere=1, capsule=2, cylinder=2, box=3, ellipsoid=3)
 PLACEMENT = {"pos": 3, "quat": 4, "axisangle": 4, "xyaxes": 6, "zaxis": 3, "euler": 3}
 COUNTS = {"axis": 3, "diaginertia": 3, "fullinertia": 6, "fromto": 6, "rgba": 4}
 # Attributes that are one nonnegative number of any size.
@@ -108,6 +107,13 @@ class _MjcfReader:
         for element in root.findall("default"):
             self._add_class(element, self.classes["main"], "main")
         self._fill_in(root, "main")
+        if self.compiler.get("inertiafromgeom") == "true":
+            # Bodies without shapes keep their inertia, which Pinocchio would drop.
+            del self.compiler["inertiafromgeom"]
+            for body in root.findall(".//body[geom]"):
+                for inertial in body.findall("inertial"):
+                    body.remove(inertial)
+        self.bodies = {body.get("name", "") for body in root.iter("body")}
         self.joints: dict[str, Element] = {}
         #: Missing mesh files, with a message; shapes that were left out.
         self.missing: dict[str, str] = {}
@@ -255,6 +261,10 @@ class _MjcfReader:
                     child.attrib.pop(key, None)
             elif tag == "geom" and (kind not in SHAPES or self._is_absent(body, child)):
                 body.remove(child)
+            elif tag == "site":
+                # Pinocchio misplaces sites in bodies without joints, but not bodies.
+                child.tag = "body"
+                child.set("name", fresh_name(child.get("name", ""), self.bodies))
             elif tag == "geom" and "fromto" not in child.attrib:
                 # Pinocchio ignores the rotation of a shape without a position.
                 child.set("pos", child.get("pos", "0 0 0"))
@@ -312,9 +322,7 @@ class _MjcfReader:
         missing = self.missing.get(geom.get("mesh", ""))
         if missing is None:
             return False
-        weighs = self.compiler.get("inertiafromgeom") == "true" or (
-            body.find("inertial") is None and geom.get("mass") != "0"
-        )
+        weighs = body.find("inertial") is None and geom.get("mass") != "0"
         if weighs or not geom.get("contype") == geom.get("conaffinity") == "0":
             self.context.fail(f"body {body.get('name')}: the mesh {missing}")
         self.dropped.append(f"body {body.get('name')} ({brief(geom.get('mesh'))})")
@@ -358,7 +366,8 @@ class _MjcfReader:
         sums: dict[str, Any] = {}
         for actuator in self.root.findall("actuator/*"):
             ends = np.array(self._range(actuator, "forcerange", "forcelimited"))
-            gain, gear = (_first(actuator, name) for name in ("gainprm", "gear"))
+            words = (actuator.get(name, "").split() for name in ("gainprm", "gear"))
+            gain, gear = (to_number(word[0]) if word else 1.0 for word in words)
             direct = actuator.get("biastype", "none") == "none"
             if direct and actuator.tag in DIRECT:
                 control = np.array(self._range(actuator, "ctrlrange", "ctrllimited"))
@@ -390,11 +399,6 @@ def _with_known_weights(root: Element) -> Element:
             for name in ("contype", "conaffinity"):
                 geom.attrib.pop(name, None)
     return root
-
-
-def _first(actuator: Element, name: str) -> float:
-    """First number of an attribute; one by default."""
-    return to_number((actuator.get(name, "").split() or ["1"])[0])
 
 
 def _kind(element: Element) -> str:
