@@ -34,10 +34,10 @@ from tominpmp.description.xml_reader import XmlContext, read_xml, to_number, xml
 from tominpmp.exceptions import brief, shortened, warn_caller
 
 # Elements that generate bodies in ways that Pinocchio does not support; elements, and
-# then attributes, that affect the dynamics and are not read.
+# then attributes, that affect the dynamics or shapes and are not read.
 GENERATORS = {"attach", "composite", "flexcomp", "frame", "replicate"}
 UNREAD = {"tendon", "equality", "stiffness", "gravcomp", "settotalmass"}
-UNREAD |= {"inertiagrouprange", "boundmass", "boundinertia"}
+UNREAD |= {"inertiagrouprange", "boundmass", "boundinertia", "refpos", "refquat"}
 # Actuators, which share their defaults; for the first two, forces follow from controls.
 DIRECT = ("motor", "general")
 ACTUATORS = (*DIRECT, *"position velocity intvelocity damper cylinder muscle".split())
