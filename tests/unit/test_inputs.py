@@ -151,6 +151,14 @@ def test_configurations_by_joint_name(q: object, robot: tm.Robot) -> None:
     assert region.joints == ("joint3",)
 
 
+def test_limits_by_joint_name(robot: tm.Robot) -> None:
+    """Rows with names are not taken in the order of the joints."""
+    values = {"joint3": 2.0, "joint1": 1.0}
+    for given in (values, Series(values)):
+        limits = robot.with_changes(velocity=given, effort=given).limits
+        assert limits.velocity.tolist() == limits.effort_upper.tolist() == [1.0, 2.0]
+
+
 def test_velocities_by_joint_name(robot: tm.Robot) -> None:
     goal = tm.JointGoal({"joint3": 0.2, "joint1": 0.1}, v={"joint3": 1.0})
     problem = tm.Problem(robot, [0, 0], goal)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -251,13 +251,12 @@ class JointLimits(Record):
 
     def __post_init__(self) -> None:
         """Check the arrays and make them read-only."""
-        for f in fields(self):
-            value = getattr(self, f.name)
+        for name, value in vars(self).items():
             row = array_or_nan(value)
             if row.ndim != 1:
-                raise wrong(value, f.name, "a row of numbers")
-            self._keep(**{f.name: row})
-        sizes = {f.name: getattr(self, f.name).size for f in fields(self)}
+                raise wrong(value, name, "a row of numbers")
+            self._keep(**{name: row})
+        sizes = {name: row.size for name, row in vars(self).items()}
         if len(set(sizes.values())) > 1:
             raise ProblemError(f"limits: lengths differ: {sizes}", "limits")
 
@@ -352,17 +351,15 @@ class JointTable:
                     raise OptionsError(f"{option}: joint {name} {fault}", option)
         return JointTable(self.joint_names, columns)
 
-    def _changed(
-        self, option: str, values: JointValues, not_free: Mapping[str, str]
-    ) -> Array:
+    def _changed(self, option: str, values: Any, not_free: Mapping[str, str]) -> Array:
         """A column with some of its values replaced by a caller's values.
 
         Args:
             option: Name of the column, which is that of the argument in messages.
             values: A number for all joints, an array in joint order, or numbers by
-                joint name; joints that are not named keep their value. In a column of
-                lower and upper values, pairs are allowed in place of numbers, and a
-                number x means (-x, x).
+                joint name, as mappings and rows of pandas have them; joints that are
+                not named keep their value. In a column of lower and upper values, pairs
+                are allowed in place of numbers, and a number x means (-x, x).
             not_free: Joints of the robot that are not in the table, with the reason.
 
         Returns:
@@ -374,6 +371,7 @@ class JointTable:
         """
         result, names = np.array(self[option]), self.joint_names
         n, pairs = len(names), result.ndim == 2
+        values = by_joint(values) or values
         if not isinstance(values, Mapping):
             try:
                 array = real_array(values)
