@@ -166,6 +166,20 @@ def test_links_that_are_fixed_to_the_base_are_frames(tmp_path: Path) -> None:
     assert placed == {"table": [5.0, 4.0, 0.0], "base": above, "/base": above}
 
 
+@pytest.mark.parametrize("parent", ["base", "/base", "world", "/world", ""])
+def test_parents_of_fixed_frames_are_found_as_frames_of_obstacles(
+    parent: str, tmp_path: Path
+) -> None:
+    """A frame whose parent was written with a slash, as "/base", was left out."""
+    robot = load_robot("planar3r")
+    frame = {**SCENE["fixed_frame_transforms"][0], "header": {"frame_id": parent}}
+    placed = load_moveit_scene(write(tmp_path, SCENE)[0], robot)["pair.0"]
+    scene = write(tmp_path, changed(SCENE, "fixed_frame_transforms", [frame]))[0]
+    assert load_moveit_scene(scene, robot)["pair.0"].position == pytest.approx(
+        placed.position
+    )
+
+
 def test_goals_on_frames(planar3r: Robot, tmp_path: Path) -> None:
     assert goal_of(planar3r, tmp_path, place()) == PositionGoal("tip", [4.0, 1.0, 0.0])
     rotation = np.array([[0.28, -0.96, 0.0], [0.96, 0.28, 0.0], [0.0, 0.0, 1.0]])

@@ -118,8 +118,6 @@ SCENE_KEYS = ("world", "robot_state", "fixed_frame_transforms", "robot_model_nam
 FARTHEST = 1e6
 # Keys under which tools write the path of a mesh file.
 MESH_FILES = ("resource", "mesh_path", "filename", "path")
-# Names of the world frame in any file.
-_WORLD = ("", "world", "/world")
 
 
 @dataclass(frozen=True)
@@ -127,13 +125,11 @@ class _Frames:
     """Frames in which poses of a file may be given.
 
     Attributes:
-        base: Placement base_to_world of the robot's root link.
-        fixed: Placements frame_to_base of other frames than the world, among them the
-            links that are fixed to the base.
+        fixed: Placements frame_to_base by the name of the frame: of the world, of links
+            that are fixed to the base, and of further frames in the file.
         package_dirs: Folders in which the packages of mesh files are searched.
     """
 
-    base: pin.SE3
     fixed: Mapping[str, pin.SE3]
     package_dirs: tuple[Path, ...] = ()
 
@@ -144,16 +140,12 @@ class _Frames:
             ScenarioError: If the frame is not known.
         """
         frame_id = header.get("frame_id")
-        name = frame_id.text() if frame_id.given else ""
-        if name in _WORLD:
-            return self.base.inverse()
-        for known in (name, name.lstrip("/")):
-            if known in self.fixed:
-                return self.fixed[known]
-        frame_id.fail(
-            f"there is no fixed frame {brief(name)}; there are: "
-            f"{', '.join(dict.fromkeys(['world', *self.fixed]))}"
-        )
+        name = frame_id.text() if frame_id.given else "world"
+        place = self.fixed.get(name, self.fixed.get(name.lstrip("/")))
+        if place is None:
+            names = ", ".join(self.fixed)
+            frame_id.fail(f"there is no fixed frame {brief(name)}; there are: {names}")
+        return place
 
 
 def load_moveit_scene(path: str | Path, robot: Robot | None = None) -> Scene:
@@ -211,22 +203,23 @@ def _read_frames(message: Field, robot: Robot | None, *states: Field) -> _Frames
                 f"holds {len(placements)} transforms, expected that of the base only"
             )
         base = placements[0] if placements else base
-    links: dict[str, pin.SE3] = {}
+    own = {"world": base.inverse()}
     for frame in () if robot is None else robot.model.frames:
         if frame.type == pin.FrameType.BODY and not frame.parentJoint:
-            links[frame.name] = frame.placement.copy()
-    fixed = dict(links)
+            own.setdefault(frame.name, frame.placement.copy())
+    fixed = dict(own)
     for item in message.get("fixed_frame_transforms").items():
         name = item.need("child_frame_id").text()
-        parent = item.get("header").get("frame_id")
-        if parent.given and parent.value not in (*_WORLD, *fixed, name):
-            # Parents that are defined later or not at all are not supported.
-            continue
-        above = fixed.get(str(parent.value), base.inverse())
-        fixed[name] = above * _read_pose(item.need("transform"))
+        frame_id = item.get("header").get("frame_id")
+        parent = str(frame_id.value) if frame_id.given else "world"
+        root = own["world"] if parent == name else None
+        above = fixed.get(parent, fixed.get(parent.lstrip("/"), root))
+        # Parents that are defined later or not at all are not supported.
+        if above is not None:
+            fixed[name] = above * _read_pose(item.need("transform"))
     # Packages of meshes are often next to that of the robot.
     folders = () if robot is None else robot.description.package_dirs
-    return _Frames(base, fixed | links, folders)
+    return _Frames(fixed | own, folders)
 
 
 def _read_pose(value: Field) -> pin.SE3:
@@ -742,7 +735,7 @@ def _refuse_unread(request: Field) -> None:
 
 def _check_upright(frames: _Frames, robot: Robot, message: Field) -> None:
     """Refuse a tilted base: the direction of gravity in its frame would change."""
-    turned = frames.base.rotation.T @ robot.gravity
+    turned = frames.fixed["world"].rotation @ robot.gravity
     if not np.allclose(turned, robot.gravity, atol=1e-6 * (1.0 + np.abs(turned).max())):
         message.get("robot_state").get("multi_dof_joint_state").fail(
             "the base of the robot is tilted: leave that out here and load the robot "
@@ -779,9 +772,9 @@ def _factor(field: Field) -> float:
     return value if 0.0 < value < 1.0 else 1.0
 
 
-#: Rotation of a link in the frame of the base, shape (3, 3), None with a tolerance; and
-#: the goal for its orientation, None if any orientation will do.
-_Turn: TypeAlias = "tuple[Array | None, Goal | None]"
+#: Rotation of a link in the frame of the base, shape (3, 3), and its tolerances about
+#: the axes of the link, 0 to pi [rad], shape (3,).
+_Turn: TypeAlias = "tuple[Array, Array]"
 
 
 @dataclass(frozen=True)
@@ -835,9 +828,8 @@ class _GoalReader:
             goals: list[Goal] = []
             for placed in itertools.product(*choices):
                 posed = [link for _, link in placed]
-                turned = (
-                    goal for link, (_, goal) in turns.items() if link not in posed
-                )
+                free = {link: turn for link, turn in turns.items() if link not in posed}
+                turned = (_orientation_goal(link, *turn) for link, turn in free.items())
                 parts = [*fixed, *(goal for goal, _ in placed), *filter(None, turned)]
                 if not parts:
                     item.fail("asks for nothing: every orientation will do")
@@ -898,9 +890,7 @@ class _GoalReader:
             tolerance = np.minimum([_tolerance(turn.get(k)) for k in keys], np.pi)
             tolerance[tolerance <= ACCURACY] = 0.0
             base = self.frames.to_base(turn.get("header")).rotation
-            turned = base @ rotation
-            goal = _orientation_goal(link, turned, tolerance)
-            turns[link] = None if np.any(tolerance) else turned, goal
+            turns[link] = base @ rotation, tolerance
         return turns
 
     def _place_goals(
@@ -908,7 +898,8 @@ class _GoalReader:
     ) -> list[tuple[Goal, str | None]]:
         """Alternative goals for the origin of a link, each with the link it orients."""
         link = self._link(place)
-        rotation, _ = turns.get(link, (None, None))
+        exact = {link: turn for link, (turn, most) in turns.items() if not np.any(most)}
+        rotation = exact.get(link)
         region = place.need("constraint_region")
         base = self.frames.to_base(place.get("header"))
         offset = place.get("target_point_offset")
