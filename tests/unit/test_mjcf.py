@@ -119,21 +119,28 @@ def test_dynamics_are_those_of_mujoco() -> None:
         assert np.allclose(bias, data.qfrc_bias, rtol=1e-9)
 
 
+@pytest.mark.parametrize("inherited", ["", 'quat="1 1 0 0"', 'axisangle="1 0 0 70"'])
 @pytest.mark.parametrize(
     ("order", "rotation"),
     [
         ("xyz", 'axisangle="1 2 2 40"'),
         ("XYZ", 'euler="30 -40 20"'),
         ("zYx", 'euler="30 -40 20"'),
+        ("xyz", 'quat="1 2 3 4"'),
+        ("xyz", 'zaxis="1 2 3"'),
     ],
 )
-def test_rotations_are_those_of_mujoco(order: str, rotation: str) -> None:
+def test_rotations_are_those_of_mujoco(
+    order: str, rotation: str, inherited: str
+) -> None:
+    """One of a class was read beside one in another notation, and often won."""
     mujoco = pytest.importorskip("mujoco")
     text = changed(
         ('angle="degree"', f'angle="degree" eulerseq="{order}"'),
         ('name="tool"', f'name="tool" {rotation}'),
         ('pos="0 0 0.05"', f'pos="0 0 0.05" {rotation}'),
         ('type="box"', f'type="box" name="box" {rotation}'),
+        ('<default class="bigger">', f'<geom {inherited}/><default class="bigger">'),
     )
     arm, model = tm.load_robot(text, velocity=2), mujoco.MjModel.from_xml_string(text)
     data, mine, mass = mujoco.MjData(model), arm.model.createData(), np.zeros((2, 2))

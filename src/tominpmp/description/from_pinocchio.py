@@ -9,7 +9,7 @@ that URDF lacks, become meshes within the description.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -105,7 +105,6 @@ class _ModelReader:
         self.model, self.path = model, path
         self.data = model.createData()
         pin.forwardKinematics(model, self.data, pin.neutral(model))
-        self._joint_names = set(model.names)
         self._links: set[str] = set()
         #: Link of each frame, by the index of the frame.
         self.link_of: dict[int, str] = {}
@@ -113,7 +112,7 @@ class _ModelReader:
         self.uneven_efforts: dict[str, tuple[float, float]] = {}
         self.main = [self._main_link(j) for j in range(model.njoints)]
         self.joints = [self._describe(j) for j in range(1, model.njoints)]
-        self.fixed: list[JointDescription] = []
+        self.fixed = tuple(self._frame_joints())
 
     def _describe(self, index: int) -> JointDescription:
         """Describe a joint: its kind, axis, limits and losses.
@@ -194,13 +193,12 @@ class _ModelReader:
                 )
             com, inertia = frozen_array(own.lever), frozen_array(own.inertia)
             links[name] = LinkDescription(name, float(own.mass), com, inertia)
-        self._add_frames()
         of_frames = (joint.child for joint in self.fixed)
         return links | {name: LinkDescription(name) for name in of_frames}
 
-    def _add_frames(self) -> None:
-        """Add a link for every further frame, fixed to the link of its joint."""
-        frames, kinds = self.model.frames, pin.FrameType
+    def _frame_joints(self) -> Iterator[JointDescription]:
+        """Joints that fix a link for every further frame to the link of its joint."""
+        frames, kinds, taken = self.model.frames, pin.FrameType, set(self.model.names)
         carried = {
             int(frame.parentFrame)
             for index, frame in enumerate(frames)
@@ -211,16 +209,13 @@ class _ModelReader:
             # A body behind a fixed joint: one link, with the name of the body.
             if skip or (frame.type == kinds.FIXED_JOINT and index in carried):
                 continue
-            above = frames[frame.parentFrame]
-            fixed = frame.type == kinds.BODY and above.type == kinds.FIXED_JOINT
-            named = above.name if fixed and int(frame.parentFrame) else None
-            if frame.type == kinds.FIXED_JOINT:
-                named = frame.name
-            link = fresh_name(str(frame.name), self._links)
-            self.link_of[index] = link
-            name = fresh_name(str(named or f"{frame.name}_fixed"), self._joint_names)
+            is_body = frame.type == kinds.BODY and int(frame.parentFrame)
+            joint = frames[frame.parentFrame] if is_body else frame
+            named = joint.name if joint.type == kinds.FIXED_JOINT else None
+            link = self.link_of[index] = fresh_name(str(frame.name), self._links)
+            name = fresh_name(str(named or f"{frame.name}_fixed"), taken)
             parent = self.main[frame.parentJoint]
-            self.fixed.append(fixed_joint(name, parent, link, frame.placement))
+            yield fixed_joint(name, parent, link, frame.placement)
 
     def placed(self, item: pin.GeometryObject) -> tuple[str, pin.SE3]:
         """Link that a shape belongs to, and its placement shape_to_link."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -48,6 +48,7 @@ MULTI_DOF = ("free", "ball")
 COMPILER = {"angle", "inertiafromgeom"}
 SHAPES = dict(mesh=0, sphere=1, capsule=2, cylinder=2, box=3, ellipsoid=3)
 PLACEMENT = {"pos": 3, "quat": 4, "axisangle": 4, "xyaxes": 6, "zaxis": 3, "euler": 3}
+ORIENTATIONS = PLACEMENT.keys() - {"pos"}
 COUNTS = {"axis": 3, "diaginertia": 3, "fullinertia": 6, "fromto": 6, "rgba": 4}
 # Attributes that are one nonnegative number of any size.
 NONNEGATIVE = ("mass", "armature", "damping", "frictionloss")
@@ -139,7 +140,7 @@ class _MjcfReader:
         own = {tag: dict(values) for tag, values in above.items()}
         self.classes[element.get("class", name)] = own
         for child in element:
-            own.setdefault(_kind(child), {}).update(child.attrib)
+            own[_kind(child)] = _over(own.get(_kind(child), {}), child.attrib)
         for child in element.findall("default"):
             self._add_class(child, own, "")
 
@@ -153,9 +154,7 @@ class _MjcfReader:
             if name not in self.classes:
                 self.context.fail(f"<{child.tag}>: there is no class {brief(name)}")
             values = self.classes[name].get(_kind(child), {})
-            placed = PLACEMENT if "fromto" in child.attrib else {}
-            values = {k: v for k, v in values.items() if k not in placed}
-            child.attrib = {**values, **child.attrib}
+            child.attrib = _over(values, child.attrib)
             self._fill_in(child, childclass)
 
     def built(self) -> tuple[pin.Model, pin.GeometryModel, pin.GeometryModel]:
@@ -399,6 +398,17 @@ def _with_known_weights(root: Element) -> Element:
             for name in ("contype", "conaffinity"):
                 geom.attrib.pop(name, None)
     return root
+
+
+def _over(values: Mapping[str, str], own: dict[str, str]) -> dict[str, str]:
+    """Attributes over the values of a class, of whose placement they may replace parts.
+
+    An orientation replaces one in any other notation, and two ends the whole placement.
+    """
+    replaced: Collection[str] = ORIENTATIONS if ORIENTATIONS & own.keys() else ()
+    if "fromto" in own:
+        replaced = PLACEMENT
+    return {k: v for k, v in values.items() if k not in replaced} | own
 
 
 def _kind(element: Element) -> str:
