@@ -178,6 +178,21 @@ def test_shapes_give_the_weight_that_they_have_in_mujoco(tmp_path: Path) -> None
     assert sum(len(link.visuals) for link in arm.description.bodies) == 3
 
 
+@pytest.mark.parametrize("of_shapes", ["true", "false", "auto"])
+def test_weights_are_stated_or_those_of_shapes(of_shapes: str) -> None:
+    """A fixed body that states no weight was refused if shapes do not give one."""
+    mujoco = pytest.importorskip("mujoco")
+    text = changed(
+        ('angle="degree"', f'angle="degree" inertiafromgeom="{of_shapes}"'),
+        ('pos="0 0 0.2">', 'pos="0 0 0.2"><geom size="0.1"/>'),
+    )
+    arm, model = tm.load_robot(text, velocity=2), mujoco.MjModel.from_xml_string(text)
+    data, mine, mass = mujoco.MjData(model), arm.model.createData(), np.zeros((2, 2))
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, mass)
+    assert np.allclose(pin.crba(arm.model, mine, np.zeros(2)), mass, rtol=1e-9)
+
+
 def test_keyframes_are_group_states() -> None:
     arm = tm.load_robot(MJCF, velocity=2.0)
     assert list(arm.srdf.group_states) == ["home"]
@@ -196,6 +211,15 @@ def test_speeds_have_to_be_given() -> None:
         ((("<motor joint", '<motor forcerange="-0.5 0.5" joint'),), 30.0),
         ((("</actuator>", '<motor joint="turn" gear="5"/></actuator>'),), 65.0),
         ((('class="bigger"', 'gear="-7"'),), 7.0),
+        # A motor has no bias, whatever its class says; a class may be of servos.
+        ((('gear="60"', 'gear="60" gainprm="3" biastype="affine"'),), 60.0),
+        (
+            (
+                ('<general gear="60"/>', '<position gear="60" forcerange="-2 2"/>'),
+                ("<motor joint", "<general joint"),
+            ),
+            120.0,
+        ),
     ],
 )
 def test_actuators_limit_efforts(

@@ -38,14 +38,15 @@ from tominpmp.exceptions import brief, shortened, warn_caller
 GENERATORS = {"attach", "composite", "flexcomp", "frame", "replicate"}
 UNREAD = {"tendon", "equality", "stiffness", "gravcomp", "settotalmass"}
 UNREAD |= {"inertiagrouprange", "boundmass", "boundinertia", "refpos", "refquat"}
-# Actuators, which share their defaults; for the first two, forces follow from controls.
-DIRECT = ("motor", "general")
-ACTUATORS = (*DIRECT, *"position velocity intvelocity damper cylinder muscle".split())
+# Actuators, which share their defaults, with the attributes that their tags stand for.
+# Forces follow from controls if they have no bias.
+BIASED = "position velocity intvelocity damper cylinder muscle".split()
+ACTUATORS = {kind: {"biastype": "affine"} for kind in BIASED}
+ACTUATORS |= {"motor": {"biastype": "none", "gainprm": "1"}, "general": {}}
 # Joints with several degrees of freedom.
 MULTI_DOF = ("free", "ball")
-# Attributes of the compiler that Pinocchio reads; supported shapes, with the number of
-# their sizes; lengths of further attributes, which Pinocchio does not check.
-COMPILER = {"angle", "inertiafromgeom"}
+# Supported shapes, with the number of their sizes; lengths of further attributes, which
+# Pinocchio does not check.
 SHAPES = dict(mesh=0, sphere=1, capsule=2, cylinder=2, box=3, ellipsoid=3)
 PLACEMENT = {"pos": 3, "quat": 4, "axisangle": 4, "xyaxes": 6, "zaxis": 3, "euler": 3}
 ORIENTATIONS = PLACEMENT.keys() - {"pos"}
@@ -54,6 +55,8 @@ COUNTS = {"axis": 3, "diaginertia": 3, "fullinertia": 6, "fromto": 6, "rgba": 4}
 NONNEGATIVE = ("mass", "armature", "damping", "frictionloss")
 
 Range = tuple[float, float]
+# Default attributes by tag.
+Defaults = Mapping[str, Mapping[str, str]]
 
 
 def describe_mjcf(
@@ -103,14 +106,13 @@ class _MjcfReader:
         self.compiler = {"angle": "degree"}
         for element in root.findall("compiler"):
             self.compiler |= element.attrib
-        #: Defaults by name of their class: attributes by tag.
-        self.classes: dict[str, dict[str, dict[str, str]]] = {"main": {}}
+        #: Defaults by name of their class.
+        self.classes: dict[str, Defaults] = {"main": {}}
         for element in root.findall("default"):
             self._add_class(element, self.classes["main"], "main")
         self._fill_in(root, "main")
         if self.compiler.get("inertiafromgeom") == "true":
             # Bodies without shapes keep their inertia, which Pinocchio would drop.
-            del self.compiler["inertiafromgeom"]
             for body in root.findall(".//body[geom]"):
                 for inertial in body.findall("inertial"):
                     body.remove(inertial)
@@ -133,14 +135,12 @@ class _MjcfReader:
                 element[place : place + 1] = child
             self._include(child, seen)
 
-    def _add_class(
-        self, element: Element, above: Mapping[str, Mapping[str, str]], name: str
-    ) -> None:
+    def _add_class(self, element: Element, above: Defaults, name: str) -> None:
         """Store the defaults of a class, which inherits those of its parent class."""
-        own = {tag: dict(values) for tag, values in above.items()}
+        own = dict(above)
         self.classes[element.get("class", name)] = own
         for child in element:
-            own[_kind(child)] = _over(own.get(_kind(child), {}), child.attrib)
+            own[_kind(child)] = _over(own, child)
         for child in element.findall("default"):
             self._add_class(child, own, "")
 
@@ -153,8 +153,7 @@ class _MjcfReader:
             name = child.attrib.pop("class", childclass)
             if name not in self.classes:
                 self.context.fail(f"<{child.tag}>: there is no class {brief(name)}")
-            values = self.classes[name].get(_kind(child), {})
-            child.attrib = _over(values, child.attrib)
+            child.attrib = _over(self.classes[name], child)
             self._fill_in(child, childclass)
 
     def built(self) -> tuple[pin.Model, pin.GeometryModel, pin.GeometryModel]:
@@ -164,7 +163,9 @@ class _MjcfReader:
             RobotLoadError: If Pinocchio cannot read the file.
         """
         plain, kinds = self._simplified(), pin.GeometryType
-        shown, weighing = xml_text(plain), xml_text(_with_known_weights(plain))
+        weightless = self.compiler.get("inertiafromgeom") == "false"
+        shown = xml_text(plain)
+        weighing = xml_text(_with_known_weights(plain, weightless))
         with tempfile.TemporaryDirectory() as name:
             file, other = str(Path(name, "robot.xml")), str(Path(name, "weights.xml"))
             Path(file).write_bytes(shown)
@@ -180,8 +181,7 @@ class _MjcfReader:
         """Equivalent file that Pinocchio can read."""
         root, path = self.root, self.context.path
         simple = Element("mujoco", model=root.get("model", path.stem))
-        settings = {k: v for k, v in self.compiler.items() if k in COMPILER}
-        SubElement(simple, "compiler", settings)
+        SubElement(simple, "compiler", angle=self.compiler["angle"])
         asset = SubElement(simple, "asset")
         folder = self.compiler.get("meshdir", self.compiler.get("assetdir", ""))
         for item in root.findall("asset/mesh[@file]"):
@@ -367,8 +367,7 @@ class _MjcfReader:
             ends = np.array(self._range(actuator, "forcerange", "forcelimited"))
             words = (actuator.get(name, "").split() for name in ("gainprm", "gear"))
             gain, gear = (to_number(word[0]) if word else 1.0 for word in words)
-            direct = actuator.get("biastype", "none") == "none"
-            if direct and actuator.tag in DIRECT:
+            if actuator.get("biastype", "none") == "none":
                 control = np.array(self._range(actuator, "ctrlrange", "ctrllimited"))
                 ends = np.clip(ends, *np.sort(gain * control))
             name = actuator.get("joint", actuator.get("jointinparent", ""))
@@ -382,16 +381,20 @@ class _MjcfReader:
         return limits
 
 
-def _with_known_weights(root: Element) -> Element:
+def _with_known_weights(root: Element, weightless: bool) -> Element:
     """Remove the shapes of bodies whose weight Pinocchio does not compute correctly.
 
     Pinocchio takes visual shapes for weightless, and each mesh for one kilogram. A body
     whose meshes have weight gets no mass, and is refused where the mass is needed.
+
+    Args:
+        root: The file; it is modified.
+        weightless: Whether no shape has weight.
     """
     for body in root.iter("body"):
         geoms = body.findall("geom")
         meshes = [geom for geom in geoms if geom.get("type") == "mesh"]
-        unknown = any(geom.get("mass") != "0" for geom in meshes)
+        unknown = weightless or any(geom.get("mass") != "0" for geom in meshes)
         for geom in geoms:
             if unknown or geom in meshes:
                 body.remove(geom)
@@ -400,15 +403,17 @@ def _with_known_weights(root: Element) -> Element:
     return root
 
 
-def _over(values: Mapping[str, str], own: dict[str, str]) -> dict[str, str]:
-    """Attributes over the values of a class, of whose placement they may replace parts.
+def _over(defaults: Defaults, element: Element) -> dict[str, str]:
+    """Attributes of an element over its defaults, of whose placement it replaces parts.
 
     An orientation replaces one in any other notation, and two ends the whole placement.
     """
+    own = ACTUATORS.get(element.tag, {}) | element.attrib
     replaced: Collection[str] = ORIENTATIONS if ORIENTATIONS & own.keys() else ()
     if "fromto" in own:
         replaced = PLACEMENT
-    return {k: v for k, v in values.items() if k not in replaced} | own
+    below = defaults.get(_kind(element), {})
+    return {k: v for k, v in below.items() if k not in replaced} | own
 
 
 def _kind(element: Element) -> str:
