@@ -85,6 +85,16 @@ def test_effort_needs_a_controller_for_it(motion: Trajectory, tmp_path: Path) ->
     assert controller_refusals(message, NAMES, effort_interface=True) == ()
 
 
+def test_faults_behind_a_refused_effort_are_named(
+    motion: Trajectory, tmp_path: Path
+) -> None:
+    """The numbers of later points were not looked at."""
+    message = sound(motion, tmp_path, with_effort=True)
+    message["points"][3]["positions"][1] = None
+    named = [(item.field, item.point) for item in controller_refusals(message, NAMES)]
+    assert named == [("effort", 0), ("positions", 3)]
+
+
 def test_end_in_motion_must_be_allowed(motion: Trajectory, tmp_path: Path) -> None:
     message = sound(motion, tmp_path)
     message["points"][-1]["velocities"][1] = 2e-7

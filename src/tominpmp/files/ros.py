@@ -603,7 +603,7 @@ def _numbers(
         if _values(point, "effort") and not effort_interface:
             reason = "is refused by controllers that do not command efforts"
             yield Refusal(reason, "effort", index)
-            return  # all other points have the same fault
+            effort_interface = True  # one refusal stands for all points
 
 
 def _uniform(points: Sequence[Point]) -> Iterator[Refusal]:
