@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import struct
 import tracemalloc
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +50,16 @@ def test_every_format_holds_the_same_bodies(ending: str, tmp_path: Path) -> None
     assert volume(mesh) == pytest.approx(12.0)
     np.testing.assert_allclose(mesh.points.min(axis=0), [-0.5, -1.0, -1.5], atol=1e-6)
     np.testing.assert_allclose(mesh.points.max(axis=0), [5.5, 1.0, 1.5], atol=1e-6)
+
+
+def test_a_relative_path_stays_that_of_the_folder_it_was_given_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = write(tmp_path / "a.stl", trimesh.creation.box())
+    mesh = tm.Mesh("m", path="a.stl")
+    monkeypatch.chdir(tmp_path.parent)
+    assert mesh.path == path and replace(mesh, vertices=None, triangles=None) == mesh
 
 
 def refused(path: Path, message: str) -> None:

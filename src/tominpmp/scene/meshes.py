@@ -31,11 +31,9 @@ FARTHEST = 1e6
 def _scale(value: Any, name: str) -> Array:
     """Check a caller's scale: one factor, or one for each axis."""
     scale = array_or_nan(value)
-    if scale.shape == ():
-        scale = np.full(3, float(scale))
-    if scale.shape != (3,) or not np.all(np.isfinite(scale) & (scale != 0.0)):
+    if scale.shape not in ((), (3,)) or not np.all(np.isfinite(scale) & (scale != 0)):
         raise wrong(value, name, "one or three numbers other than zero")
-    return frozen_array(scale)
+    return frozen_array(np.broadcast_to(scale, 3))
 
 
 Scale: TypeAlias = Annotated[Converted[ArrayLike, Array], _scale]
@@ -96,7 +94,7 @@ class Mesh(Obstacle):
             )
         with naming(f"the mesh {path} cannot be read"):
             vertices, triangles = read_mesh(path)
-        self._keep(vertices=vertices, triangles=triangles)
+        self._keep(path=path, vertices=vertices, triangles=triangles)
 
     def _check_triangles(self) -> None:
         """Check vertices and triangles."""
