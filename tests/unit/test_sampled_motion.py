@@ -169,3 +169,6 @@ def test_locked_joints_may_be_recorded(planar3r: Robot) -> None:
         join(samples, elsewhere, HERE)
     with pytest.raises(ScenarioError, match="row 1: expected finite positions"):
         join(samples_of(t[:0]), locked, HERE)
+    q[3, 2] = np.nan
+    with pytest.raises(ScenarioError, match="row 4: expected finite positions"):
+        join(samples_of(t, q=q), locked, HERE)

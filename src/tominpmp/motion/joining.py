@@ -108,7 +108,7 @@ def join(
     columns = _columns(samples, robot, path)
     parts = (samples.q, samples.v, samples.a, samples.u)
     rows = _Rows(robot, samples.t, *(part[:, columns] for part in parts))
-    valid = np.all(np.isfinite(np.column_stack([rows.t, rows.q])), axis=1)
+    valid = np.all(np.isfinite(np.column_stack([rows.t, samples.q])), axis=1)
     valid[1:] &= rows.t[1:] > rows.t[:-1]
     row = int(np.argmin(np.append(valid, False)))
     if row < max(valid.size, 1):
@@ -207,9 +207,8 @@ def _by_rule(chosen: Interpolation, rows: _Rows, path: str | Path | None) -> str
         manner = "cubic" if rows.known("v") else "linear"
         if rows.known("a"):
             manner = "quintic"  # missing velocities are reported below
-    needed = {"linear": "", "cubic": "v", "quintic": "va"}[manner]
     names = {"v": "velocities", "a": "accelerations"}
-    for key in needed:
+    for key in {"linear": "", "cubic": "v", "quintic": "va"}[manner]:
         if not rows.known(key):
             raise ScenarioError(
                 f"{_named(path)} lacks {names[key]}, which the interpolation {manner} "
