@@ -235,6 +235,7 @@ def test_bad_time(time: object) -> None:
         ("q", "abc", "expected numbers"),
         ("q", [[1.0, 2.0], [1.0]], "expected numbers"),
         ("u", None, "expected numbers"),
+        ("segment_dynamics", (torque, torque), "expected for each segment"),
     ],
 )
 def test_bad_fields(field: str, value: object, message: str) -> None:

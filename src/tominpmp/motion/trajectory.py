@@ -113,9 +113,6 @@ class Trajectory(TimedRows):
             function = getattr(self, name)
             if function is not None and not callable(function):
                 raise wrong(function, name, DYNAMICS)
-        dynamics = self.segment_dynamics
-        if not (isinstance(dynamics, list | tuple) and all(map(callable, dynamics))):
-            raise wrong(dynamics, "segment_dynamics", f"for each segment {DYNAMICS}")
         called = "trajectory field {!r}"
         self._take_rows(called, "node", "qvu")
         increasing = np.all(np.isfinite(self.t)) and np.all(np.diff(self.t) > 0.0)
@@ -129,6 +126,10 @@ class Trajectory(TimedRows):
                 self._take("a", called, (self.t.size - 1, self.n), layout)
         if self.segment_ends is not None:
             self._check_segments()
+        dynamics, ends = self.segment_dynamics, self.segment_ends
+        known = isinstance(dynamics, list | tuple) and all(map(callable, dynamics))
+        if not known or len(dynamics) not in (0, 1 if ends is None else len(ends)):
+            raise wrong(dynamics, "segment_dynamics", f"for each segment {DYNAMICS}")
 
     def _check_segments(self) -> None:
         """Check that the ends of segments are nodes in order, up to the last."""
