@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import pickle
 import signal
 import subprocess
 import sys
@@ -53,6 +54,7 @@ def test_motions_are_those_of_plan(folder: Path, alone: list[tm.Outcome]) -> Non
         assert outcome.solution.trajectory == solution.trajectory
         assert outcome.T == solution.T and outcome.gap == solution.gap
     assert len({outcome.seed for outcome in alone}) == 6
+    assert pickle.loads(pickle.dumps(alone)) == alone
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from functools import cache
 from typing import Any
 
@@ -52,6 +53,7 @@ def test_the_base_goes_where_tasks_take_less_time() -> None:
     again = [tm.plan(s.problem, **QUICK).T for s in found.solutions]
     assert sum(again) == pytest.approx(found.T, rel=5e-3)
     assert "was" in repr(found)
+    assert pickle.loads(pickle.dumps(found)) == found
 
 
 def test_goals_and_weights() -> None:

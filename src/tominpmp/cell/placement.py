@@ -182,7 +182,7 @@ class ImprovedPlacement(Record):
     T_before: float
     plans: int
     trials: tuple[Trial, ...] = field(repr=False)
-    solutions: tuple[Solution, ...] = field(repr=False)
+    solutions: tuple[Solution, ...] = field(repr=False, compare=False)
 
     def __repr__(self) -> str:
         """The placement and the times before and after, on one line."""

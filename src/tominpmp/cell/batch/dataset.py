@@ -88,7 +88,7 @@ class Outcome(Record):
     verified: bool = False
     seconds: float = 0.0
     began_with: int | None = None
-    solution: Solution | None = field(default=None, repr=False)
+    solution: Solution | None = field(default=None, repr=False, compare=False)
     path: Path | None = None
     resumed: bool = False
 
