@@ -339,6 +339,16 @@ def test_robot_files_are_relative_to_the_scenario(
     assert load_scenario(path).problem == found
 
 
+def test_a_goal_without_a_condition_is_named_once(tmp_path: Path) -> None:
+    goal = 'type = "region"\nframe = "tip"\nlower = [-inf, -inf, -inf]\n'
+    text = f"{goal}upper = [inf, inf, inf]\n"
+    path = write(
+        tmp_path, f'[robot]\nname = "planar3r"\n[start]\nq = [0, 0, 0]\n[goal]\n{text}'
+    )
+    with pytest.raises(ScenarioError, match=r"toml: goal: the box is infinite"):
+        load_scenario(path)
+
+
 def test_ways_to_say_positions(planar3r: Robot, tmp_path: Path) -> None:
     def positions(start: str, goal: str) -> tuple[list[float], list[float]]:
         text = f'[robot]\nname = "planar3r"\n[start]\n{start}\n[goal]\n'

@@ -76,6 +76,12 @@ GOALS: dict[str, Callable[[], tm.Problem]] = {
 
 
 @pytest.mark.parametrize("name", GOALS)
+def test_a_start_at_the_goal_has_no_bound_above_zero(name: str) -> None:
+    bound = tm.lower_bound(GOALS[name]())
+    assert bound.T < 1e-6 and "goal of this kind" not in bound.reason
+
+
+@pytest.mark.parametrize("name", GOALS)
 def test_a_start_that_satisfies_the_goal_takes_no_time(name: str) -> None:
     problem = GOALS[name]()
     solution = tm.plan(problem)

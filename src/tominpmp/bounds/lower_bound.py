@@ -189,7 +189,7 @@ def _of_goal(
     for item in goal.alternatives:
         q, ends = item.configuration, np.stack([start, _end_velocity(problem, item)])
         lower, upper = (x - problem.q_start for x in item.joint_ranges(problem.robot))
-        bounds = [LowerBound(0.0, "no bound is known for a goal of this kind")]
+        bounds = [LowerBound(0.0, "no bound above zero is known")]
         turning = item.angles(problem.robot)
         bounds += joint_bounds(joints, lower, upper, ends, turning)
         bounds += tool_speed_bounds(problem, item)

@@ -361,8 +361,8 @@ class RegionGoal(FrameGoal, BoxRegion):
         bounded = np.any(np.isfinite([self.lower, self.upper]))
         if not (bounded or self._tolerances.size):
             raise ProblemError(
-                "goal: the box is infinite and any orientation is allowed: the goal "
-                "has no condition",
+                "the box is infinite and any orientation is allowed: the goal has no "
+                "condition",
                 "goal",
             )
 
