@@ -373,6 +373,19 @@ def test_excluded_pairs_are_not_watched() -> None:
     assert ("tool", "upper") in tm.load_robot(text, velocity=2).srdf.disabled_pairs
 
 
+def test_excluded_pairs_are_excluded_in_addition_to_neighbours() -> None:
+    """Links that overlap where they are joined, beside a pair that is excluded."""
+    text = changed(
+        ('pos="0 0 0.1" size="0.03 0.03 0.05"', 'pos="0 0 0" size="0.03 0.03 0.2"'),
+        (
+            "</mujoco>",
+            '<contact><exclude body1="base" body2="tool"/></contact></mujoco>',
+        ),
+    )
+    robot = tm.load_robot(text, velocity=2)
+    assert tm.Problem(robot, START, tm.JointGoal(GOAL)).checker.pairs == ()
+
+
 def test_what_is_not_read_is_told_of() -> None:
     text = changed(
         ('<joint name="turn"/>', '<joint name="turn" stiffness="5"/>'),

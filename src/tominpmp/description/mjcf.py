@@ -78,6 +78,7 @@ def describe_mjcf(
             included file is missing.
     """
     reader = _MjcfReader(root, XmlContext(path, tuple(package_dirs)))
+    nested = [(one, two) for one in root.iter("body") for two in one.findall("body")]
     described, semantics, _ = describe_model(*reader.built(), package_dirs, path)
     efforts = reader.efforts()
     gravity = described.gravity or ()
@@ -87,6 +88,8 @@ def describe_mjcf(
         gravity = (0.0, 0.0, 0.0)
     tree = tuple(reader.finished(joint, efforts) for joint in described.tree)
     excluded = [(e.get("body1", ""), e.get("body2", "")) for e in root.iter("exclude")]
+    if excluded:  # the pairs replace neighbours, which MuJoCo does not check either
+        excluded += [(one.get("name", ""), two.get("name", "")) for one, two in nested]
     pairs = sorted({(min(pair), max(pair)) for pair in excluded})
     states = {} if semantics is None else dict(semantics.group_states)
     states.pop("qpos0", None)  # added by Pinocchio
@@ -106,6 +109,8 @@ class _MjcfReader:
         self.compiler = {"angle": "degree"}
         for element in root.findall("compiler"):
             self.compiler |= element.attrib
+        #: Unit of angles [rad].
+        self.unit = math.pi / 180.0 if self.compiler["angle"] == "degree" else 1.0
         #: Defaults by name of their class.
         self.classes: dict[str, Defaults] = {"main": {}}
         for element in root.findall("default"):
@@ -273,8 +278,7 @@ class _MjcfReader:
 
         Pinocchio does not normalise axes, and has no Euler angles about fixed axes.
         """
-        read = self.context.numbers
-        unit = math.pi / 180.0 if self.compiler["angle"] == "degree" else 1.0
+        read, unit = self.context.numbers, self.unit
         rotation = np.eye(3)
         if "axisangle" in element.attrib:
             *axis, angle = read(element, "axisangle", where, (0.0,) * 4)
@@ -335,8 +339,7 @@ class _MjcfReader:
         if own is None:
             return joint
         turns = joint.kind != "prismatic"
-        degrees = turns and self.compiler["angle"] == "degree"
-        scale = math.pi / 180.0 if degrees else 1.0
+        scale = self.unit if turns else 1.0
         lower, upper = (scale * end for end in self._range(own, "range", "limited"))
         ref = scale * self.context.number(own, "ref", f"joint {joint.name}")
         return replace(
@@ -351,10 +354,8 @@ class _MjcfReader:
     def _range(self, element: Element, name: str, limited: str) -> Range:
         """Range of an attribute; infinite if it is not in force."""
         setting = element.get(limited, "auto")
-        automatic = (
-            self.compiler.get("autolimits") != "false" and name in element.attrib
-        )
-        if setting == "false" or (setting == "auto" and not automatic):
+        limits = name in element.attrib and self.compiler.get("autolimits") != "false"
+        if setting == "false" or (setting == "auto" and not limits):
             return -math.inf, math.inf
         where = f"{element.tag} {element.get('name', '')}"
         low, high = self.context.numbers(element, name, where, (0.0, 0.0))
