@@ -479,6 +479,25 @@ def test_links_that_do_not_move_are_left_out(tmp_path: Path) -> None:
     assert checker.closest(np.zeros(1)) == Contact("l1", "o", pytest.approx(0.4))
 
 
+def test_a_distance_of_zero_is_measured_again(
+    planar3r: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Coal finds zero for hulls far apart, at rare configurations and tolerances."""
+    scene = Scene([Box("o", size=(1.0, 1.0, 1.0), position=(0.0, 5.0, 0.0))])
+    checker = CollisionChecker(planar3r, scene)
+    expected, exact = checker.distances(np.zeros((1, 3))), pin.computeDistance
+
+    def failing(model: object, data: pin.GeometryData, index: int) -> object:
+        result = exact(model, data, index)
+        if data.distanceRequests[index].gjk_tolerance < 1e-9:
+            result.min_distance = 0.0
+        return result
+
+    monkeypatch.setattr(pin, "computeDistance", failing)
+    found = checker.distances(np.zeros((1, 3)))
+    np.testing.assert_allclose(found, expected, atol=1e-5)
+
+
 def test_closest_pair(planar3r: Robot) -> None:
     scene = Scene(
         [

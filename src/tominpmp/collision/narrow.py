@@ -20,7 +20,8 @@ from tominpmp.stopping import check
 # 3e-6 m/rad at the same cost. Below 1e-7 EPA fails on cylinders.
 GJK_TOLERANCE = 1e-11
 EPA_TOLERANCE = 1e-6
-# Coal returns distances beyond this if an algorithm failed [m].
+# If an algorithm failed, Coal returns distances beyond this [m], or zero, although the
+# bodies are far apart.
 FAILED = 1e100
 
 
@@ -104,7 +105,7 @@ class NarrowPhase:
         """Query of a pair; a failed one is repeated with Coal's default tolerances."""
         geometry, results = self.geometry, self._results
         result = pin.computeDistance(geometry, results, index)
-        if abs(result.min_distance) > FAILED:
+        if result.min_distance == 0.0 or abs(result.min_distance) > FAILED:
             results.distanceRequests[index] = coal.DistanceRequest()
             result = pin.computeDistance(geometry, results, index)
             results.distanceRequests[index] = _request(coal.DistanceRequest())
