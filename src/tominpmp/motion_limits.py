@@ -148,11 +148,6 @@ class LimitKind:
         return self.quantity in ("u", "du", "uv")
 
     @property
-    def of_states(self) -> bool:
-        """Whether position, velocity and torque at an instant decide if it is kept."""
-        return self.quantity in ("q", "v", "u", "uv")
-
-    @property
     def unit(self) -> str:
         """Both units, as a phrase."""
         return " or ".join(self.units)

@@ -17,7 +17,9 @@ from tominpmp.files.export import export, load_motion
 from tominpmp.files.export_check import check_export
 from tominpmp.goals.joints import JointGoal
 from tominpmp.motion.trajectory import Trajectory
+from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
+from tominpmp.planner.planning import plan
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import Robot
 from tominpmp.solution import Solution
@@ -252,3 +254,20 @@ def test_nothing_is_judged_where_nothing_was_solved(
         check_export("solution", tmp_path / "m.yaml")  # type: ignore[arg-type]
     with pytest.raises(ProblemError, match="expected the path of a file"):
         check_export(solution, 5)  # type: ignore[arg-type]
+
+
+def test_jerks_of_a_motion_with_the_planned_states_are_judged(
+    planar3r: Robot, tmp_path: Path
+) -> None:
+    """The samples are exact, but the jerk between them is beyond its limit."""
+    limits = MotionLimits(acceleration=8.0, jerk=300.0)
+    goal = JointGoal([2.0, -1.0, 0.5])
+    most = np.full(3, 9000.0)  # shares of these torques do not show the difference
+    strong = replace(planar3r.limits, effort_lower=-most, effort_upper=most)
+    robot = replace(planar3r, limits=strong)
+    problem = Problem(robot, np.array(START), goal, motion_limits=limits)
+    solution = plan(problem, intervals=20)
+    path = solution.export(tmp_path / "m.csv", dt=0.002, verify=False)
+    found = check_export(solution, path, dt=0.002)
+    assert [item.kind for item in found.violations] == ["jerk"]
+    assert not verify(problem, load_motion(path)).ok

@@ -32,7 +32,7 @@ from tominpmp.options import LONGEST_PERIOD, Tolerances
 from tominpmp.problem.controls import control_bounds
 from tominpmp.problem.problem import Problem
 from tominpmp.solution import Solution
-from tominpmp.verification.limit_violations import LimitViolation, state_violations
+from tominpmp.verification.limit_violations import LimitViolation, planned_violations
 from tominpmp.verification.verification import Verification, verify
 
 # Usual periods of controllers [s], the longest first.
@@ -280,16 +280,17 @@ def _verified(solution: Solution, planned: Trajectory, motion: Trajectory) -> Ju
     problem, known = solution.problem, solution.verification
     planned, motion = (with_controls(each, problem.robot) for each in (planned, motion))
     tolerances = solution.options.tolerances
-    if known is not None and known.ok and _is_planned(problem, planned, motion):
-        return (), known
+    limits: list[LimitViolation] = []
     # With several segments, torques depend on the segment ends, which a file may lack.
     if not problem.segments:
-        times = _inner_instants(motion.t)
-        state, clearly = motion(times), EVIDENT * tolerances.limits
-        excesses = state_violations(problem, times, state.q, state.v, state.u, clearly)
-        violated = tuple(item for item in excesses if item.violated)
-        if violated:
-            return violated, None
+        limits = planned_violations(problem, motion, tolerances.limits)
+    evident = [item for item in limits if item.share > EVIDENT * tolerances.limits]
+    if evident:
+        return tuple(evident), None
+    # Motions of the same states may differ in their jerks and torque rates.
+    within = not any(item.violated for item in limits)
+    if known and within and _is_planned(problem, planned, motion):
+        return (), known
     replayed = verify(problem, motion, tolerances)
     return replayed.violations, replayed
 

@@ -16,9 +16,10 @@ from tominpmp.problem.joint_limits import JointBounds, joint_limits
 from tominpmp.robot.robot import Robot
 from tominpmp.stopping import check
 from tominpmp.verification.polynomials import Pieces
-from tominpmp.verification.replay import TIME_STEP, Replay
+from tominpmp.verification.replay import TIME_STEP, Replay, planned, torque_pieces
 
 if TYPE_CHECKING:
+    from tominpmp.motion.trajectory import Trajectory
     from tominpmp.problem.problem import Problem
 
 # Speed below which a joint may stop, reverse or start at another time than in a replay
@@ -160,23 +161,18 @@ def limit_violations(
     return [item for item in worst if item is not None]
 
 
-def state_violations(
-    problem: Problem, t: Array, q: Array, v: Array, u: Array, tolerance: float
+def planned_violations(
+    problem: Problem, motion: Trajectory, tolerance: float
 ) -> list[LimitViolation]:
-    """The worst violations of limits of positions, velocities and torques.
+    """The worst violation of each kind of limit along a motion, without an integration.
 
     Args:
-        problem: The problem, with the limits.
-        t: Times [s], shape (m,).
-        q: Positions, shape (m, n) [rad or m].
-        v: Velocities, shape (m, n) [rad/s or m/s].
-        u: Torques, shape (m, n) [N m or N].
+        problem: The problem, of one segment.
+        motion: The motion.
         tolerance: Tolerated excess, as a share of the limits.
     """
-    limits = joint_limits(problem.robot, problem.motion_limits)
-    of_states = [item for item in limits if item.kind.of_states]
-    rows = [(item, t, item.beyond(q, v, u, u)) for item in of_states]
-    return _worst_of(problem, rows, tolerance)
+    torque = torque_pieces(problem.robot, motion)
+    return limit_violations(problem, planned(motion, torque=torque), torque, tolerance)
 
 
 def _worst_of(
