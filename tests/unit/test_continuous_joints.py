@@ -42,6 +42,14 @@ def test_the_nearest_way_from_any_number_of_turns(robot: tm.Robot) -> None:
     assert solution.lower_bound.T <= solution.T
 
 
+def test_replays_are_not_lost_after_many_turns(robot: tm.Robot) -> None:
+    """Positions beyond 1e6 rad counted as a failed integration: T was 3 s."""
+    start = [3.0 + 3e5 * TURN, 0.1]
+    goal = tm.JointGoal([-3.0 + 3e5 * TURN, 0.4])
+    solution = tm.plan(tm.Problem(robot, start, goal))
+    assert solution.T == pytest.approx(0.151, rel=0.02)
+
+
 def test_a_number_is_taken_as_it_is(robot: tm.Robot) -> None:
     goal = tm.JointGoal([-3.0, 0.4], wrap=False)
     solution = tm.plan(tm.Problem(robot, [3.0, 0.1], goal))
