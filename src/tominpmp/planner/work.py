@@ -29,7 +29,7 @@ logger = logging.getLogger(__name__)
 # Most doublings of the grid of a candidate whose replay breaks limits.
 REPAIRS = 2
 # Time-scaling factors at which a fallback is tried.
-FACTORS = (*TIME_SCALINGS, 1.5, 2.0, 3.0, 5.0, 10.0)
+FACTORS = (*TIME_SCALINGS, 1.5, 3.0, 10.0)
 # Share of the padding of clearances that is left where it is too much.
 LESS_PADDING = 0.3
 
