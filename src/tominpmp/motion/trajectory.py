@@ -34,7 +34,7 @@ DYNAMICS = "a function (q, v, a) -> u"
 # Distance from a node up to which a time counts as the node, due to rounding [s].
 SAME_TIME = 1e-10
 # Number of samples above which dt is rejected as a mistake; it protects the memory.
-MAX_SAMPLES = 10_000_000
+MAX_SAMPLES = 500_000
 # Distance of a time from a motion up to which it counts as an end of the motion [s], or
 # as a share of T: sums and files round.
 ROUNDING = 1e-9
