@@ -192,3 +192,14 @@ def test_folders_of_descriptions_become_tables(arm: Path, tmp_path: Path) -> Non
     assert 0.0 < row["T"] < 1.0
     assert rows["bad.urdf"]["loads"] is False
     assert "is no XML" in rows["bad.urdf"]["why"]
+
+
+def test_warnings_are_shown_once(arm: Path) -> None:
+    macro = '<xacro:macro name="part" params="len"/>'
+    uses = '<xacro:part len="1"/><xacro:part len="2"/>'
+    arm.write_text(arm.read_text().replace("</robot>", f"{macro}{uses}</robot>"))
+    with pytest.warns(tm.TominpmpWarning, match="redefining global symbol") as said:
+        tm.load_robot(arm)
+    (text,) = (str(item.message) for item in said if "len" in str(item.message))
+    assert text.count("redefining") == 1
+    assert "\\n" not in text

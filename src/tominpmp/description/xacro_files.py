@@ -126,8 +126,9 @@ def _expanded(
             f"has: {brief(', '.join(declared) or 'none', 400)}",
             "xacro_args",
         )
-    if printed.getvalue():
-        warn_caller(f"{path}: {brief(printed.getvalue(), LONGEST_WARNING)}")
+    # xacro repeats its warnings for each use of a macro.
+    if lines := dict.fromkeys(printed.getvalue().splitlines()):
+        warn_caller(f"{path}: {shortened('; '.join(lines), LONGEST_WARNING)}")
     return content
 
 
