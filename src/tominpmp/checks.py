@@ -469,20 +469,23 @@ def _is_number(value: object) -> bool:
 # -- values by joint -------------------------------------------------------------------
 
 
-def by_joint(value: object) -> dict[str, object] | None:
+def by_joint(value: object, *, speeds: bool = False) -> dict[str, object] | None:
     """Values by joint name; None for a value without joint names.
 
-    Joint names come with mappings, rows with an index of names (pandas) and messages
-    with ``name`` and ``position`` (ROS).
+    Args:
+        value: A mapping, a row with an index of names (pandas), or a message with
+            ``name``, ``position`` and ``velocity`` (ROS).
+        speeds: Whether the velocities of a message are meant, not the positions.
     """
     if isinstance(value, Mapping):
         return dict(value) or None
     if isinstance(value, np.ndarray | list | tuple | str | bytes | type):
         return None
-    names, positions = _attribute(value, "name"), _attribute(value, "position")
+    names = _attribute(value, "name")
+    numbers = _attribute(value, "velocity" if speeds else "position")
     if isinstance(names, Sequence) and not isinstance(names, str):
-        if positions is not None and len(names) == np.size(positions):
-            return dict(zip(names, np.asarray(positions).tolist(), strict=True))
+        if numbers is not None and len(names) == np.size(numbers):
+            return dict(zip(names, np.asarray(numbers).tolist(), strict=True))
         return None
     labelled = _attribute(value, "to_dict")
     if callable(labelled) and _attribute(value, "index") is not None:

@@ -15,6 +15,7 @@ from tominpmp.checks import (
     HUGE,
     TINY,
     array,
+    by_joint,
     choice,
     instance,
     known_joints,
@@ -293,7 +294,7 @@ class MotionLimits(Record):
         curves = {} if self.effort_curves is None else self.effort_curves
         self._keep(effort_scale=scale, effort_curves=curves)
         for name, kind in kinds_of(self).items():
-            value = getattr(self, name)
+            value = by_joint(getattr(self, name)) or getattr(self, name)
             if isinstance(value, Mapping):
                 each = {k: kind.checked(v, name, k) for k, v in value.items()}
                 self._keep(**{name: each})

@@ -157,6 +157,20 @@ def test_limits_by_joint_name(robot: tm.Robot) -> None:
     for given in (values, Series(values)):
         limits = robot.with_changes(velocity=given, effort=given).limits
         assert limits.velocity.tolist() == limits.effort_upper.tolist() == [1.0, 2.0]
+        limits = tm.MotionLimits(acceleration=given)
+        assert limits.by_joint("acceleration", robot.joint_names).tolist() == [1.0, 2.0]
+
+
+def test_velocities_of_messages(robot: tm.Robot) -> None:
+    """The positions of a message were taken for velocities."""
+    names = ["joint3", "joint1"]
+    state = Message(name=names, position=[0.2, 0.1], velocity=[0.5, 0.25])
+    problem = tm.Problem(robot, state, tm.JointGoal(state, v=state), v_start=state)
+    np.testing.assert_array_equal(problem.v_start, [0.25, 0.5])
+    np.testing.assert_array_equal(problem.goal.v, [0.25, 0.5])
+    silent = Message(name=names, position=[0.2, 0.1], velocity=[])
+    with pytest.raises(tm.ProblemError, match="v_start"):
+        tm.Problem(robot, state, tm.JointGoal(state), v_start=silent)
 
 
 def test_velocities_by_joint_name(robot: tm.Robot) -> None:

@@ -371,9 +371,9 @@ def joint_vector(robot: Robot, value: object, name: str) -> Array:
         ProblemError: If the value is not a number for each joint, or not finite.
     """
     joints = robot.joint_names
-    named = by_joint(value)
+    speed = name.startswith("v")
+    named = by_joint(value, speeds=speed)
     if named is not None:
-        speed = name.startswith("v")
         at = robot.locked_joints
         others = dict.fromkeys(at, 0.0) if speed else dict(at)
         missing = 0.0 if speed else None
