@@ -146,7 +146,7 @@ BAD = {
     ),
     "time": (
         "plan planar3r --start start --goal 1,1,1 --max-time 0",
-        "max_planning_time is 0.0, expected a positive number",
+        "--max-time is 0.0, expected a positive number",
     ),
     "dt": ("plan planar3r --start start --goal 1,1,1 --dt nan", "--dt is nan"),
     "short dt": ("plan planar3r --start start --goal 1,1,1 --dt 1e-12", "1e-07 s at"),

@@ -40,6 +40,7 @@ _FLAGS = {
     "limits='datasheet'": "--limits datasheet",
     "kinematic=True": "--kinematic",
     "package_dirs": "--package-dir",
+    "max_planning_time": "--max-time",
     "in xacro_args": "with --xacro-arg NAME:=VALUE",
 }
 
