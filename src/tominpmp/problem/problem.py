@@ -309,9 +309,7 @@ class Problem(Record):
     @property
     def _checks(self) -> StateChecks:
         """Checks of starts and goals, which need no planning."""
-        return StateChecks(
-            self.robot, self.scene, self.checker, self.margin, self.ready_constraints
-        )
+        return StateChecks(self.checker, self.margin, self.ready_constraints)
 
     def _snap_start(self) -> list[str]:
         """Move the start onto limits that it exceeds by rounding; returns warnings."""

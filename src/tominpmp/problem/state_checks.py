@@ -40,15 +40,11 @@ class StateChecks:
     """Checks of starts and goals against limits, obstacles and constraints.
 
     Attributes:
-        robot: The robot.
-        scene: The obstacles.
-        checker: Collision checker: distances to the obstacles, and between links.
+        checker: Collision checker: the robot and the obstacles, and their distances.
         margin: Distance to keep from obstacles, and between several robots [m].
         constraints: Further constraints, ready to be evaluated.
     """
 
-    robot: Robot
-    scene: Scene
     checker: CollisionChecker
     margin: float
     constraints: tuple[PathConstraint, ...]
@@ -85,25 +81,26 @@ class StateChecks:
         """
         if goal.alternatives[0] is not goal:
             return self._any_goal(goal, rests)
+        robot = self.checker.robot
         if goal.configuration is not None:
-            v = goal.final_velocity(self.robot.n)
-            q, of_q = onto_limits(self.robot, "position", goal.configuration, "goal.q")
-            v, of_v = onto_limits(self.robot, "velocity", v, "goal.v")
+            v = goal.final_velocity(robot.n)
+            q, of_q = onto_limits(robot, "position", goal.configuration, "goal.q")
+            v, of_v = onto_limits(robot, "velocity", v, "goal.v")
             self.clear(q, "goal")
             self.regular_mass(q, "goal")
-            if rests and not np.any(v) and (fault := unheld(self.robot, q)):
+            if rests and not np.any(v) and (fault := unheld(robot, q)):
                 raise ProblemError(f"goal: {fault}", "goal")
             self.admit(q, v, "goal")
             return goal.with_state(q, v) if of_q or of_v else goal, of_q + of_v
         messages = []
         for item in goal.members:
-            q, name = item.positions(self.robot), "goal.q with its tolerance"
-            messages += onto_limits(self.robot, "position", q, name)[1]
+            q, name = item.positions(robot), "goal.q with its tolerance"
+            messages += onto_limits(robot, "position", q, name)[1]
             self._within_reach(item)
             self._link_clear(item)
-        lower, upper = goal.joint_ranges(self.robot)
+        lower, upper = goal.joint_ranges(robot)
         for i in np.flatnonzero(lower > upper + ROUNDING).tolist():
-            joint = self.robot.joint_names[i]
+            joint = robot.joint_names[i]
             said = f"{lower[i]:.6g} at least and {upper[i]:.6g} at most [rad or m]"
             raise ProblemError(f"goal: joint {joint!r} is to be {said}", "goal")
         return goal, messages
@@ -175,7 +172,7 @@ class StateChecks:
     def _advice_on_links(self, q: Array) -> str:
         """Advice on an overlap of two links that the robot description may allow."""
         meshes = CollisionChecker(
-            self.robot, Scene(), self_collision=True, geometry="mesh"
+            self.checker.robot, Scene(), self_collision=True, geometry="mesh"
         )
         cause = " their meshes overlap, too;"
         if meshes.is_free(q):
@@ -201,16 +198,17 @@ class StateChecks:
         Raises:
             ProblemError: If a constraint is violated by more than rounding.
         """
-        limits = self.robot.limits
+        robot = self.checker.robot
+        limits = robot.limits
         outward = np.where(q >= limits.position_upper, v, 0.0)
         outward -= np.where(q <= limits.position_lower, v, 0.0)
         wrong = outward if which == "start" else np.abs(outward)
         # A slower joint stops within rounding of its limit.
         for i in np.flatnonzero(wrong > math.sqrt(SNAP)).tolist():
-            unit = unit_of(self.robot, i)
+            unit = unit_of(robot, i)
             way = "leaves" if outward[i] > 0.0 else "enters"
             raise ProblemError(
-                f"{which}: joint {self.robot.joint_names[i]!r} {way} its range there: "
+                f"{which}: joint {robot.joint_names[i]!r} {way} its range there: "
                 f"it has {v[i]:.4g} {unit}/s at its limit of {q[i]:.4g} {unit}",
                 FIELDS[which],
             )
@@ -223,7 +221,7 @@ class StateChecks:
             if window is not None and np.isfinite(window.end) and which == "goal":
                 continue  # the arrival time is not known yet
             if lack := item.lack(q, v, ROUNDING):
-                why = contradiction(item, self.constraints, self.robot, q)
+                why = contradiction(item, self.constraints, robot, q)
                 raise ProblemError(f"{which}: {lack}{why}", FIELDS[which])
 
     def regular_mass(self, q: Array, which: str) -> None:
@@ -236,12 +234,13 @@ class StateChecks:
         Raises:
             ProblemError: Naming the joints that can move without any inertia.
         """
-        if self.robot.kinematic:
+        robot = self.checker.robot
+        if robot.kinematic:
             return
-        mass = RobotDynamics(self.robot).mass(np.asarray(q)[None])[0]
+        mass = RobotDynamics(robot).mass(np.asarray(q)[None])[0]
         light = np.flatnonzero(singular_directions(mass)).tolist()
         if light:
-            joints = [self.robot.joint_names[i] for i in light]
+            joints = [robot.joint_names[i] for i in light]
             raise ProblemError(
                 f"{which}: {' and '.join(joints)} can move without any inertia there, "
                 "so that any torque would accelerate them without bound: give "
@@ -256,10 +255,11 @@ class StateChecks:
             ProblemError: If the link overlaps an obstacle in every orientation.
         """
         ball, frame = goal.ball, goal.frame_name
-        if ball is None or frame is None or not len(self.scene):
+        if ball is None or frame is None or not len(self.checker.scene):
             return
         point = ball.centre
-        found = enclosure(self.robot, self.scene, frame, point, ball.radius)
+        robot, scene = self.checker.robot, self.checker.scene
+        found = enclosure(robot, scene, frame, point, ball.radius)
         if found is not None:
             raise ProblemError(
                 f"goal: {np.round(point, 4).tolist()} is {found.lack:.4g} m deep in "
@@ -277,7 +277,7 @@ class StateChecks:
         target, frame = goal.nearest_point(), goal.frame_name
         if target is None or frame is None:
             return
-        reach = RobotKinematics(self.robot).reach(frame)
+        reach = RobotKinematics(self.checker.robot).reach(frame)
         distance = math.hypot(*target)  # does not overflow
         if distance > reach * (1.0 + 1e-9):
             raise ProblemError(
