@@ -12,7 +12,6 @@ from distance_gradients import gradients
 from tominpmp.collision.broad import BALLS, BoundingVolumes
 from tominpmp.collision.checker import CollisionChecker
 from tominpmp.collision.placements import JointPlacements
-from tominpmp.collision.shapes import Outline
 from tominpmp.constraints.clearance import ClearanceConstraint
 from tominpmp.robot.robot import Robot, load_robot
 from tominpmp.scene.motion import ConstantVelocity
@@ -89,7 +88,7 @@ def test_enclosures_contain_what_they_enclose(
     for _ in range(20):
         points = rng.normal(size=(count, 3)) * rng.uniform(0.0, 1.0, size=3)
         points += rng.normal(size=3)
-        found = BoundingVolumes.of(Outline(points, 0.1))
+        found = BoundingVolumes.of(points, 0.1)
         assert np.linalg.det(found.R) == pytest.approx(1.0)
         weights = rng.dirichlet(np.full(count, 0.3), size=200)
         inside = (weights @ points - found.t) @ found.R
@@ -103,7 +102,7 @@ def test_enclosures_contain_what_they_enclose(
 
 def test_balls_along_a_stick_are_small() -> None:
     stick = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    found = BoundingVolumes.of(Outline(stick, 0.05))
+    found = BoundingVolumes.of(stick, 0.05)
     assert found.radius == pytest.approx(0.55)
     np.testing.assert_allclose(found.cover_radius, 0.5 / BALLS + 0.05)
 

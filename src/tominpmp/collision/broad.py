@@ -19,7 +19,7 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.collision.shapes import Body, Outline, outline
+from tominpmp.collision.shapes import Body, outline
 
 # Successive configurations between which no ball moves farther than this [m] form a
 # group. Grouping does not pay for fewer configurations than the second number.
@@ -70,9 +70,9 @@ class BoundingVolumes:
     cover_radius: Array
 
     @classmethod
-    def of(cls, shape: Outline) -> BoundingVolumes:
-        """Enclosure of an outline."""
-        return _enclose(np.ascontiguousarray(shape.points).tobytes(), shape.radius)
+    def of(cls, points: Array, radius: float) -> BoundingVolumes:
+        """Enclosure of points, shape (k, 3), whose hull is inflated by a radius [m]."""
+        return _enclose(np.ascontiguousarray(points).tobytes(), radius)
 
 
 # Cached, as enclosures depend on outlines alone and the same links recur in problems.
@@ -162,7 +162,7 @@ class BroadPhase:
 
     def __init__(self, bodies: Sequence[Body], pairs: Pairs) -> None:
         self.first, self.second = pairs.T.copy()
-        found = [BoundingVolumes.of(outline(body.shape)) for body in bodies]
+        found = [BoundingVolumes.of(*outline(body.shape)) for body in bodies]
         boxes = [
             body.placement * pin.SE3(item.R, item.t)
             for body, item in zip(bodies, found, strict=True)

@@ -146,36 +146,27 @@ def _thickened(points: Array) -> Array:
     return points
 
 
-@dataclass(frozen=True, eq=False)
-class Outline:
-    """An enclosure of a shape: a convex hull of points, inflated by a radius.
+def outline(shape: Any) -> tuple[Array, float]:
+    """Outline of a shape: an inflated hull of points, tight except at cylinders.
 
-    Attributes:
-        points: Points, shape (k, 3) [m].
-        radius: Radius by which their hull is inflated [m].
+    Returns:
+        Points, shape (k, 3) [m], and the radius by which their hull is inflated [m].
     """
-
-    points: Array
-    radius: float = 0.0
-
-
-def outline(shape: Any) -> Outline:
-    """Outline of a shape: tight, except at the round edges of cylinders."""
     if isinstance(shape, coal.Sphere):
-        return Outline(np.zeros((1, 3)), float(shape.radius))
+        return np.zeros((1, 3)), float(shape.radius)
     if isinstance(shape, coal.Capsule):
         half = float(shape.halfLength)
-        return Outline(np.array([[0, 0, -half], [0, 0, half]]), float(shape.radius))
+        return np.array([[0, 0, -half], [0, 0, half]]), float(shape.radius)
     if isinstance(shape, coal.Cylinder):
-        return Outline(_drum(float(shape.radius), float(shape.halfLength)))
+        return _drum(float(shape.radius), float(shape.halfLength)), 0.0
     if isinstance(shape, coal.ConvexBase):
-        return Outline(np.array(shape.points(), dtype=np.float64))
+        return np.array(shape.points(), dtype=np.float64), 0.0
     if isinstance(shape, coal.BVHModelBase):
-        return Outline(np.array(shape.vertices(), dtype=np.float64))
+        return np.array(shape.vertices(), dtype=np.float64), 0.0
     shape.computeLocalAABB()
     box = shape.aabb_local
     corners = product(*zip(box.min_, box.max_, strict=True))
-    return Outline(np.array(list(corners)))
+    return np.array(list(corners)), 0.0
 
 
 def _drum(radius: float, half: float) -> Array:
