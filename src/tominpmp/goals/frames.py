@@ -359,7 +359,7 @@ class RegionGoal(FrameGoal, BoxRegion):
         """Check and copy the values."""
         super().__post_init__()
         bounded = np.any(np.isfinite([self.lower, self.upper]))
-        if not (bounded or self._tolerances.size):
+        if not (bounded or np.any(self._angles < np.pi)):
             raise ProblemError(
                 "the box is infinite and any orientation is allowed: the goal has no "
                 "condition",
@@ -367,10 +367,9 @@ class RegionGoal(FrameGoal, BoxRegion):
             )
 
     @property
-    def _tolerances(self) -> Array:
-        """Angle tolerances of the axes about which the angle is bounded [rad]."""
-        angles = np.broadcast_to(np.asarray(self.angle_tolerance), 3)
-        return angles[angles < np.pi]
+    def _angles(self) -> Array:
+        """Angle tolerance of each axis, shape (3,) [rad]; pi for any angle."""
+        return np.broadcast_to(self.angle_tolerance, 3)
 
     def nearest_point(self) -> Array:
         """Point of the box that is nearest to the world's origin, shape (3,) [m]."""
@@ -393,13 +392,13 @@ class RegionGoal(FrameGoal, BoxRegion):
             self.upper,
             (self.label("m"),) * 3,
         ).selected(np.isfinite(self.lower) | np.isfinite(self.upper))
-        if not self._tolerances.size:
+        bounded = self._angles < np.pi
+        if not np.any(bounded):
             return position
         turn, by_turn = rotation_vector(np.asarray(place.rotation))
-        angles = np.broadcast_to(np.asarray(self.angle_tolerance), 3)
         by_q, labels = by_turn @ jacobian[3:], (self.label("rad"),) * 3
-        rotation = Place(turn, by_q, -angles, angles, labels)
-        return position.joined(rotation.selected(angles < np.pi))
+        rotation = Place(turn, by_q, -self._angles, self._angles, labels)
+        return position.joined(rotation.selected(bounded))
 
 
 def _displacement(by: Array) -> Array:
