@@ -134,3 +134,15 @@ def test_iterations_that_only_become_slower_are_ended() -> None:
 def record(duration: float, violation: float) -> IterationRecord:
     numbers = {f.name: 0 for f in fields(IterationRecord)}
     return IterationRecord(**numbers | {"duration": duration, "violation": violation})
+
+
+def test_a_link_may_reach_into_an_obstacle_that_it_may_touch() -> None:
+    problem = turning(False)
+    sphere = tm.Sphere("ball", radius=0.4, position=PLACE)
+    given = problem.robot, problem.q_start, problem.goal, tm.Scene([sphere])
+    with pytest.raises(ProblemError, match=r"link 'link3' .* in every orientation"):
+        tm.Problem(*given)
+    solution = tm.plan(tm.Problem(*given, may_touch=[("link3", "ball")]), seed=0)
+    assert solution.success
+    with pytest.raises(ProblemError, match="in every orientation"):
+        tm.Problem(*given, may_touch=[("link2", "ball")])

@@ -6,12 +6,8 @@ import coal
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.collision.bodies import scene_bodies
-from tominpmp.collision.checker import Contact
-from tominpmp.collision.selection import link_bodies
+from tominpmp.collision.checker import CollisionChecker, Contact
 from tominpmp.collision.shapes import Body, is_convex
-from tominpmp.robot.robot import Robot
-from tominpmp.scene.scene import Scene
 
 # Radius of the ball that represents a point [m].
 POINT = 1e-6
@@ -20,17 +16,16 @@ TOUCHING = 1e-5
 
 
 def enclosure(
-    robot: Robot, scene: Scene, frame: str, point: Array, tolerance: float
+    checker: CollisionChecker, frame: str, point: Array, tolerance: float
 ) -> Contact | None:
     """Obstacle that a link certainly overlaps when a frame is at a point.
 
     The nearest point of the link is at a known distance from the frame. If a ball of
     this radius around the point is inside an obstacle, the link overlaps the obstacle
-    in every orientation. Moving obstacles are ignored.
+    in every orientation. Moving obstacles, and pairs that are not checked, are ignored.
 
     Args:
-        robot: The robot.
-        scene: The obstacles.
+        checker: Collision checker with the robot, the obstacles and the pairs.
         frame: Name of the frame.
         point: The point in the world, shape (3,) [m].
         tolerance: Largest distance of the frame from the point [m].
@@ -39,23 +34,25 @@ def enclosure(
         Link and obstacle, with the depth of the point in the obstacle as a negative
         distance; None if no overlap is certain.
     """
-    item = robot.model.frames[robot.frame_id(frame)]
-    carried = [
-        body
-        for body in link_bodies(robot, "convex")
-        if body.joint == item.parentJoint and is_convex(body.shape)
-    ]
-    if not carried or not item.parentJoint:
-        return None
+    item = checker.robot.model.frames[checker.robot.frame_id(frame)]
     origin = np.asarray(item.placement.translation)
-    away = [max(_distance(body, origin), 0.0) for body in carried]
-    nearest = int(np.argmin(away))
-    for body in scene_bodies(scene, robot.model.njoints):
+    away = {
+        i: max(_distance(body, origin), 0.0)
+        for i, body in enumerate(checker.links)
+        if body.joint == item.parentJoint and is_convex(body.shape)
+    }
+    nearest: dict[int, int] = {}
+    bodies, pairs = checker.watched
+    for link, other in pairs[: checker.obstacle_pairs].tolist():
+        if link in away and away[link] < away.get(nearest.get(other, -1), np.inf):
+            nearest[other] = link
+    for other, link in nearest.items():
+        body = bodies[other]
         if body.joint or not is_convex(body.shape):
             continue
         depth = -_distance(body, point)
-        if depth > away[nearest] + tolerance + TOUCHING:
-            return Contact(carried[nearest].name, body.name, -depth)
+        if depth > away[link] + tolerance + TOUCHING:
+            return Contact(bodies[link].name, body.name, -depth)
     return None
 
 

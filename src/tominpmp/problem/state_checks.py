@@ -258,8 +258,7 @@ class StateChecks:
         if ball is None or frame is None or not len(self.checker.scene):
             return
         point = ball.centre
-        robot, scene = self.checker.robot, self.checker.scene
-        found = enclosure(robot, scene, frame, point, ball.radius)
+        found = enclosure(self.checker, frame, point, ball.radius)
         if found is not None:
             raise ProblemError(
                 f"goal: {np.round(point, 4).tolist()} is {found.lack:.4g} m deep in "
