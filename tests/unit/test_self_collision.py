@@ -181,6 +181,15 @@ def test_links_that_hit_at_the_start_are_named_with_what_to_do() -> None:
     )
 
 
+def test_advice_on_links_leaves_out_those_that_may_touch() -> None:
+    arm = tm.load_robot("ur5", limits="urdf")
+    folded, goal = [2.4, -0.8, 2.9, -3.0, 0.4, 2.5], tm.JointGoal(np.zeros(6))
+    pairs = [("upper_arm_link", "wrist_1_link")]
+    overlap = r"'shoulder_link' and 'wrist_1_link' overlap .* their meshes do not"
+    with pytest.raises(tm.ProblemError, match=overlap):
+        tm.Problem(arm, folded, goal, may_touch=pairs)
+
+
 @pytest.mark.parametrize("value", ("yes", 1, np.zeros(3)))
 def test_self_collision_is_a_truth_value(value: object) -> None:
     with pytest.raises(tm.ProblemError, match=r"^self_collision is "):

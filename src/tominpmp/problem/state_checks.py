@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -171,9 +171,7 @@ class StateChecks:
 
     def _advice_on_links(self, q: Array) -> str:
         """Advice on an overlap of two links that the robot description may allow."""
-        meshes = CollisionChecker(
-            self.checker.robot, Scene(), self_collision=True, geometry="mesh"
-        )
+        meshes = replace(self.checker, scene=Scene(), geometry="mesh")
         cause = " their meshes overlap, too;"
         if meshes.is_free(q):
             cause = " their meshes do not, only the convex pieces that stand for them;"
