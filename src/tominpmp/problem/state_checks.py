@@ -157,12 +157,12 @@ class StateChecks:
         contact = self.checker.closest(q, self.margins, time)
         if contact is None or contact.distance >= contact.margin - ROUNDING:
             return
-        margin = contact.margin
-        depth = f"overlap by {-contact.distance:.4g} m"
+        depth, advice = f"overlap by {-contact.distance:.4g} m", ""
         if contact.distance >= 0.0:
             apart = f"are {contact.distance:.4g} m apart"
-            depth = f"{apart}, less than the margin {margin:.4g} m"
-        advice = self._advice_on_links(q) if contact.own else ""
+            depth = f"{apart}, less than the margin {contact.margin:.4g} m"
+        elif contact.own:
+            advice = self._advice_on_links(q)
         raise ProblemError(
             f"{which} in collision: {contact.pair} {depth} at q = "
             f"{np.round(q, 4).tolist()}{advice}",
