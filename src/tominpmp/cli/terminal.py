@@ -118,8 +118,7 @@ def guarded(debug: bool = False) -> Iterator[None]:
         complain("error", "interrupted")
         raise SystemExit(INTERRUPTED) from error
     except (TominpmpError, OSError) as error:
-        message = str(error)
-        code = BAD_INPUT
+        message, code = str(error), BAD_INPUT
         if isinstance(error, OSError):
             where = "" if error.filename is None else f"{error.filename}: "
             message = f"{where}{error.strerror or error}"
