@@ -28,7 +28,7 @@ from tominpmp.collision import narrow, shapes
 from tominpmp.collision.bodies import obstacle_shape
 from tominpmp.collision.checker import CollisionChecker, Contact
 from tominpmp.constraints.clearance import ClearanceConstraint
-from tominpmp.exceptions import SceneError
+from tominpmp.exceptions import ProblemError, SceneError
 from tominpmp.robot.robot import Robot, load_robot
 from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Obstacle, Sphere
 from tominpmp.scene.scene import Scene
@@ -602,3 +602,23 @@ def test_constraint_is_picklable(planar3r: Robot) -> None:
     np.testing.assert_allclose(
         back.values(Q[None]), constraint.values(Q[None]), atol=1e-9
     )
+
+
+@pytest.mark.parametrize(
+    ("q", "margin", "match"),
+    [
+        (np.full(3, np.nan), 0.0, "q is .*nan.*expected .*finite"),
+        (np.zeros(2), 0.0, r"q has shape \(2,\)"),
+        (np.zeros(3), np.zeros(99), r"margin has shape \(99,\), expected"),
+        (np.zeros(3), "wide", "margin"),
+    ],
+)
+def test_wrong_configurations_and_margins(
+    planar3r: Robot, q: np.ndarray, margin: object, match: str
+) -> None:
+    """A configuration of NaN was free."""
+    scene = Scene([Sphere("ball", radius=0.1, position=(2.0, 2.0, 0.0))])
+    checker = CollisionChecker(planar3r, scene)
+    for query in (checker.is_free, checker.closest):
+        with pytest.raises(ProblemError, match=match):
+            query(q, margin)

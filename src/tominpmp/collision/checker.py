@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
+from tominpmp.checks import JOINTS, array, vector
 from tominpmp.collision.bodies import Geometry, scene_bodies
 from tominpmp.collision.broad import Pairs
 from tominpmp.collision.narrow import Guard
@@ -184,7 +185,8 @@ class CollisionChecker(PairDistances):
             margin: Distance to keep [m], a number for all pairs or an array by pair.
             time: Time [s], for moving obstacles.
         """
-        return next(self.each_free(np.asarray(q)[None], margin, time))
+        q = vector(q, "q", JOINTS, self.robot.n)
+        return next(self.each_free(q[None], margin, time))
 
     def each_free(
         self, q: Array, margin: float | Array = 0.0, time: float = 0.0
@@ -201,13 +203,17 @@ class CollisionChecker(PairDistances):
         """
         rows = self.robot.expand(q)
         # A sampler calls this tens of thousands of times with the same margin.
-        limit = np.asarray(margin, np.float64)
+        limit = self._by_pair(margin)
         if self._guard is None or self._guard[0] != limit.tobytes():
-            every = np.broadcast_to(limit, len(self.pairs))
-            self._guard = limit.tobytes(), Guard(self.narrow, every)
+            self._guard = limit.tobytes(), Guard(self.narrow, limit)
         guard, (R, p) = self._guard[1], self.obstacles.placements(np.array([time]))
         for row in rows:
             yield guard.is_free(row, R[0], p[0])
+
+    def _by_pair(self, margin: float | Array) -> Array:
+        """A caller's margin, for all pairs or by pair, as an array, shape (pairs,)."""
+        few = margin if np.ndim(margin) else [margin] * len(self.pairs)
+        return array(few, "margin", (len(self.pairs),), "distances of the pairs [m]")
 
     def margins(self, margin: float) -> Array:
         """Margin of each pair, shape (pairs,) [m].
@@ -238,10 +244,11 @@ class CollisionChecker(PairDistances):
         """
         if not self.pairs:
             return None
-        row = self.distances(np.asarray(q)[None], times=np.array([time or 0.0]))[0]
+        q = vector(q, "q", JOINTS, self.robot.n)
+        row = self.distances(q[None], times=np.array([time or 0.0]))[0]
         if time is None:
             row = np.where(self.moving_pairs, np.inf, row)
-        limit = np.broadcast_to(np.asarray(margin, np.float64), row.shape)
+        limit = self._by_pair(margin)
         index = int(np.argmin(row - limit))
         return self.contact(index, float(row[index]), float(limit[index]))
 
