@@ -212,8 +212,8 @@ class CollisionChecker(PairDistances):
 
     def _by_pair(self, margin: float | Array) -> Array:
         """A caller's margin, for all pairs or by pair, as an array, shape (pairs,)."""
-        few = margin if np.ndim(margin) else [margin] * len(self.pairs)
-        return array(few, "margin", (len(self.pairs),), "distances of the pairs [m]")
+        each = margin if np.ndim(margin) else [margin] * len(self.pairs)
+        return array(each, "margin", (len(self.pairs),), "distances of the pairs [m]")
 
     def margins(self, margin: float) -> Array:
         """Margin of each pair, shape (pairs,) [m].

@@ -105,7 +105,7 @@ class NarrowPhase:
         """Query of a pair; a failed one is repeated with Coal's default tolerances."""
         geometry, results = self.geometry, self._results
         result = pin.computeDistance(geometry, results, index)
-        if result.min_distance == 0.0 or abs(result.min_distance) > FAILED:
+        if not 0.0 < abs(result.min_distance) <= FAILED:
             results.distanceRequests[index] = coal.DistanceRequest()
             result = pin.computeDistance(geometry, results, index)
             results.distanceRequests[index] = _request(coal.DistanceRequest())

@@ -296,8 +296,7 @@ def _scaled(fallback: Fallback, candidate: Candidate, options: Options) -> Candi
     for factor in FACTORS:
         check()
         z = program.time_scale(iterate.z, factor)
-        slow = replace(iterate, z=z, values=program.evaluate(z))
-        if slow.violation > options.feasibility:
+        if program.rows.largest_violation(program.evaluate(z)) > options.feasibility:
             continue
         motion = program.trajectory(z)
         candidate = replace(candidate, trajectory=motion, layout=None, feasible=True)
