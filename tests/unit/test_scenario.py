@@ -448,6 +448,11 @@ joint_limits:
             "start",
             "joint 'joint3' is 9 rad, outside its position limits",
         ),
+        (
+            ("q = [2.0, -1.0, 0.5]", "q = [2.0, -1.0, 90.0]"),
+            "goal.q",
+            "goal.q: joint 'joint3' is 90 rad, outside",
+        ),
         (('"start"', '"home"'), "start.state", "no group state 'home'.* start"),
         (('state = "start"', ""), "start", "expected q or state"),
         (
@@ -546,6 +551,7 @@ def test_wrong_scenario(
     if key is not None:
         assert caught.value.path == path
         assert str(caught.value).startswith(f"{path}: {key}: ")
+        assert f": {key}: {key}: " not in str(caught.value)
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,7 @@ class Field:
             ScenarioError: Always.
         """
         key = f"{shortened(self.key)}: " if self.key else ""
-        text = f"{self.path}: {key}{message}"
+        text = f"{self.path}: {key}{message.removeprefix(key)}"
         raise ScenarioError(text, self.path, self.key or None)
 
     def blame(self, error: TominpmpError) -> NoReturn:

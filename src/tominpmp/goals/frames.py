@@ -361,8 +361,8 @@ class RegionGoal(FrameGoal, BoxRegion):
         bounded = np.any(np.isfinite([self.lower, self.upper]))
         if not (bounded or np.any(self._angles < np.pi)):
             raise ProblemError(
-                "the box is infinite and any orientation is allowed: the goal has no "
-                "condition",
+                "goal: the box is infinite and any orientation is allowed: the goal "
+                "has no condition",
                 "goal",
             )
 
