@@ -64,7 +64,7 @@ def search_of(problem):
     guess = straight_guess(system, problem.goal.configuration)
     torques = torques_rule(system, guess)
     state = PlanState(problem, options)
-    return CoarseSearch(system, options, state, torques=torques), guess
+    return CoarseSearch(system, state, torques=torques), guess
 
 
 def rough_of(coarse, guess):
@@ -244,11 +244,11 @@ def test_a_door_that_opens_late_is_passed_by_the_way_around_it():
 def test_a_thorough_search_goes_on_among_moving_obstacles(monkeypatch):
     waves = []
 
-    def seen(self, wave=thorough.Waves.wave):
-        waves.append(self)
-        return wave(self)
+    def seen(*sources, wave=thorough._wave):
+        waves.append(sources)
+        return wave(*sources)
 
-    monkeypatch.setattr(thorough.Waves, "wave", seen)
+    monkeypatch.setattr(thorough, "_wave", seen)
     monkeypatch.setattr(thorough, "WAVES", 1)
     ball = tm.Sphere(
         "ball",

@@ -28,7 +28,7 @@ def coarse():
     problem = tm.Problem(robot, START, tm.JointGoal(END), scene=tm.Scene([post]))
     options = resolve_options(problem, tm.Options())
     system = ProblemFunctions.of(problem)
-    search = CoarseSearch(system, options, PlanState(problem, options), torques=False)
+    search = CoarseSearch(system, PlanState(problem, options), torques=False)
     guess = straight_guess(system, problem.goal.configuration)
     assert carried_out(search.state, search.solve_coarse(guess)) is not None
     return search, guess
@@ -67,7 +67,7 @@ def test_a_start_ends_that_will_be_no_faster_than_one_before(monkeypatch):
     problem = tm.Problem(robot, START, tm.PositionGoal("tip", (1.5, 3.0, 0.0)))
     options = resolve_options(problem, tm.Options())
     system, state = ProblemFunctions.of(problem), PlanState(problem, options)
-    search = CoarseSearch(system, options, state, torques=True)
+    search = CoarseSearch(system, state, torques=True)
     lines = list(initial_guesses(system, GuessRequest(2, np.random.default_rng(0))))
     best = carried_out(state, search.solve_coarse(lines[0]))
     carried_out(state, search.solve_coarse(lines[1]))
@@ -104,6 +104,6 @@ def test_torques_carry_no_weight_on_fine_grids_where_they_rule():
     ):
         options = resolve_options(problem, tm.Options(**changes))
         state = PlanState(problem, options)
-        search = CoarseSearch(system, options, state, torques=torques)
+        search = CoarseSearch(system, state, torques=torques)
         assert search.fine.smoothing == smoothing
         assert search.coarse.smoothing == options.smoothing

@@ -92,7 +92,7 @@ def with_coarse_fallback() -> PlanState:
     system, options = ProblemFunctions.of(problem), tm.Options(**RESOLVED)
     guess = next(initial_guesses(system, GuessRequest(1, np.random.default_rng(0))))
     state = PlanState(problem, options)
-    search = CoarseSearch(system, options, state, torques=True)
+    search = CoarseSearch(system, state, torques=True)
     assert carried_out(state, search.solve_coarse(guess)) is not None
     return state
 

@@ -122,14 +122,10 @@ class Candidate:
         return self.feasible and confirmed
 
     @property
-    def unconfirmed(self) -> bool:
-        """Whether the motion is feasible but was not replayed, for lack of time."""
-        return self.feasible and self.verification is None
-
-    @property
     def refuted(self) -> bool:
         """Whether the replay breaks limits that the program keeps."""
-        return self.feasible and not self.unconfirmed and not self.confirmed
+        replay = self.verification
+        return self.feasible and replay is not None and not replay.ok
 
     @property
     def excess(self) -> float:

@@ -121,7 +121,7 @@ def search(
     head = list(itertools.islice(guesses.since(0), compared))
     first = next((guess for guess in head if guess.timed), head[0])
     torques = torques_rule(system, first)
-    coarse = CoarseSearch(system, state.options, state, torques=torques)
+    coarse = CoarseSearch(system, state, torques=torques)
     if system.final_configuration is not None and not torques:
         # Where speed limits rule and there are few obstacles, a descent on the
         # requested grid takes a few iterations, and ends near the lower bound.
@@ -172,7 +172,7 @@ def _further_guesses(
     system = coarse.system
     if not system.in_free_space:
         return itertools.islice(guesses.since(compared), MOST_PATHS)
-    rng = np.random.default_rng(coarse.options.seed)
+    rng = np.random.default_rng(coarse.state.options.seed)
     detours = bumps(system, first, rng, from_base=coarse.many_joints)
     return itertools.islice(detours, MOST_PATHS)
 
@@ -223,7 +223,6 @@ class CoarseSearch:
 
     Args:
         system: Functions of the problem.
-        options: Options of the plan.
         state: The plan.
         torques: Whether torque limits rule the motion, rather than speed limits.
 
@@ -233,17 +232,13 @@ class CoarseSearch:
     """
 
     def __init__(
-        self,
-        system: ProblemFunctions,
-        options: Options,
-        state: PlanState,
-        *,
-        torques: bool,
+        self, system: ProblemFunctions, state: PlanState, *, torques: bool
     ) -> None:
+        options = state.options
         if options.control == "auto":
             control: Control = "linear" if torques else "constant"
             options = replace(options, control=control)
-        self.system, self.options, self.state = system, options, state
+        self.system, self.state = system, state
         self.coarse = replace(
             options,
             intervals=INTERVALS,

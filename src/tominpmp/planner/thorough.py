@@ -9,22 +9,20 @@ search therefore never ends with a slower motion.
 
 from __future__ import annotations
 
-import contextlib
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from tominpmp.initial_guess.bumps import SPREADS, bumped, bumps
 from tominpmp.initial_guess.guess import Guess, GuessRequest
 from tominpmp.initial_guess.path_velocity import guesses_of
-from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.coarse_search import CoarseSearch, coarse_grids_apply
 from tominpmp.planner.descent import torques_rule
 from tominpmp.planner.improvements import improvements
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.torque_starts import random_torque_starts, torques_may_lead
-from tominpmp.planner.work import Schedule
+from tominpmp.planner.work import Schedule, Work
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Starts of a wave, number of waves without a time limit, and most waves with one.
@@ -46,7 +44,7 @@ def thorough_search(state: PlanState) -> Schedule[None]:
         return
     systems = [ProblemFunctions.of(part) for part in problem.alternatives]
     searches = [
-        Waves(system, state)
+        _waves(system, state)
         for system in systems
         if coarse_grids_apply(system, options)
     ]
@@ -54,73 +52,74 @@ def thorough_search(state: PlanState) -> Schedule[None]:
         return
     state.complete = True
     most = WAVES if options.max_planning_time is None else MOST_WAVES
-    for _, search in itertools.product(range(most), searches):
+    for _, waves in itertools.product(range(most), searches):
         if state.best_duration <= (1.0 + PROVEN) * state.lower_bound(problem).T:
             return
         before = state.best_duration
-        yield from search.wave()
+        yield from next(waves, ())
         if state.best_duration < before:
             yield from improvements(state)
 
 
-class Waves:
-    """Waves of starts for a problem with one goal.
+def _waves(system: ProblemFunctions, state: PlanState) -> Iterator[Schedule[None]]:
+    """Waves of starts for a problem with one goal, without end; none without a guess.
 
     Args:
         system: Functions of the problem.
         state: The plan.
     """
+    seed, duration = state.options.seed, state.options.initial_duration
+    rngs = (np.random.default_rng([seed, k]) for k in (DETOUR, GUESS, AROUND_BEST))
+    of_detours, of_guesses, around_best = rngs
+    request = GuessRequest(MOST_WAVES * WAVE, of_guesses, duration)
+    guesses = guesses_of(system, request)
+    first = next(guesses, None)
+    if first is None:
+        return
+    coarse = CoarseSearch(system, state, torques=torques_rule(system, first))
+    straight = [first, *itertools.islice(guesses, 1)]
+    line = next((guess for guess in straight if guess.timed), straight[-1])
+    sources = [
+        bumps(system, line, of_detours),
+        itertools.chain(straight, guesses),
+        _around_best(system, state, around_best),
+    ]
+    shooting: Iterator[Work] = iter(())
+    if torques_may_lead(system):
+        shooting = random_torque_starts(system, state, MOST_WAVES)
+    while True:
+        yield _wave(coarse, sources, shooting)
 
-    def __init__(self, system: ProblemFunctions, state: PlanState) -> None:
-        self.system, self.options, self.state = system, state.options, state
-        self.coarse: CoarseSearch | None = None
-        self.sources: list[Iterator[Guess | None]] = []
-        self.answer: Candidate | None = None
-        self.starts = random_torque_starts(system, state, MOST_WAVES)
 
-    def _rng(self, kind: int) -> np.random.Generator:
-        return np.random.default_rng([self.options.seed, kind])
+def _wave(
+    coarse: CoarseSearch,
+    sources: Sequence[Iterator[Guess | None]],
+    shooting: Iterator[Work],
+) -> Schedule[None]:
+    """The candidates of a wave: from guesses of all sources in turn, and from torques.
 
-    def wave(self) -> Schedule[None]:
-        """Make the candidates of a wave."""
-        if self.coarse is None:
-            self._begin()
-        if self.coarse is None:
-            return
-        turns = itertools.islice(itertools.cycle(self.sources), WAVE)
-        guesses = (next(source, None) for source in turns)
-        made = (guess for guess in guesses if guess is not None)
-        yield from self.coarse.probes(made)
-        if torques_may_lead(self.system):
-            with contextlib.suppress(StopIteration):
-                self.answer = yield self.starts.send(self.answer)
+    Args:
+        coarse: The search on coarse grids.
+        sources: Guesses of each kind; None where a source has none yet.
+        shooting: Work from random torques, one of which belongs to each wave.
+    """
+    turns = itertools.islice(itertools.cycle(sources), WAVE)
+    guesses = (next(source, None) for source in turns)
+    yield from coarse.probes(guess for guess in guesses if guess is not None)
+    work = next(shooting, None)
+    if work is not None:
+        yield work
 
-    def _begin(self) -> None:
-        """Prepare the sources of starts."""
-        system, options = self.system, self.options
-        count, rng = MOST_WAVES * WAVE, self._rng(GUESS)
-        guesses = guesses_of(system, GuessRequest(count, rng, options.initial_duration))
-        first = next(guesses, None)
-        if first is None:
-            return
-        torques = torques_rule(system, first)
-        self.coarse = CoarseSearch(system, options, self.state, torques=torques)
-        straight = [first, *itertools.islice(guesses, 1)]
-        line = next((guess for guess in straight if guess.timed), straight[-1])
-        self.sources = [
-            bumps(system, line, self._rng(DETOUR)),
-            itertools.chain(straight, guesses),
-            self._around_best(),
-        ]
 
-    def _around_best(self) -> Iterator[Guess | None]:
-        """Detours from the incumbent; None while there is no incumbent."""
-        rng = self._rng(AROUND_BEST)
-        for spread in itertools.cycle(SPREADS):
-            heights = spread * rng.normal(size=(2, self.system.n))
-            best = self.state.incumbent
-            if best is None:
-                yield None
-                continue
-            guess = Guess.of_motion(best.name, best.trajectory)
-            yield bumped(self.system, guess, heights)
+def _around_best(
+    system: ProblemFunctions, state: PlanState, rng: np.random.Generator
+) -> Iterator[Guess | None]:
+    """Detours from the incumbent; None while there is no incumbent."""
+    for spread in itertools.cycle(SPREADS):
+        heights = spread * rng.normal(size=(2, system.n))
+        best = state.incumbent
+        if best is None:
+            yield None
+            continue
+        guess = Guess.of_motion(best.name, best.trajectory)
+        yield bumped(system, guess, heights)
