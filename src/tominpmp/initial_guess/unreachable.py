@@ -142,8 +142,7 @@ def _collision(system: ProblemFunctions, blocked: Sequence[Array]) -> str:
     It names the deepest contact of the configuration whose overlap is smallest.
     """
     problem = system.problem
-    margins = problem.checker.margins(problem.margin)
-    contacts = [(problem.checker.closest(q, margins, None), q) for q in blocked]
+    contacts = [(problem.checker.closest(q, problem.margins, None), q) for q in blocked]
     contact, q = max(
         ((contact, q) for contact, q in contacts if contact is not None),
         key=lambda pair: pair[0].distance - pair[0].margin,
