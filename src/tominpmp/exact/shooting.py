@@ -21,7 +21,7 @@ from tominpmp.exact.structure import Arcs
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.stopping import check
 from tominpmp.transcription.base import NOT_INTEGRATED
-from tominpmp.transcription.controls import SPEED_FACTOR
+from tominpmp.transcription.controls import scale_of_goal
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.rows import Rows
 
@@ -306,12 +306,7 @@ class ArcProgram:
         system, n = self.system, self._n
         x, goal = motion.x, system.problem.goal
         value, by_q, by_v = goal.residual(system.kinematics, x[-1, :n], x[-1, n:])
-        scale, speed = np.ones(value.size), SPEED_FACTOR / self.duration
-        if goal.fixes_velocity:
-            scale[:-n] = system.step_scale if value.size == 2 * n else 1.0
-            scale[-n:] = speed * system.step_scale
-        else:
-            scale[-3:] = speed
+        scale = scale_of_goal(system, self.duration)
         low, high = system.goal_bounds
         exact = low == high
         above, below = ~exact & np.isfinite(high), ~exact & np.isfinite(low)

@@ -20,9 +20,9 @@ from tominpmp.constraints.base import Partials
 from tominpmp.constraints.friction import Signs
 from tominpmp.transcription.base import StepBounds
 from tominpmp.transcription.controls import (
-    SPEED_FACTOR,
     TorqueTranscription,
     driving_torque,
+    scale_of_goal,
     torque_shares,
 )
 from tominpmp.transcription.instants import Instants
@@ -152,14 +152,8 @@ class AdjointTranscription(TorqueTranscription):
 
     @property
     def goal_scale(self) -> Array:
-        """Scale of the goal rows; velocities, of joints or of a frame, come last."""
-        scale = np.ones(self.system.goal_bounds[0].size)
-        speed = SPEED_FACTOR / self.duration
-        if self.system.problem.goal.fixes_velocity:
-            scale[-self._n :] = speed * self.system.step_scale
-        else:
-            scale[-3:] = speed
-        return scale
+        """Scale of the goal rows."""
+        return scale_of_goal(self.system, self.duration)
 
     def pull_back(
         self, motion: SteppedMotion, at: Instants, partials: Partials

@@ -167,6 +167,10 @@ class HullRows(Generic[M]):
         whole = self.by_unknowns(motion)
         return whole if chosen.size == whole.shape[0] else whole[chosen]
 
+    def informed(self, motion: M) -> HullRows[M]:
+        """The same rows: they make no assumptions about a motion."""
+        return self
+
 
 class Transcription(ABC, Generic[M]):
     """A parameterisation of motions: gives states, pulls derivatives back to unknowns.

@@ -197,6 +197,23 @@ class TorqueTranscription(Transcription[SteppedMotion]):
         return replace(held, t=t, q=nodes.q, v=nodes.v, u=np.vstack([u, u[-1:]]))
 
 
+def scale_of_goal(system: ProblemFunctions, duration: float) -> Array:
+    """Scale of the goal residual at the end of a shot, shape (k,).
+
+    The velocities, of joints or of a frame, come last.
+
+    Args:
+        system: The functions of the problem.
+        duration: Duration that scales velocities [s].
+    """
+    scale, speed = np.ones(system.goal_bounds[0].size), SPEED_FACTOR / duration
+    if system.final_velocity is None:
+        scale[-3:] = speed
+    else:
+        scale[-system.n :] = speed * system.step_scale
+    return scale
+
+
 def driven_joints(system: ProblemFunctions) -> IntArray:
     """Indices of the joints with a motor: those with a nonempty torque range."""
     limits = system.problem.robot.limits

@@ -96,10 +96,7 @@ class NonlinearProgram:
         if not motion.finite:
             return self
         of = self.transcription.scaled_at(z)
-        blocks = tuple(
-            block.informed(motion) if isinstance(block, SampledRows) else block
-            for block in self.blocks
-        )
+        blocks = tuple(block.informed(motion) for block in self.blocks)
         return replace(self, transcription=of, blocks=blocks)
 
     def centred_at(self, z: Array) -> NonlinearProgram:
