@@ -84,16 +84,14 @@ class Search:
 
     Attributes:
         system: The functions of the problem.
-        options: Options of the plan.
-        progress: State of the plan, which receives records and incumbents.
+        state: The plan, which receives records and incumbents.
         budget: Budget of the whole search.
         limit: Largest duration of a useful motion [s].
         found: Incumbents, each faster than its predecessors.
     """
 
     system: ProblemFunctions
-    options: Options
-    progress: PlanState
+    state: PlanState
     budget: Budget
     limit: float
     found: list[OptimisedArcs] = field(default_factory=list)
@@ -105,7 +103,7 @@ class Search:
 
     def record(self, record: IterationRecord) -> Status | None:
         """Callback of optimisations on grids; a status ends the iteration."""
-        status = self.progress.show_in_time(record)
+        status = self.state.show_in_time(record)
         return status or (Status.TIME_LIMIT if self.budget.spent else None)
 
     def optimise(self, trajectory: Trajectory, evaluations: int) -> bool:
@@ -132,22 +130,23 @@ class Search:
         logger.debug("%d arcs: %.9g s", motion.arcs.count, motion.duration)
         if motion.duration <= self.duration:
             self.found.append(motion)
-            self.progress.keep(motion.program, motion.iterate)
+            self.state.keep(motion.program, motion.iterate)
         return motion.duration <= self.limit
 
     def run(self, plan: Trajectory) -> None:
         """Optimise arcs of the plan, of other guesses, and of finer grids."""
         small = driven_joints(self.system).size <= EXPLORED_MOTORS
+        options = self.state.options
         near = self.optimise(plan, TRY_EVALUATIONS if small else EVALUATIONS)
         # No multi-start for options with a single start, nor with assumed velocity
         # signs, which other motions would not have.
-        if small and self.options.starts != 1 and self.system.signs is None:
+        if small and options.starts != 1 and self.system.signs is None:
             self._explore(plan)
         # Arcs near the plan remain of interest even if others were found.
         if small and not near:
             near = self.optimise(plan, EVALUATIONS)
-        most = min(self.options.max_iterations, GRID_ITERATIONS)
-        few = replace(self.options, max_iterations=most)
+        most = min(options.max_iterations, GRID_ITERATIONS)
+        few = replace(options, max_iterations=most)
         guess = Guess.of_motion("plan", plan)
         for intervals in GRIDS:
             if near or self.budget.spent:
@@ -157,7 +156,8 @@ class Search:
 
     def _explore(self, plan: Trajectory) -> None:
         """Multi-start: optimise arcs of motions from other initial guesses."""
-        options, rng = self.options, np.random.default_rng(self.options.seed)
+        options = self.state.options
+        rng = np.random.default_rng(options.seed)
         # A larger option ``starts`` never reduces the number of tries.
         tries = max(TRIES, (options.starts or 1) - 1)
         rough = replace(
@@ -201,43 +201,42 @@ class Search:
 
 
 def exact_switches(
-    system: ProblemFunctions, options: Options, attempt: Candidate, progress: PlanState
+    system: ProblemFunctions, best: Candidate, state: PlanState
 ) -> Candidate:
     """Optimise the switching times of a motion exactly.
 
     Args:
         system: The functions of the problem.
-        options: Options of the plan.
-        attempt: The candidate with the motion.
-        progress: State of the plan, with its time limit and callback.
+        best: The candidate with the motion.
+        state: The plan, with its options, time limit and callback.
 
     Returns:
         A candidate with the refined motion, which its replay confirms; the given
         candidate with a remark, if no such motion was found that is at least as fast.
     """
-    plan, smooth = attempt.trajectory, system
+    plan, smooth = best.trajectory, system
     if system.friction is not None:
         signs = constant_signs(system, plan)
         if signs is None:
-            return replace(attempt, history=(), remark=TURNING)
+            return replace(best, history=(), remark=TURNING)
         # Arcs are found in torques less dry friction.
         smooth = replace(system, signs=signs)
         plan = plan.with_torques(smooth.dynamics.inverse)
     few = driven_joints(system).size <= EXPLORED_MOTORS
     budget = Budget(np.inf, PATIENCE if few else PATIENCE_OF_MANY)
     limit = np.inf
-    if attempt.feasible:
+    if best.feasible:
         # A motion that its replay does not confirm may be slightly too fast; if no arcs
         # are about as fast, a finer grid is better.
-        limit = plan.duration * (1.0 + (LONGER if attempt.confirmed else UNCONFIRMED))
-    search = Search(smooth, options, progress, budget, limit)
+        limit = plan.duration * (1.0 + (LONGER if best.confirmed else UNCONFIRMED))
+    search = Search(smooth, state, budget, limit)
     search.run(plan)
     for motion in reversed(search.found):
         sharp = sharpen(motion)
-        iterate, records = sharp.iterate, tuple(progress.records)
+        iterate, records = sharp.iterate, tuple(state.records)
         result = SlpResult(Status.CONVERGED, iterate, iterate, records, sharp.program)
-        exact = Candidate.of(attempt.name, attempt.initial, result)
-        exact = exact.verified(system.problem, options)
+        exact = Candidate.of(best.name, best.initial, result)
+        exact = exact.verified(system.problem, state.options)
         if exact.confirmed:
             return exact
-    return replace(attempt, history=(), remark=KEPT)
+    return replace(best, history=(), remark=KEPT)

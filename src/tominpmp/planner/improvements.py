@@ -38,7 +38,7 @@ def with_exact_switches(state: PlanState) -> Schedule[None]:
     exact = import_module("tominpmp.exact.switching_refinement")
 
     def make(system: ProblemFunctions, *_: object) -> Candidate:
-        placed: Candidate = exact.exact_switches(system, options, best, state)
+        placed: Candidate = exact.exact_switches(system, best, state)
         return placed
 
     work = Work.from_best(state, best, make)
