@@ -241,6 +241,24 @@ def test_a_door_that_opens_late_is_passed_by_the_way_around_it():
     assert tm.plan(problem).T < 1.53
 
 
+def test_a_thorough_search_begins_with_no_guess_of_the_search_before(monkeypatch):
+    """All detours of its waves were those of the search before, on a small arm."""
+    begun = []
+
+    def seen(self, guess, solve=CoarseSearch.solve_coarse):
+        begun.append((guess.t.tobytes(), guess.q.tobytes()))
+        return solve(self, guess)
+
+    monkeypatch.setattr(CoarseSearch, "solve_coarse", seen)
+    monkeypatch.setattr(thorough, "WAVES", 1)
+    problem = tm.Problem(
+        tm.load_robot("planar3r"), (0.5, 1.7, -1.7), tm.JointGoal((2.0, -1.0, 0.5))
+    )
+    assert tm.plan(problem, effort="thorough").success
+    assert len(begun) > thorough.WAVE
+    assert len(set(begun)) == len(begun)
+
+
 def test_a_thorough_search_goes_on_among_moving_obstacles(monkeypatch):
     waves = []
 

@@ -45,7 +45,8 @@ def test_no_guess_is_tried_twice(coarse):
 def test_guesses_that_were_tried_do_not_count_as_vain(coarse):
     search, guess = coarse
     before = search.state.records
-    carried_out(search.state, search.probes([guess, replace(guess)], patience=1))
+    other = replace(guess, q=guess.q + 1e-9)
+    carried_out(search.state, search.probes([guess, other], patience=1))
     assert search.state.records is not before
 
 

@@ -258,7 +258,6 @@ class CoarseSearch:
                 self.fine = replace(self.fine, intervals=finer)
         self.loss = TORQUE_LOSS if torques else SPEED_LOSS
         self.known: list[CoarseMotion] = []
-        self._tried: list[Guess] = []
         self._gains: list[float] = []
 
     @property
@@ -290,12 +289,20 @@ class CoarseSearch:
 
     # -- on the coarse grid ------------------------------------------------------------
 
+    def untried(self, guess: Guess) -> bool:
+        """Whether no search of the plan for this goal has descended from a guess."""
+        return self._key(guess) not in self.state.tried
+
+    def _key(self, guess: Guess) -> int:
+        goal = self.system.problem.goal
+        return hash((id(goal), guess.t.tobytes(), guess.q.tobytes()))
+
     def solve_coarse(self, guess: Guess) -> Schedule[CoarseMotion | None]:
         """Descend on the coarse grid; None without a new motion.
 
         A motion is new if it is nearly feasible and differs from all known ones.
         """
-        self._tried.append(guess)
+        self.state.tried.add(self._key(guess))
         stop = self._drop_early()
         make = partial(descend, self.coarse, guess, self.state, stop)
         candidate = yield Work(self.system, guess.name, make, replay=False)
@@ -404,7 +411,7 @@ class CoarseSearch:
         """
         failures = 0
         for guess in guesses:
-            if guess in self._tried:
+            if not self.untried(guess):
                 continue
             timed = (rough.guess for rough in self.known if rough.guess.timed)
             slow = _too_slow(guess, (other.duration for other in timed))

@@ -71,6 +71,7 @@ class PlanState:
         failures: Errors of candidates that have led to no motion.
         shown: Records of all iterations, with the numbers of their candidates.
         searches: Success of the searches for paths around obstacles.
+        tried: Keys of the goals and guesses from which descents on coarse grids began.
     """
 
     def __init__(
@@ -95,6 +96,7 @@ class PlanState:
         self.failures: list[Exception] = []
         self.shown: list[IterationRecord] = []
         self.searches = PathSearches()
+        self.tried: set[int] = set()
         self._bounds: list[tuple[list[Goal], LowerBound]] = []
         self._begin = time.perf_counter()
         self._limit = self._until = options.time_limit

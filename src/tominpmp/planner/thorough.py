@@ -1,7 +1,7 @@
 """Thorough search: waves of starts of all kinds, as long as planning time remains.
 
 A plan with effort "thorough" first completes all stages of a plan with less effort.
-Waves of starts on coarse grids follow: detours, paths around obstacles, other final
+Waves of new starts on coarse grids follow: detours, paths around obstacles, other final
 configurations, and random torques. A coarse motion that predicts a gain over the
 incumbent is finished; if it is faster, the improvements are repeated for it. A longer
 search therefore never ends with a slower motion.
@@ -80,8 +80,8 @@ def _waves(system: ProblemFunctions, state: PlanState) -> Iterator[Schedule[None
     straight = [first, *itertools.islice(guesses, 1)]
     line = next((guess for guess in straight if guess.timed), straight[-1])
     sources = [
-        bumps(system, line, of_detours),
-        itertools.chain(straight, guesses),
+        filter(coarse.untried, bumps(system, line, of_detours)),
+        filter(coarse.untried, itertools.chain(straight, guesses)),
         _around_best(system, state, around_best),
     ]
     shooting: Iterator[Work] = iter(())
