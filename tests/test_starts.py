@@ -13,9 +13,12 @@ from tests.schedules import carried_out
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.planner import starts
 from tominpmp.planner.alternatives import candidates_of_alternatives
+from tominpmp.planner.automatic_options import resolve_options
 from tominpmp.planner.plan_state import PlanState
+from tominpmp.planner.torque_starts import random_torque_starts
 from tominpmp.planner.work import Work
 from tominpmp.stopping import Stop
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 START, END = (0.5, 1.7, -1.7), (2.0, -1.0, 0.5)
 AROUND = tm.Scene([tm.Sphere("O", radius=0.4, position=(3.0, 1.0, 0.0))])
@@ -24,6 +27,15 @@ AROUND = tm.Scene([tm.Sphere("O", radius=0.4, position=(3.0, 1.0, 0.0))])
 def reach(**changes):
     robot = tm.load_robot("planar3r")
     return tm.Problem(robot, START, tm.JointGoal(END), **changes)
+
+
+def test_no_torque_start_of_a_plan_is_made_twice():
+    """A weak arm was shot four times from the same torques by a thorough search."""
+    problem = reach()
+    state = PlanState(problem, resolve_options(problem, tm.Options()))
+    system = ProblemFunctions.of(problem)
+    assert len([*random_torque_starts(system, state, 5)]) == 5
+    assert len([*random_torque_starts(system, state, 7)]) == 2
 
 
 class Table:

@@ -71,7 +71,8 @@ class PlanState:
         failures: Errors of candidates that have led to no motion.
         shown: Records of all iterations, with the numbers of their candidates.
         searches: Success of the searches for paths around obstacles.
-        tried: Keys of the goals and guesses from which descents on coarse grids began.
+        tried: Keys of the starts, each of a goal and of a guess or initial torques,
+            from which descents on coarse grids and shooting began.
     """
 
     def __init__(

@@ -42,6 +42,8 @@ def random_torque_starts(
 ) -> Schedule[None]:
     """Descend from the initial torques of the options, then from random torques.
 
+    Starts that the plan has made before are left out.
+
     Args:
         system: Functions of the problem.
         state: The plan. If its method is no shooting method, the adjoint method is
@@ -68,7 +70,10 @@ def random_torque_starts(
         z = _given_torques(system, options)
         if number:
             z = _random_torques(system, options, rng)
-        yield shooting_work(system, options, state, z)
+        key = hash((id(system.problem.goal), z.tobytes()))
+        if key not in state.tried:
+            state.tried.add(key)
+            yield shooting_work(system, options, state, z)
 
 
 def torques_may_lead(system: ProblemFunctions) -> bool:
