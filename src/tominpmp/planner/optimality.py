@@ -65,18 +65,16 @@ def certified(state: PlanState) -> Schedule[None]:
     Args:
         state: The plan.
     """
-    best, options, problem = state.incumbent, state.options, state.problem
-    tolerance = tolerance_of(options)
+    best, problem = state.incumbent, state.problem
+    tolerance = tolerance_of(state.options)
     if best is None:
         return
     converged = best.status is Status.CONVERGED
-    dwell = dwells_among_moving_obstacles(problem)
-    bound = state.lower_bound(problem).T
-    if (1.0 - tolerance) * best.duration <= bound:
+    if (1.0 - tolerance) * best.duration <= state.lower_bound(problem).T:
         # By the lower bound no motion at all gains more than the tolerance.
         state.amend(best, status=Status.CONVERGED)
         return
-    if dwell:
+    if dwells_among_moving_obstacles(problem):
         if converged:
             state.amend(best, status=Status.STALLED, remark=NO_CERTIFICATE)
         return

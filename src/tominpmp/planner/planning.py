@@ -13,6 +13,8 @@ through these modules:
 - :mod:`~tominpmp.planner.alternatives`: the goals of a set take turns;
 - :mod:`~tominpmp.planner.starts`: initial guesses for one goal, and their number;
 - :mod:`~tominpmp.planner.coarse_search`: guesses compared by descents on a coarse grid;
+- :mod:`~tominpmp.planner.torque_starts`: shooting from given or random torques, for
+  small arms that may have to swing, and for the shooting methods;
 - :mod:`~tominpmp.planner.segment_by_segment`: several segments, planned one by one by
   the same schedule, and joined;
 - :mod:`~tominpmp.planner.descent`: sequential convex programming turns a guess into a
