@@ -178,19 +178,19 @@ else:
     record = dataclass(frozen=True, eq=False)
 
 
-def record_line(record: Any) -> str:
-    """Show a dataclass on one line: the fields that differ from their defaults."""
-    parts = []
+def changed_fields(record: Any) -> dict[str, Any]:
+    """Arguments of a dataclass that differ from their defaults, by name."""
+    changed = {}
     for item in fields(record):
-        value = getattr(record, item.name, None)
-        if item.repr and value is not item.default:
-            value = dict(value) if isinstance(value, MappingProxyType) else value
-            factory = item.default_factory
-            usual = item.default if factory is MISSING else factory()
-            if type(value) is type(usual) and comparable(value) == comparable(usual):
-                continue
-            parts.append(f"{item.name}={in_brief(value)}")
-    return f"{type(record).__name__}({shortened(', '.join(parts), LINE)})"
+        value, factory = getattr(record, item.name, None), item.default_factory
+        value = dict(value) if isinstance(value, MappingProxyType) else value
+        usual = item.default if factory is MISSING else factory()
+        if isinstance(value, np.ndarray) and isinstance(usual, tuple):
+            usual = np.array(usual, value.dtype)
+        same = type(value) is type(usual) and comparable(value) == comparable(usual)
+        if item.init and value is not usual and not same:
+            changed[item.name] = value
+    return changed
 
 
 def in_brief(value: object) -> str:
@@ -239,8 +239,11 @@ class Record:
             self._keep(**{name: check(getattr(self, name), self._owner + name)})
 
     def __repr__(self) -> str:
-        """Name of the class, and the fields that differ from their defaults."""
-        return record_line(self)
+        """Name of the class, and the arguments that differ from their defaults."""
+        shown = {item.name for item in fields(self) if item.repr}  # type: ignore[arg-type]
+        changed = changed_fields(self).items()
+        parts = [f"{k}={in_brief(value)}" for k, value in changed if k in shown]
+        return f"{type(self).__name__}({shortened(', '.join(parts), LINE)})"
 
     def _keep(self, **values: Any) -> None:
         """Set fields of a record under construction, past its being frozen."""

@@ -284,7 +284,7 @@ class MotionLimits(Record):
     effort_rate: PerJoint = field(default=None, metadata={"kind": EFFORT_RATE})
     effort_scale: float = 1.0
     effort_curves: Mapping[str, EffortCurve] | None = field(
-        default=None, metadata={"kind": OVER_SPEED}
+        default_factory=dict, metadata={"kind": OVER_SPEED}
     )
 
     def __post_init__(self) -> None:

@@ -22,6 +22,7 @@ from typing import Any, TypeVar
 import numpy as np
 import pinocchio as pin
 
+from tominpmp.arrays import changed_fields
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.description.fields import Field
 from tominpmp.exceptions import (
@@ -148,12 +149,12 @@ def to_table(record: Any, folder: Path) -> Any:
             "ConstantVelocity and Waypoints can be written"
         )
     if isinstance(record, UNNAMED):
-        return field_table(record, folder)
+        return _field_table(record, folder)
     kinds = (classes(base) for base in NAMED if isinstance(record, base))
     named = {kind: name for found in kinds for name, kind in found.items()}
     if type(record) not in named:
         raise TypeError(f"a {type(record).__name__} cannot be written")
-    table = {"type": named[type(record)]} | field_table(record, folder)
+    table = {"type": named[type(record)]} | _field_table(record, folder)
     if isinstance(record, Mesh) and _is_as_in_file(record):
         table = {k: v for k, v in table.items() if k not in ("vertices", "triangles")}
     return table
@@ -168,37 +169,21 @@ def _is_as_in_file(mesh: Mesh) -> bool:
         return False
 
 
-def field_table(record: Any, folder: Path) -> dict[str, Any]:
+def _field_table(record: Any, folder: Path) -> dict[str, Any]:
     """Turn the fields of a record that differ from their defaults into a table.
 
     Raises:
         TypeError: If a value cannot be written.
     """
     table: dict[str, Any] = {}
-    for field in fields(record):
-        if not field.init:
-            continue
-        value, default = getattr(record, field.name), field.default
-        if field.default_factory is not MISSING:
-            default = field.default_factory()
-        if default is not MISSING and same(value, default):
-            continue
-        if field.name == "effort_curves" and not value:
-            continue
-        if field.name == "rotation" and isinstance(value, np.ndarray):
-            table[field.name] = _rotation_values(value)
+    for name, value in changed_fields(record).items():
+        if name == "rotation" and isinstance(value, np.ndarray):
+            table[name] = _rotation_values(value)
         else:
-            table[field.name] = NONE if value is None else to_table(value, folder)
+            table[name] = NONE if value is None else to_table(value, folder)
     if table.get("dwell"):
         del table["stop"]  # a dwell implies a stop
     return table
-
-
-def same(value: Any, default: Any) -> bool:
-    """Whether a field has its default value."""
-    if isinstance(value, np.ndarray) or isinstance(default, np.ndarray):
-        return default is not None and np.array_equal(value, default)
-    return value is default or bool(value == default)
 
 
 def _rotation_values(rotation: np.ndarray[Any, Any]) -> list[Any]:
