@@ -407,11 +407,6 @@ class MotionLimits(Record):
         return any(kind.smooth for kind in self._bounded)
 
     @property
-    def need_smooth(self) -> bool:
-        """Whether there are any limits beyond a share of the torque limits."""
-        return bool(self._bounded)
-
-    @property
     def _bounded(self) -> list[LimitKind]:
         """Kinds of limits that have bounds."""
         kinds = []

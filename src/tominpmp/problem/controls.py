@@ -125,6 +125,5 @@ def need_smooth(robot: Robot, limits: MotionLimits | None) -> bool:
 
     Acceleration limits alone do not for a kinematic robot: they bound its controls.
     """
-    if limits is None or not limits.need_smooth:
-        return False
-    return not (robot.kinematic and limits._bounded == [ACCELERATION])
+    bounded = [] if limits is None else limits._bounded
+    return bool(bounded) and not (robot.kinematic and bounded == [ACCELERATION])
