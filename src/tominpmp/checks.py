@@ -32,6 +32,7 @@ from tominpmp.arrays import (
     Converted,
     array_or_nan,
     frozen_array,
+    is_single,
     number_or_nan,
     real_array,
     real_number,
@@ -255,8 +256,7 @@ def names(value: Any, called: str = "joint_names") -> tuple[str, ...]:
     Raises:
         ProblemError: If they are not names, or a name is repeated.
     """
-    listed = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
-    listed = listed and not (isinstance(value, np.ndarray) and value.ndim == 0)
+    listed = isinstance(value, Sequence | np.ndarray) and not is_single(value)
     good = listed and all(isinstance(name, str) and name for name in value)
     names = tuple(str(name) for name in value) if good else ()
     if not names or len(set(names)) < len(names):

@@ -188,7 +188,7 @@ def _joined_semantics(robots: Mapping[str, Robot], path: Path) -> SemanticDescri
         )
         for by_part in (disabled, apart)
     )
-    states = [{} if r.srdf is None else r.srdf.group_states for r in robots.values()]
+    states = [robot.group_states for robot in robots.values()]
     common = {
         state: {
             f"{part}/{joint}": position

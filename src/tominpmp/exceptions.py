@@ -113,14 +113,28 @@ def closest(name: object, known: Sequence[str]) -> str:
     return f" (did you mean {' or '.join(names)}?)" if names else ""
 
 
+def unknown(
+    noun: str, name: object, known: Sequence[str], owner: str = "there are"
+) -> str:
+    """Message on a name that is not known, with similar names and all known ones.
+
+    Args:
+        noun: Kind of the named thing: "joint".
+        name: The name.
+        known: The known names.
+        owner: What has the known names: "the robot has".
+    """
+    listed = ", ".join(known) or "none"
+    return f"there is no {noun} {brief(name)}{closest(name, known)}; {owner}: {listed}"
+
+
 class _NotFound(TominpmpError):
     """A name is not among the available ones."""
 
-    _sentence = ""
+    _noun, _owner = "", "the robot has"
 
     def __init__(self, name: str, available: Sequence[str]) -> None:
-        near, known = closest(name, available), ", ".join(available)
-        super().__init__(self._sentence.format(brief(name), near, known))
+        super().__init__(unknown(self._noun, name, available, self._owner))
         self.name = name
         self.available = tuple(available)
 
@@ -135,7 +149,7 @@ class FrameNotFound(_NotFound):
         available: The known names.
     """
 
-    _sentence = "there is no frame {}{}; the robot has: {}"
+    _noun = "frame"
 
 
 class JointNotFound(_NotFound):
@@ -149,7 +163,7 @@ class JointNotFound(_NotFound):
         available: The known names.
     """
 
-    _sentence = "there is no joint {}{}; the robot has: {}"
+    _noun = "joint"
 
 
 class SceneError(TominpmpError):
@@ -230,7 +244,7 @@ class SolverNotFound(_NotFound):
         available: Names of the installed solvers.
     """
 
-    _sentence = "the solver {} is not available{}; there are: {}"
+    _noun, _owner = "solver", "there are"
 
 
 class ScenarioError(TominpmpError):
@@ -280,8 +294,7 @@ def optional(package: str, extra: str, purpose: str) -> Iterator[None]:
         MissingDependency: If it is not installed.
     """
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)
+        with quiet(DeprecationWarning):
             yield
     except ImportError as error:
         raise MissingDependency(package, extra, purpose) from error
@@ -308,6 +321,14 @@ class TominpmpWarning(UserWarning):
 
     Examples are a start that was clamped, and keys of a file that are not read.
     """
+
+
+@contextmanager
+def quiet(category: type[Warning] = TominpmpWarning) -> Iterator[None]:
+    """Suppress warnings within this block, by default those of this library only."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", category)
+        yield
 
 
 def warn_caller(message: str) -> None:

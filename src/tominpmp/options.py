@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import partial
@@ -12,7 +11,7 @@ import numpy as np
 
 import tominpmp.checks as checks
 from tominpmp.arrays import Array, Record, array_or_nan, number_or_nan
-from tominpmp.exceptions import OptionsError, brief
+from tominpmp.exceptions import OptionsError, unknown
 
 if TYPE_CHECKING:
     from tominpmp.status import IterationRecord
@@ -307,19 +306,13 @@ class Options(Record):
             OptionsError: If an option is unknown, or its value is wrong.
         """
         checks.instance(changes, Mapping, "changes", "values of options by name")
+        known = self.names()
         for name in changes:
-            if name not in self.names():
-                raise OptionsError(_unknown(name, self.names()), option=name)
+            if name not in known:
+                raise OptionsError(unknown("option", name, known), option=name)
         return replace(self, **changes) if changes else self
 
     @classmethod
     def names(cls) -> tuple[str, ...]:
         """Names of all options."""
         return tuple(item.name for item in fields(cls))
-
-
-def _unknown(name: object, known: tuple[str, ...]) -> str:
-    """Message for an unknown option, with the closest known name."""
-    near = difflib.get_close_matches(name, known, n=1) if isinstance(name, str) else []
-    hint = f"did you mean {near[0]!r}?" if near else f"there are: {', '.join(known)}"
-    return f"there is no option {brief(name)}; {hint}"

@@ -19,7 +19,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from contextvars import ContextVar
 from types import FrameType
 
@@ -203,24 +203,18 @@ def request() -> bool:
 @contextmanager
 def grace(seconds: float) -> Iterator[None]:
     """Continue for a grace period after the deadline, to save the results."""
-    deadline = _current.get()
-    if deadline is _NEVER:
-        yield
-        return
-    with deadline.grace(time.perf_counter() + seconds):
+    deadline, until = _current.get(), time.perf_counter() + seconds
+    with nullcontext() if deadline is _NEVER else deadline.grace(until):
         yield
 
 
 @contextmanager
 def bounded(seconds: float | None) -> Iterator[None]:
     """A stage with a time limit of its own, unless a deadline is in force already."""
-    if _current.get() is not _NEVER:
-        yield
-        return
     deadline = Deadline()
     if seconds is not None:
         deadline.end = time.perf_counter() + seconds
-    with deadline.in_force():
+    with deadline.in_force() if _current.get() is _NEVER else nullcontext():
         yield
 
 

@@ -134,7 +134,7 @@ def test_locked_joints_groups_and_workcells_keep_them(panda: Robot) -> None:
 def test_prefixes_and_names() -> None:
     joints = [f"left_panda_joint{i}" for i in range(1, 8)]
     joints += [f"right_panda_joint{i}" for i in range(1, 8)]
-    sheet = find_datasheet([None, "dual_panda"], joints)
+    sheet = find_datasheet(["dual_panda"], joints)
     assert sheet is not None and sheet.title == "Franka Emika Panda"
     assert set(sheet.by_joint(joints)["jerk"]) == set(joints)
     assert find_datasheet(["panda"], joints[:5]) is None

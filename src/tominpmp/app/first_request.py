@@ -15,11 +15,10 @@ from tominpmp.app.request import (
     RobotChoice,
     group_names,
     loaded,
-    quiet,
     rounded,
 )
 from tominpmp.arrays import Array
-from tominpmp.exceptions import ProblemError, RobotLoadError
+from tominpmp.exceptions import ProblemError, RobotLoadError, quiet
 from tominpmp.goals.joints import JointGoal
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem.problem import Problem
@@ -90,7 +89,7 @@ def tool_frame(robot: Robot) -> str:
 def _starts(robot: Robot) -> Iterator[Array]:
     """Candidates for the start: group states, the middle of the limits, random ones."""
     low, high = robot.limits.position_lower, robot.limits.position_upper
-    states = {} if robot.srdf is None else robot.srdf.group_states
+    states = robot.group_states
     spare = np.where(np.isfinite(high - low), 0.1 * (high - low), 0.0)
     middle = np.clip(0.0, low + spare, high - spare)
     for name in START_NAMES:

@@ -40,10 +40,9 @@ from tominpmp.app.request import (
     group_names,
     loaded,
     new_item,
-    quiet,
 )
 from tominpmp.description.files import robot_names
-from tominpmp.exceptions import OptionsError, TominpmpError, optional
+from tominpmp.exceptions import OptionsError, TominpmpError, optional, quiet
 from tominpmp.viz.surfaces import obstacle_surface, robot_bodies
 from tominpmp.viz.surroundings import (
     GOAL_RGB,
@@ -243,7 +242,7 @@ class Page:
             scene.remove_by_name("/path")
             self.shown = None
             self.readout.show(None)
-            with quiet():
+            with quiet():  # the page shows none
                 bodies = robot_bodies(robot)
             ghost = stage.outlines(robot, bodies)
             self._arms = {

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tominpmp.app.request import Request, quiet
+from tominpmp.app.request import Request
 from tominpmp.arrays import Array, Record
 from tominpmp.bounds.result import LowerBound
-from tominpmp.exceptions import ProblemError, TominpmpError
+from tominpmp.exceptions import ProblemError, TominpmpError, quiet
 from tominpmp.kinematics import FrameMotions
 from tominpmp.planner.planning import plan
 from tominpmp.problem.problem import Problem

@@ -7,9 +7,7 @@ rounded when they are set, so that the lines are short and exact.
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from itertools import count
@@ -22,7 +20,7 @@ from numpy.typing import ArrayLike
 from tominpmp.arrays import Record
 from tominpmp.checks import choice, number, raised_as, wrong
 from tominpmp.datasheets import find_datasheet
-from tominpmp.exceptions import RobotLoadError, SceneError, TominpmpWarning
+from tominpmp.exceptions import RobotLoadError, SceneError, quiet
 from tominpmp.files.records import classes
 from tominpmp.goals.frames import PoseGoal, PositionGoal
 from tominpmp.goals.joints import JointGoal
@@ -149,14 +147,6 @@ class RobotChoice:
         return Call(load_robot, (self.source,), needed)
 
 
-@contextmanager
-def quiet() -> Iterator[None]:
-    """Context without warnings about descriptions: the page does not show them."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", TominpmpWarning)
-        yield
-
-
 @lru_cache(maxsize=8)
 @quiet()
 def loaded(choice: RobotChoice) -> Robot:
@@ -199,8 +189,7 @@ def follows_datasheet(choice: RobotChoice) -> bool | None:
         RobotLoadError: If the robot is unknown, or its files are wrong.
     """
     source = _source(choice.source)
-    joints = [joint.name for joint in source.description.joints]
-    if find_datasheet(source.names, joints) is None:
+    if find_datasheet(*source.description.known_as(source.name)) is None:
         return None
     named = source.name is not None
     return named if choice.limits is None else choice.limits == "datasheet"

@@ -170,10 +170,9 @@ def positions(
     Raises:
         OptionsError: If positions are wrong, or the group state is unknown.
     """
-    states = {} if robot.srdf is None else robot.srdf.group_states
     text = getattr(args, name)
     items, table = words(text), dict[str, Any]()
-    if text.strip() in states:
+    if text.strip() in robot.group_states:
         items, table["state"] = [], text.strip()
     elif number(items[0]) is None and "=" not in items[0]:
         table["state"] = items.pop(0)

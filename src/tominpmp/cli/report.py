@@ -260,7 +260,7 @@ def robot_data(robot: Robot) -> dict[str, Any]:
         ],
         "passive_joints": robot.passive_joints,
         "groups": {name: group.joints for name, group in groups.items()},
-        "group_states": {} if semantics is None else semantics.group_states,
+        "group_states": robot.group_states,
         "frames": robot.frame_names,
         "collision_geometries": int(robot.collision_model.ngeoms),
     }

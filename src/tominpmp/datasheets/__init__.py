@@ -120,13 +120,13 @@ def read_datasheet(path: Path) -> Datasheet:
 
 
 def find_datasheet(
-    names: Iterable[str | None], joint_names: Sequence[str]
+    names: Iterable[str], joint_names: Sequence[str]
 ) -> Datasheet | None:
     """Find the data sheet of a robot; among several, the one with the most joints.
 
-    The names are the one asked for, the one in the description, and that of the file.
+    The names are those of ``UrdfDescription.known_as``.
     """
-    words = [_words(name) for name in names if name]
+    words = [_words(name) for name in names]
     fitting = [
         sheet
         for sheet in datasheets()
@@ -137,7 +137,7 @@ def find_datasheet(
 
 
 def published_values(
-    names: Iterable[str | None], joint_names: Sequence[str], *, needed: bool
+    names: Sequence[str], joint_names: Sequence[str], *, needed: bool
 ) -> dict[str, dict[str, float]]:
     """Values of the data sheet of a robot by quantity and joint name.
 
@@ -149,7 +149,6 @@ def published_values(
     Raises:
         OptionsError: If a sheet is needed and not found; lists the known sheets.
     """
-    names = [name for name in names if name]
     sheet = find_datasheet(names, joint_names)
     if sheet is None and not needed:
         return {}

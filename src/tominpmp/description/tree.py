@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, IntArray, Record, frozen_array
-from tominpmp.exceptions import warn_caller
+from tominpmp.exceptions import enumerated, warn_caller
 
 # Link to which the bases of combined robots are fixed, and link below a robot whose
 # base was moved in the world.
@@ -188,6 +188,19 @@ class UrdfDescription(Record):
         """Joints that can move, in the order of the file."""
         return tuple(joint for joint in self.tree if joint.kind != "fixed")
 
+    def known_as(self, name: str | None) -> tuple[list[str], list[str]]:
+        """Names by which the data sheet of the robot is found.
+
+        Args:
+            name: Name by which the robot was asked for, if there is one.
+
+        Returns:
+            This name, the name in the description and that of the file; and the names
+            of the joints that can move.
+        """
+        names = [known for known in (name, self.name, self.path.stem) if known]
+        return names, [joint.name for joint in self.joints]
+
     @property
     def root(self) -> str:
         """The link without a parent joint."""
@@ -263,22 +276,16 @@ def solid(kind: str, sizes: Iterable[float], placement: Array) -> Shape | None:
 def warn_of_empty_shapes(places: Sequence[str], path: Path) -> None:
     """Warn of shapes that were left out because all their sizes are zero."""
     if places:
-        warn_caller(f"{path}: shapes of no size are left out: {_in_short(places)}")
+        warn_caller(f"{path}: shapes of no size are left out: {enumerated(places)}")
 
 
 def warn_of_missing_visuals(places: Sequence[str], path: Path) -> None:
     """Warn of visual shapes that were left out because their meshes are missing."""
     if places:
         warn_caller(
-            f"{path}: not shown, as their meshes are not there: {_in_short(places)}; "
+            f"{path}: not shown, as their meshes are not there: {enumerated(places)}; "
             "folders that hold packages are given in package_dirs"
         )
-
-
-def _in_short(places: Sequence[str]) -> str:
-    """First of some places, with the number of further ones."""
-    others = len(places) - 1
-    return f"{places[0]} and {others} more" if others else places[0]
 
 
 def fixed_joint(

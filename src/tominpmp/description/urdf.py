@@ -53,7 +53,7 @@ from tominpmp.description.xml_reader import (
     to_number,
     xml_text,
 )
-from tominpmp.exceptions import brief, shortened, warn_caller
+from tominpmp.exceptions import brief, enumerated, shortened, warn_caller
 
 # Largest mesh file; a larger one would take minutes and gigabytes [bytes].
 MAX_MESH_BYTES = 512 * 2**20
@@ -61,8 +61,6 @@ MAX_MESH_BYTES = 512 * 2**20
 BLACK = (0.0, 0.0, 0.0, 1.0)
 # Distance within which soft limits count as equal to the limits [rad or m].
 SOFT_TOLERANCE = 1e-9
-# Most places that a warning names.
-MOST_NAMED = 10
 # Range in which limits of revolute joints look like degrees: five to 115 turns.
 MANY_TURNS, MOST_TURNS = 30.0, 720.0
 # Most links; the parsers recurse into the tree, and humanoids have some hundred.
@@ -518,21 +516,20 @@ class _UrdfReader:
         not read here.
         """
         path = self.context.path
-        unread = "; ".join(self.unread[:MOST_NAMED])
         warn_of_empty_shapes(self.empty_shapes, path)
         warn_of_missing_visuals(self.missing_visuals, path)
-        if unread:
-            warn_caller(f"{path}: not read: {unread}")
+        if self.unread:
+            warn_caller(f"{path}: not read: {enumerated(self.unread)}")
         if self.soft_limited:
             warn_caller(
                 f"{path}: <safety_controller>: soft limits within the position limits "
-                f"are not kept: {_first(self.soft_limited)}; give position_lower and "
-                "position_upper where a controller keeps them"
+                f"are not kept: {enumerated(self.soft_limited)}; give "
+                "position_lower and position_upper where a controller keeps them"
             )
         if self.in_degrees:
             warn_caller(
                 f"{path}: position limits of many turns, which look like degrees: "
-                f"{_first(self.in_degrees)}; a URDF file has radians"
+                f"{enumerated(self.in_degrees)}; a URDF file has radians"
             )
 
 
@@ -576,10 +573,6 @@ def _check_tree(
     rest = [name for name in links if name not in reached]
     if rest:
         context.fail(f"the links {', '.join(rest[:10])} form a loop without a base")
-
-
-def _first(names: Sequence[str]) -> str:
-    return ", ".join(names[:MOST_NAMED]) + (", ..." if len(names) > MOST_NAMED else "")
 
 
 # Number written for no limit; readers take numbers of this size for no limit.

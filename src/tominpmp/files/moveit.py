@@ -40,6 +40,7 @@ from tominpmp.exceptions import (
     RobotLoadError,
     ScenarioError,
     brief,
+    unknown,
     warn_caller,
 )
 from tominpmp.files.limits import load_limited_robot
@@ -143,8 +144,7 @@ class _Frames:
         name = frame_id.text() if frame_id.given else "world"
         place = self.fixed.get(name, self.fixed.get(name.lstrip("/")))
         if place is None:
-            names = ", ".join(self.fixed)
-            frame_id.fail(f"there is no fixed frame {brief(name)}; there are: {names}")
+            frame_id.fail(unknown("fixed frame", name, list(self.fixed)))
         return place
 
 

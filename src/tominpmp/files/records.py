@@ -31,7 +31,7 @@ from tominpmp.exceptions import (
     SceneError,
     TominpmpError,
     brief,
-    closest,
+    unknown,
     warn_caller,
 )
 from tominpmp.goals.base import Goal
@@ -219,10 +219,7 @@ def from_table(table: Field, kinds: Mapping[str, type[Any]], noun: str) -> Any:
     """
     kind = table.need("type")
     if not isinstance(kind.value, str) or kind.value not in kinds:
-        kind.fail(
-            f"there is no {noun} {brief(kind.value)}{closest(kind.value, list(kinds))}"
-            f"; there are: {', '.join(kinds)}"
-        )
+        kind.fail(unknown(noun, kind.value, list(kinds)))
     return make(kinds[kind.value], table, kinds, "type")
 
 

@@ -78,7 +78,6 @@ from __future__ import annotations
 
 import re
 import tempfile
-import warnings
 from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
@@ -103,7 +102,8 @@ from tominpmp.exceptions import (
     RobotLoadError,
     ScenarioError,
     TominpmpError,
-    brief,
+    quiet,
+    unknown,
 )
 from tominpmp.files.limits import (
     load_limited_robot,
@@ -253,13 +253,10 @@ def positions(table: Field, robot: Robot, base: Array | None) -> Array:
     if state.given:
         if not isinstance(q.value, dict | None):
             q.fail("expected joints by name beside a state")
-        states = {} if robot.srdf is None else robot.srdf.group_states
-        if state.text() not in states:
-            has = ", ".join(states) or "none"
-            state.fail(
-                f"there is no group state {brief(state.value)}; the robot has: {has}"
-            )
-        known |= states[state.value]
+        name, states = state.text(), robot.group_states
+        if name not in states:
+            state.fail(unknown("group state", name, list(states), "the robot has"))
+        known |= states[name]
     return _row(replace(q, value={}) if q.value is None else q, robot, known)
 
 
@@ -483,7 +480,7 @@ def _compared_values(robot: Robot) -> Mapping[str, object]:
         "frames": [frame.name for frame in model.frames],
         "shapes": sorted(zip(joints, kinds, strict=True)),
         "pairs of links": () if srdf is None else sorted(srdf.disabled_pairs),
-        "group states": {} if srdf is None else dict(srdf.group_states),
+        "group states": dict(robot.group_states),
         **{name: getattr(robot, name).tolist() for name in numbers},
         "placements": np.array([place.homogeneous for place in places]),
         "inertias": np.array([body.toDynamicParameters() for body in model.inertias]),
@@ -603,9 +600,7 @@ def robot_table(
         known = find_robot(robot.name)
     if known is not None and known.urdf == path and path.is_file():
         table["name"], default = robot.name, known.srdf
-        names = robot.name, robot.description.name, path.stem
-        joints = [joint.name for joint in robot.description.joints]
-        if find_datasheet(names, joints) is not None:
+        if find_datasheet(*robot.description.known_as(robot.name)) is not None:
             # All limits are written below, including those of the data sheet.
             table["limits"] = "urdf"
     else:
@@ -650,8 +645,8 @@ def _check_given_back(
         ScenarioError: If it cannot be loaded again.
         TypeError: If it would be a different robot, or cannot be written.
     """
-    with tempfile.TemporaryDirectory() as name, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # they were shown when the robot was loaded
+    # The warnings were shown when the robot was loaded.
+    with tempfile.TemporaryDirectory() as name, quiet(Warning):
         if not files:
             if read_robot(Field(table, path, "robot")) != robot:
                 raise TypeError(

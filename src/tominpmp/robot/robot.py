@@ -71,6 +71,7 @@ from tominpmp.exceptions import (
     RobotLoadError,
     brief,
     closest,
+    unknown,
 )
 from tominpmp.motion_limits import MotionLimits, kinds_of, limits_by_joint
 from tominpmp.notebook import card, skeletons, table
@@ -287,6 +288,11 @@ class Robot(Record):
             return rows
         return np.asarray(rows @ self.expansion_matrix)
 
+    @property
+    def group_states(self) -> Mapping[str, Mapping[str, float]]:
+        """Joint positions [rad or m] by joint name, by the name of a group state."""
+        return {} if self.srdf is None else self.srdf.group_states
+
     def group_state(self, name: str) -> Array:
         """Joint positions of a group state of the SRDF file, for example "home".
 
@@ -299,12 +305,11 @@ class Robot(Record):
         Raises:
             ProblemError: If there is no group state of this name, or it lacks a joint.
         """
-        states = {} if self.srdf is None else self.srdf.group_states
+        states = self.group_states
         if not isinstance(name, str) or name not in states:
-            known = ", ".join(states) or "none"
-            raise ProblemError(
-                f"there is no group state {brief(name)}; the robot has: {known}", "name"
-            )
+            known = list(states)
+            message = unknown("group state", name, known, "the robot has")
+            raise ProblemError(message, "name")
         lacking = [joint for joint in self.joint_names if joint not in states[name]]
         if lacking:
             raise ProblemError(
@@ -484,9 +489,8 @@ def assembled(
 
 def datasheet_hint(robot: Robot, joint: str) -> str:
     """Hint that a data sheet has the accelerations of a joint; empty otherwise."""
-    joints = [joint.name for joint in robot.description.joints]
-    names = robot.name, robot.description.name, robot.description.path.stem
-    published = published_values(names, joints, needed=False)
+    known_as = robot.description.known_as(robot.name)
+    published = published_values(*known_as, needed=False)
     known = joint in published.get("acceleration", {})
     return "; limits='datasheet' has them" if known else ""
 
@@ -522,11 +526,6 @@ class RobotSource:
     values: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     stated: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
-    @property
-    def names(self) -> tuple[str | None, ...]:
-        """Names of the robot: asked for, in its description, and of its file."""
-        return self.name, self.description.name, self.description.path.stem
-
     def known_values(self, limits: str | None) -> dict[str, dict[str, Any]]:
         """Limits and rotor inertias by quantity and joint name, to override the file's.
 
@@ -551,11 +550,11 @@ class RobotSource:
         }
         srdf = self.semantics
         rotors = {} if srdf is None else {"armature": srdf.rotor_inertias}
-        moving = [joint.name for joint in joints]
         named = limits is None and self.name is not None
         sheet = {}
         if named or limits == DATASHEET:
-            sheet = published_values(self.names, moving, needed=not named)
+            known_as = self.description.known_as(self.name)
+            sheet = published_values(*known_as, needed=not named)
         merged: dict[str, dict[str, Any]] = {}
         for level in (beyond_urdf, rotors, self.values, sheet, self.stated):
             for quantity, values in level.items():

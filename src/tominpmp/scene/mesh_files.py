@@ -12,7 +12,6 @@ instead of three; it is four times as fast.
 from __future__ import annotations
 
 import re
-import warnings
 from array import array
 from collections.abc import Iterator
 from itertools import pairwise
@@ -23,7 +22,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.description.mesh_sizes import check_expanded
-from tominpmp.exceptions import ProblemError
+from tominpmp.exceptions import ProblemError, quiet
 
 # Largest mesh: a larger one would take minutes and gigabytes, also in a collision
 # checker.
@@ -183,8 +182,7 @@ def _read_other(path: Path, suffix: str, data: bytes) -> tuple[Array, IntArray]:
 
     try:
         check_expanded(path, data)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about files that violate their standard
+        with quiet(Warning):  # trimesh warns of files that violate their standard
             options: Any = {"process": False, "skip_materials": True}
             mesh = trimesh.load_scene(path, **options).to_mesh()
             _check_count(max(len(mesh.faces), len(mesh.vertices) // 3))

@@ -10,7 +10,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, Converted, Record
 from tominpmp.checks import of_kind, optional
-from tominpmp.exceptions import SceneError, brief, warn_caller
+from tominpmp.exceptions import SceneError, brief, unknown, warn_caller
 from tominpmp.scene.meshes import Mesh
 from tominpmp.scene.obstacles import Box, Obstacle
 
@@ -73,10 +73,8 @@ class Scene(Record):
         for item in self.obstacles:
             if isinstance(name, str) and item.name == name:
                 return item
-        known = ", ".join(item.name for item in self.obstacles) or "none"
-        raise SceneError(
-            f"there is no obstacle {brief(name)}; there are: {known}", name
-        )
+        known = [item.name for item in self.obstacles]
+        raise SceneError(unknown("obstacle", name, known), name)
 
     @property
     def moving(self) -> tuple[Obstacle, ...]:

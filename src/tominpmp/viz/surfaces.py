@@ -7,7 +7,6 @@ joints; a surface has colours by triangle, or the colour of its body.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +25,7 @@ from tominpmp.arrays import Array, IntArray
 from tominpmp.collision.bodies import obstacle_shape
 from tominpmp.collision.shapes import is_mesh
 from tominpmp.description.model import mesh_arrays
-from tominpmp.exceptions import RobotLoadError, warn_caller
+from tominpmp.exceptions import RobotLoadError, quiet, warn_caller
 from tominpmp.robot.robot import Robot
 from tominpmp.scene.grids import HeightField, OcTree
 from tominpmp.scene.meshes import Mesh
@@ -384,8 +383,7 @@ def _colored_mesh(path: str) -> Trimesh | None:
     if Path(path).suffix.lower() not in (".dae", ".obj", ".ply", ".glb", ".gltf"):
         return None  # colours of STL files are not standard
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # trimesh warns of nonstandard files
+        with quiet(Warning):  # trimesh warns of files that violate their standard
             scene: Any = trimesh.load(path, force="scene", process=False)
             parts = [mesh for mesh in scene.dump() if isinstance(mesh, Trimesh)]
             colors = [_colors(mesh) for mesh in parts]

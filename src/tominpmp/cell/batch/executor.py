@@ -6,14 +6,13 @@ The caller chooses the backend by its name or by ``joblib.parallel_config``: "lo
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
 from typing import Any, TypeVar
 
-from tominpmp.exceptions import MissingDependency, ProblemError, brief, shortened
+from tominpmp.exceptions import MissingDependency, ProblemError, brief, quiet, shortened
 from tominpmp.initial_guess.parallel import available_processes
 
 T = TypeVar("T")
@@ -67,9 +66,7 @@ class Executor:
         try:
             yield stream
         finally:
-            with warnings.catch_warnings():
-                # The caller has abandoned the work under way.
-                warnings.simplefilter("ignore")
+            with quiet(Warning):  # the caller has abandoned the work under way
                 stream.close()
 
     def results(self, work: Iterator[tuple[T, Any]]) -> Iterator[tuple[T, Any]]:

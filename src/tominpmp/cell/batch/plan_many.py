@@ -14,7 +14,6 @@ import os
 import pickle
 import tempfile
 import time
-import warnings
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
 from contextlib import suppress
@@ -33,7 +32,7 @@ from tominpmp.cell.batch.neighbours import Start, nearest_start, rounds_of
 from tominpmp.checks import flag, instance, whole, wrong
 from tominpmp.description.paths import checked_path
 from tominpmp.description.urdf import urdf_file
-from tominpmp.exceptions import ScenarioError, TominpmpError, brief
+from tominpmp.exceptions import ScenarioError, TominpmpError, brief, quiet
 from tominpmp.files.scenario import Scenario, load_scenario, scenario_text
 from tominpmp.initial_guess.parallel import end_with
 from tominpmp.motion.trajectory import Trajectory
@@ -425,8 +424,7 @@ def _problem(source: Any, options: Options | None) -> tuple[Problem, Options]:
     Raises:
         TominpmpError: If the source is of another type, or its file is wrong.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the message of the solution repeats them
+    with quiet(Warning):  # the message of the solution repeats the warnings
         if isinstance(source, str | Path):
             source = load_scenario(source)
     if isinstance(source, Scenario):

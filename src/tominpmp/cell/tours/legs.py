@@ -64,8 +64,8 @@ class JointTimes:
     @classmethod
     def of(cls, problem: Problem) -> JointTimes:
         """Take the limits of a problem."""
-        names, limits = problem.robot.joint_names, problem.motion_limits
-        limits = MotionLimits() if limits is None else limits
+        names = problem.robot.joint_names
+        limits = problem.motion_limits or MotionLimits()
         rates = (limits.by_joint(name, names) for name in ("acceleration", "jerk"))
         return cls(problem.robot.limits.velocity, *rates)
 

@@ -10,7 +10,6 @@ itself is found. Dwell times are added.
 
 from __future__ import annotations
 
-import warnings
 from contextlib import suppress
 from itertools import permutations
 
@@ -23,7 +22,7 @@ from tominpmp.bounds.result import LowerBound
 from tominpmp.cell.tours.legs import JointTimes
 from tominpmp.cell.tours.orders import exact_order
 from tominpmp.cell.tours.station import TourTask, least_stays
-from tominpmp.exceptions import ProblemError, TominpmpWarning
+from tominpmp.exceptions import ProblemError, quiet
 from tominpmp.goals.base import Goal
 from tominpmp.goals.joints import JointGoal
 
@@ -90,9 +89,8 @@ def _least_times(task: TourTask) -> Array:
         # Loads change the accelerations that torques allow.
         few = few_frames if fixed[j] is None else few_joints
         if few and begin is not None and resting == 2 and i not in loaded:
-            with suppress(ProblemError), warnings.catch_warnings():
-                # The tour has warned of goals at limits already.
-                warnings.simplefilter("ignore", TominpmpWarning)
+            # The tour has warned of goals at limits already.
+            with suppress(ProblemError), quiet():
                 leg = problem.with_ends(begin, goals[j])
                 out[i, j] = max(out[i, j], lower_bound(leg).T)
     out[:, 0], out[last:] = out[0], out[:, last:].T
