@@ -53,7 +53,7 @@ def _text(value: object) -> str:
     if isinstance(value, float | np.floating):
         number = float(value)
         return f"{number if abs(number) > 1e-12 else 0.0:.4g}"
-    return value if isinstance(value, str) and len(value) <= 80 else brief(value)[:80]
+    return value if isinstance(value, str) and len(value) <= 80 else brief(value)
 
 
 def curves(title: str, t: Array, values: Array, limits: Sequence[float] = ()) -> str:

@@ -162,7 +162,7 @@ def test_csv_and_npz_of_positions_alone(tmp_path: Path) -> None:
         (("points",), 7, "points", "expected a list"),
         (("points", 1, "positions"), [1.0], "points[1].positions", "2 numbers"),
         (("points", 1, "positions"), None, "points[1].positions", "2 numbers"),
-        (("points", 1, "positions", 0), "x", "points[1].positions[0]", "a number"),
+        (("points", 1, "positions", 0), "x", "points[1].positions[0]", "finite number"),
         (("points", 1, "velocities"), [], "points[1].velocities", "2 numbers"),
         (("points", 2, "effort"), [1.0, 2.0], "points[0].effort", "2 numbers"),
         (

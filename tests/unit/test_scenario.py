@@ -467,7 +467,7 @@ joint_limits:
             "start.q",
             "nothing about joint2, joint3",
         ),
-        (('state = "start"', 'q = [1, 2, "x"]'), "start.q[2]", "expected a number"),
+        (('state = "start"', 'q = [1, 2, "x"]'), "start.q[2]", "a finite number"),
         (('state = "start"', "q = [1, 2, nan]"), "start.q[2]", "finite"),
         (
             ('"start"', '"start"\nv = [9, 9]'),
@@ -527,7 +527,7 @@ joint_limits:
             "cannot hold a function",
         ),
         (("[robot]", "margin = -1\n[robot]"), "margin", "expected a length"),
-        (("[robot]", 'margin = "x"\n[robot]'), "margin", "expected a number"),
+        (("[robot]", 'margin = "x"\n[robot]'), "margin", "a finite number"),
         (
             ("[goal]", "[motion_limits]\nacceleration = -1\n[goal]"),
             "motion_limits",

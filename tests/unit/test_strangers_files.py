@@ -32,8 +32,7 @@ def test_meshes_to_look_at_may_be_missing(tmp_path: Path) -> None:
     message = told(text, tmp_path)
     assert "not shown" in message
     assert "link base_link, visual" in message
-    count = text.count(MESH)
-    assert f"('package://my_arm/a.stl') and {count - 1} more; folders" in message
+    assert message.count("('package://my_arm/a.stl')") == min(text.count(MESH), 5)
     assert "package_dirs" in message
     # One to collide with may not.
     path = tmp_path / "own.urdf"

@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, number_or_nan
 from tominpmp.exceptions import ScenarioError, TominpmpError, closest, shortened
 
 
@@ -153,12 +153,7 @@ class Field:
         value = self.value
         if value is None and default is not None:
             return default
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            self._expected("a number")
-        try:
-            number = float(value)
-        except OverflowError:
-            number = math.nan
+        number = value if type(value) is float else number_or_nan(value)
         ranged = least <= number <= most and (above == -math.inf or number > above)
         if not ranged or (math.isinf(number) and not infinite):
             self._expected(expected)

@@ -19,7 +19,7 @@ from xml.parsers import expat
 import numpy as np
 
 from tominpmp.description.paths import read_bytes
-from tominpmp.exceptions import RobotLoadError
+from tominpmp.exceptions import RobotLoadError, brief
 
 # The largest description of example-robot-data has 0.3 MB, 9000 elements, depth 7.
 MAX_BYTES = 32 * 2**20
@@ -158,7 +158,7 @@ class XmlContext:
         if len(values) != count or not all(abs(v) <= MAX_NUMBER for v in values):
             wanted = "a number" if count == 1 else f"{count} numbers"
             self.fail(
-                f"{where}: {element.tag} {attribute}={text[:80]!r}, expected {wanted} "
+                f"{where}: {element.tag} {attribute}={brief(text)}, expected {wanted} "
                 f"of at most {MAX_NUMBER:g} in size"
             )
         if low is not None and min(values, default=low) < low:
@@ -185,7 +185,7 @@ class XmlContext:
         text = element.attrib[attribute]
         value = to_number(text.strip())
         if math.isnan(value):
-            self.fail(f"{where}: {element.tag} {attribute}={text[:80]!r} is no number")
+            self.fail(f"{where}: {element.tag} {attribute}={brief(text)} is no number")
         return value
 
 

@@ -144,7 +144,7 @@ class _Builder:
             if not isinstance(key, str):
                 self.fail("a key is not a single word", event)
             if key in table:
-                self.fail(f"the key {key[:80]!r} is there twice", event)
+                self.fail(f"the key {brief(key)} is there twice", event)
             table[key] = self._value(next(self.events), depth)
         return table
 
@@ -163,7 +163,7 @@ class _Builder:
     def _check_tag(self, event: Any) -> None:
         if event.tag is not None and not _CORE_TAG.fullmatch(event.tag):
             known = f"plain values only, and {', '.join(UNITS)} with a number"
-            self.fail(f"the tag {event.tag[:80]!r} is refused: {known}", event)
+            self.fail(f"the tag {brief(event.tag)} is refused: {known}", event)
 
 
 def _plain_value(word: str) -> Any:

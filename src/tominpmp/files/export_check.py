@@ -21,7 +21,7 @@ from tominpmp.arrays import Array, MaybeNone
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance
 from tominpmp.description.paths import checked_path
-from tominpmp.exceptions import ProblemError, enumerated
+from tominpmp.exceptions import enumerated
 from tominpmp.files.export import file_samples, is_message, read_motion
 from tominpmp.files.ros import Refusal, controller_refusals
 from tominpmp.files.tables import known_quantities
@@ -181,9 +181,7 @@ def check_export(
     """
     begin = time.perf_counter()
     instance(solution, Solution, "solution")
-    motion = solution.trajectory
-    if motion is None:
-        raise ProblemError(f"there is no motion: {solution.message}", "trajectory")
+    motion = solution._motion()
     path, dt = checked_path(path), solution._step_of_rows(dt)
     judge = partial(_verified, solution, motion)
     check = _check(solution.problem, path, judge)

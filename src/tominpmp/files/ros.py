@@ -225,7 +225,7 @@ def _table(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
     table: dict[str, Any] = {}
     for key, value in pairs:
         if key in table:
-            raise ValueError(f"the key {key[:80]!r} is there twice")
+            raise ValueError(f"the key {brief(key)} is there twice")
         table[key] = value
     return table
 

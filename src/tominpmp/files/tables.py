@@ -21,7 +21,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.exceptions import ScenarioError, shortened
+from tominpmp.exceptions import ScenarioError, brief, shortened
 from tominpmp.motion.samples import Samples
 
 QUANTITIES = ("q", "v", "a", "u")
@@ -163,7 +163,7 @@ def _table(lines: Iterator[list[str]], header: list[str], path: Path) -> Array:
                 numbers.append(float(word))
             except ValueError as error:
                 raise ScenarioError(
-                    f"{path}, line {number}, column {column}: {word[:40]!r} is no "
+                    f"{path}, line {number}, column {column}: {brief(word)} is no "
                     "number",
                     path,
                     column,
