@@ -18,7 +18,7 @@ from tominpmp.exceptions import brief
 
 # Okabe and Ito's colours, which are distinguishable with colour blindness.
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#5b4b8a")
-GREY, LIMIT = "#9aa5b1", "#b3312a"
+GREY, LIMIT_COLOR = "#9aa5b1", "#b3312a"
 WIDTH, HEIGHT, EDGE = 240.0, 110.0, 6.0
 TEXT = "font:11px sans-serif;fill:#4a5867"
 # Longest table; robots may have hundreds of joints.
@@ -74,7 +74,7 @@ def curves(title: str, t: Array, values: Array, limits: Sequence[float] = ()) ->
     marks = [HEIGHT - EDGE - (HEIGHT - 4 * EDGE) * (at - low) / span for at in limits]
     parts = [
         f'<line x1="{EDGE}" x2="{WIDTH - EDGE}" y1="{at:.1f}" y2="{at:.1f}" '
-        f'stroke="{LIMIT}" stroke-dasharray="4 3"/>'
+        f'stroke="{LIMIT_COLOR}" stroke-dasharray="4 3"/>'
         for at in marks
     ]
     parts += [

@@ -76,8 +76,6 @@ FILES: dict[str, tuple[str, float | None, str | None]] = {
     "ROS 2 JointTrajectory (.yaml), 10 ms": (".yaml", 0.01, None),
     f"ROS 2 {FOLLOWED} (.yaml), 10 ms": (".yaml", 0.01, FOLLOWED),
 }
-# Larger files are not taken for a URDF [bytes].
-MOST_BYTES = 20_000_000
 OBSTACLE_LOOK = rgb(HAZARD_COLOR), 0.72
 # Time after its last movement at which a handle counts as released [s].
 HOLD = 1.0
@@ -487,8 +485,6 @@ class Panel:
 
     def _take_file(self, file: Any) -> None:
         """Choose the robot of an uploaded file."""
-        if not file.content or len(file.content) > MOST_BYTES:
-            return
         # A folder for each, as robots are told apart by their paths.
         folder = Path(tempfile.mkdtemp(dir=self.uploads.name))
         path = folder / f"{plain_name(Path(file.name).stem)}.urdf"

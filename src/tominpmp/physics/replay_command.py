@@ -53,7 +53,7 @@ def run_replay(
             bandwidth=args.bandwidth,
             seed=args.seed,
         )
-        say(json_text(plain(trials)) if args.json else _reserves_text(trials))
+        say(json_text(trials) if args.json else _reserves_text(trials))
         return PLANNED if trials.reserve is not None else NO_PLAN
     if motion is None:
         raise OptionsError("a MOTION is missing; or give --robustness", "MOTION")

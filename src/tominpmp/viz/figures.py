@@ -16,12 +16,11 @@ import numpy as np
 from tominpmp.description.paths import checked_ending
 from tominpmp.exceptions import optional
 from tominpmp.files.writing import write_file
-from tominpmp.notebook import COLORS
+from tominpmp.notebook import COLORS, LIMIT_COLOR
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LIMIT_COLOR = "#b3312a"
 BEYOND_COLOR = "#f6e3e1"
 GOAL_COLOR = "#1d8a50"
 LIMIT_LOOK: Any = {"color": LIMIT_COLOR, "linewidth": 0.8, "linestyle": "--"}

@@ -16,6 +16,7 @@ from tominpmp.checks import instance, whole, wrong
 from tominpmp.exceptions import ProblemError
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion.trajectory import State, Trajectory
+from tominpmp.notebook import LIMIT_COLOR
 from tominpmp.problem.controls import controls_in
 from tominpmp.problem.joint_limits import JointBounds, joint_limits
 from tominpmp.problem.problem import Problem
@@ -329,7 +330,7 @@ def plot_certificate(
         handles = [
             line_key(f"{shares.control} / limit (left)", color=figures.color(0)),
             line_key("switching function (right, reversed)", **SWITCHING_LOOK),
-            area_key("sign not obeyed", facecolor=figures.LIMIT_COLOR, alpha=0.18),
+            area_key("sign not obeyed", facecolor=LIMIT_COLOR, alpha=0.18),
             line_key("Hamiltonian H", color=HAMILTONIAN_COLOR),
         ]
         figures.add_legend(figure, handles, 4)
@@ -453,7 +454,7 @@ def _show_limits(panel: Axes, values: Array, lower: float, upper: float) -> None
     if len(far) == 2:
         both = f"{lower:.3g} and {upper:.3g}"
         far = [f"limits {both}" if lower != -upper else f"limits \u00b1{upper:.3g}"]
-    look: dict[str, Any] = {"ha": "right", "va": "bottom", "color": figures.LIMIT_COLOR}
+    look: dict[str, Any] = {"ha": "right", "va": "bottom", "color": LIMIT_COLOR}
     if far:
         _note(panel, far[0], (1.0, 1.02), fontsize=6.5, **look)
 
@@ -481,9 +482,7 @@ def _plot_joint(
     panel.set_ylabel(_in_lines(shares.joint_names[joint]), **_name_look(joint))
     wrong_sides = np.flatnonzero(~certificate.obeys[:, joint])
     spans = [(t[k], t[k + 1] - t[k]) for k in wrong_sides]
-    panel.broken_barh(
-        spans, (-2.0, 4.0), color=figures.LIMIT_COLOR, alpha=0.18, linewidth=0.0
-    )
+    panel.broken_barh(spans, (-2.0, 4.0), color=LIMIT_COLOR, alpha=0.18, linewidth=0.0)
     other = panel.twinx()
     other.spines["right"].set_visible(True)
     other.grid(False)
@@ -504,7 +503,7 @@ def _limits_shown(
     pairs.sort(key=lambda item: -float(item.multiplier.max()))
     joints.sort(key=lambda item: (item.kind, names.index(item.name)))
     shown = [(item, figures.color(names.index(item.name))) for item in joints]
-    shown += [(item, figures.LIMIT_COLOR) for item in pairs[:MOST_PAIRS]]
+    shown += [(item, LIMIT_COLOR) for item in pairs[:MOST_PAIRS]]
     return shown[::-1]
 
 

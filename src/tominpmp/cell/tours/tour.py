@@ -233,8 +233,6 @@ class Tour:
             figures.add_legend(figure, [*kinds, *lines], 6)
             return figures.finish(figure, path)
 
-    gantt = plot
-
     def export(
         self,
         path: str | Path,
