@@ -15,7 +15,7 @@ class Status(Enum):
     TIME_LIMIT = "The planning time was used up before the time had settled."
     INTERRUPTED = "The planning was interrupted."
     STALLED = "The iteration made no more progress before the time had settled."
-    UNVERIFIED = "A motion was found, but the replay of its torques is not all right."
+    UNVERIFIED = "A motion was found, but its verification failed."
     INFEASIBLE = "No motion was found that keeps all constraints."
     NUMERICAL_FAILURE = "The linear programs could not be solved."
 

@@ -37,10 +37,10 @@ def test_plan_export_verify(run: Run, free: None) -> None:
         assert result.exit_code == 0, (result.stdout, result.stderr)
         data = json.loads(result.stdout)
         assert data["file_holds"] is True
-        assert data["file_joined"] in data["file_message"]
+        assert data["file_interpolation"] in data["file_message"]
         judged = run("verify", "free.toml", f"m.{ending}")
         assert judged.exit_code == 0, judged.stdout
-        assert f"by {data['file_joined']}" in judged.stdout
+        assert data["file_interpolation"] in judged.stdout
 
 
 def test_coarse_samples_are_told_of_and_kept(run: Run, free: None) -> None:
@@ -48,7 +48,7 @@ def test_coarse_samples_are_told_of_and_kept(run: Run, free: None) -> None:
     assert result.exit_code == 1
     assert Path("m.yaml").is_file()
     assert "as read" in result.stdout
-    assert "does not pass, joined by cubics" in result.stdout
+    assert "does not pass, interpolated by cubics" in result.stdout
     error = " ".join(result.stderr.split())
     assert "beyond its effort limit at" in error
     assert "What passes: the nodes of the motion (without dt)" in error
@@ -165,7 +165,7 @@ def test_verify_with_an_interpolation(run: Run, free: None) -> None:
     assert run("plan", "free.toml", "-o", "m.csv").exit_code == 0
     record = run("verify", "free.toml", "m.csv")
     assert record.exit_code == 0
-    assert "joined" in record.stdout
+    assert "interpolation" in record.stdout
     assert "accelerations that jump, as recorded" in record.stdout
     cubic = run("verify", "free.toml", "m.csv", "--interpolation", "cubic")
     assert cubic.exit_code == 0

@@ -107,7 +107,7 @@ def test_play_a_scenario(
         ("plan scenario.toml --save-scenario s.json", "must end in .toml"),
         ("plan scenario.toml -o m.xlsx", "must end in .csv"),
         ("plan planar3r --joint-limits motion.yaml --start start", "joint_limits"),
-        ("verify planar3r motion.yaml", "'planar3r' is no scenario file"),
+        ("verify planar3r motion.yaml", "'planar3r' is not a scenario file"),
         ("verify scenario.toml none.csv", "there is no file none.csv"),
         ("verify scenario.toml scene.yaml", "joint_names: is missing"),
         ("verify scenario.toml motion.txt", "motions are not kept as .txt"),

@@ -23,7 +23,7 @@ from tominpmp.scene.meshes import Mesh
 if TYPE_CHECKING:
     from nowhere import Unknown
 
-# What is no number, word or truth value, nor values per joint.
+# What is not a number, word or truth value, nor values per joint.
 UNTYPED = {"callback", "initial_control", "effort_curves"}
 # What would be called as another option is: --effort gives torque limits.
 RENAMED = {(Options, "effort"): "planning_effort"}

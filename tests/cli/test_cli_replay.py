@@ -39,7 +39,7 @@ def test_what_replay_lacks(run: Run, files: None) -> None:
     assert "a MOTION is missing; or give --robustness" in result.stderr
     result = run("replay", "planar3r", "m.csv")
     assert result.exit_code == 2
-    assert "is no scenario file" in result.stderr
+    assert "is not a scenario file" in result.stderr
     result = run("replay", "s.toml", "m.csv", "--step", "-1")
     assert result.exit_code == 2
     assert "step is -1" in result.stderr

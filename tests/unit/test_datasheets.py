@@ -69,7 +69,7 @@ def test_sheets_are_whole_and_cite_their_sources(path: Path) -> None:
         ('speedup = {values = [1.0], source = "a"}', "speedup: there is no"),
         ('jerk = {values = [1.0, 2.0], source = "a"}', "expected 1 numbers"),
         ("jerk = {values = [1.0]}", "jerk.source: is missing"),
-        ('jerk = {values = [1.0], source = "b"}', "is no source; there are: a"),
+        ('jerk = {values = [1.0], source = "b"}', "is not a source; there are: a"),
     ],
 )
 def test_wrong_sheets(text: str, words: str, tmp_path: Path) -> None:

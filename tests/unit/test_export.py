@@ -165,7 +165,7 @@ def test_link_stays_a_link(
 
 
 def test_device_is_not_replaced() -> None:
-    with pytest.raises(ScenarioError, match="no regular file"):
+    with pytest.raises(ScenarioError, match="not a regular file"):
         write_file("/dev/null", lambda file: file.write(b"x"))
     assert not Path("/dev/null").is_file()
 
@@ -214,8 +214,8 @@ def changed_csv(
         (0, 0, "t", "line 1: expected the columns time"),
         (0, 1, "x_joint1", "line 1: expected the columns time"),
         (0, 5, "v_joint9", "line 1: expected the columns time"),
-        (3, 2, "one", "line 4, column q_joint2: 'one' is no number"),
-        (3, 2, "", "line 4, column q_joint2: '' is no number"),
+        (3, 2, "one", "line 4, column q_joint2: 'one' is not a number"),
+        (3, 2, "", "line 4, column q_joint2: '' is not a number"),
         (3, 2, "1,2", "line 4: 14 values for 13 columns"),
         (3, 2, "nan", "q is not a finite number in row 3, joint 'joint2'"),
         (3, 11, "inf", "u is not a finite number in row 3, joint 'joint2'"),
@@ -242,11 +242,11 @@ def test_wrong_csv(
     ("content", "message"),
     [
         (b"", "line 1: expected the columns"),
-        (b"\xff\xfe\x00", "is no CSV file"),
+        (b"\xff\xfe\x00", "is not a CSV file"),
         (b"time\n0.0\n", "line 1: expected the columns"),
         (HEADER.encode() + b"\n", "holds 0 rows"),
         (b"time,q_a,q_a,v_a,v_a,a_a,a_a,u_a,u_a\n", "all of them different"),
-        (b'time,"q_a\n', "is no CSV file"),
+        (b'time,"q_a\n', "is not a CSV file"),
     ],
 )
 def test_wrong_text(content: bytes, message: str, tmp_path: Path) -> None:
@@ -287,7 +287,7 @@ def write_npz(path: Path, **changes: object) -> Path:
         ({"q": np.full((3, 2), np.inf)}, "row 1, joint 'a'"),
         ({"joint_names": np.array(["a", "a"])}, "all of them different"),
         ({"joint_names": np.zeros(2)}, "not a list of names"),
-        ({"q": np.array([[{}, {}]] * 3)}, "is no NPZ file"),
+        ({"q": np.array([[{}, {}]] * 3)}, "is not an NPZ file"),
     ],
 )
 def test_wrong_npz(changes: dict[str, object], message: str, tmp_path: Path) -> None:
@@ -305,7 +305,7 @@ def test_what_is_no_npz(tmp_path: Path) -> None:
     np.save(array, np.zeros(3))
     for content in (b"", b"nonsense", array.getvalue(), whole[: len(whole) // 2]):
         path.write_bytes(content)
-        with pytest.raises(ScenarioError, match="is no NPZ file"):
+        with pytest.raises(ScenarioError, match="is not an NPZ file"):
             load_motion(path)
 
 

@@ -82,10 +82,11 @@ def test_nodes_hold_in_every_format(
     path = solution.export(tmp_path / f"m.{ending}")  # a warning would be an error
     found = check_export(solution, path)
     assert found.ok, found.message
-    assert found.message == f"{path} passes, joined by {found.joined}."
+    assert found.message == f"{path} passes, interpolated by {found.interpolation}."
     assert verify(solution.problem, load_motion(path)).ok
     steps = ending in ("csv", "npz")
-    assert found.joined.startswith("accelerations that" if steps else "cubics through")
+    begin = "accelerations that" if steps else "cubics through"
+    assert found.interpolation.startswith(begin)
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
@@ -111,7 +112,7 @@ def test_samples_that_cut_corners_are_told_of_with_what_would_hold(
     """A motion whose torques jump, sampled more coarsely than it jumps."""
     solution = solved(planar3r, on_a_clock(planar3r, 0.002))
     path = tmp_path / "m.yaml"
-    with pytest.warns(TominpmpWarning, match="does not pass, joined by cubics"):
+    with pytest.warns(TominpmpWarning, match="does not pass, interpolated by cubics"):
         solution.export(path, dt=0.1)
     assert path.is_file()  # the file is kept
     found = check_export(solution, path, dt=0.1)
@@ -216,7 +217,7 @@ def test_held_torques_are_recognised_in_tables(planar3r: Robot, tmp_path: Path) 
         path = solution.export(tmp_path / f"m.{ending}")
         held = check_export(solution, path)
         assert held.ok
-        assert "torques held as recorded" in held.joined
+        assert "torques held as recorded" in held.interpolation
 
 
 def test_message_that_a_controller_refuses(planar3r: Robot, tmp_path: Path) -> None:

@@ -124,7 +124,7 @@ def at(point: int, field: str, value: object) -> Change:
         ),
         (
             lambda m: m.update(joint_names=["joint1", "joint2", "elbow"]),
-            "joint elbow: is no joint of the controller",
+            "joint elbow: is not a joint of the controller",
         ),
         (
             lambda m: m["header"]["stamp"].update(sec=5),
@@ -135,7 +135,7 @@ def at(point: int, field: str, value: object) -> Change:
         (at(4, "velocities", [0.0]), "points[4].velocities: holds 1 numbers for 3"),
         (at(4, "velocities", []), "points[4].velocities: is empty, that of the first"),
         (at(4, "accelerations", [0.0] * 3), "points[4].accelerations: has them, the"),
-        (at(4, "velocities", "fast"), "points[4].velocities: is no list of numbers"),
+        (at(4, "velocities", "fast"), "points[4].velocities: is not a list of numbers"),
         (
             at(2, "positions", [0.0, float("nan"), 0.0]),
             "points[2].positions, joint joint2: is nan, expected a finite number",
@@ -158,16 +158,16 @@ def at(point: int, field: str, value: object) -> Change:
         ),
         (
             at(5, "time_from_start", {"sec": 0, "nanosec": 10**9}),
-            "points[5].time_from_start: is no time",
+            "points[5].time_from_start: is not a time",
         ),
-        (at(5, "time_from_start", 0.5), "points[5].time_from_start: is no time"),
+        (at(5, "time_from_start", 0.5), "points[5].time_from_start: is not a time"),
         (
             at(5, "time_from_start", {"secs": 0, "nsecs": 1}),
-            "points[5].time_from_start: is no time",
+            "points[5].time_from_start: is not a time",
         ),
         (
             at(5, "time_from_start", {"sec": 2**31, "nanosec": 0}),
-            "points[5].time_from_start: is no time",
+            "points[5].time_from_start: is not a time",
         ),
     ],
 )
@@ -330,7 +330,7 @@ def test_what_is_no_bag(motion: Trajectory, tmp_path: Path) -> None:
     whole = path.read_bytes()
     for content in (b"", b"nonsense", whole[: len(whole) // 2], whole[::-1]):
         path.write_bytes(content)
-        with pytest.raises(ScenarioError, match=r"m\.mcap is no MCAP bag") as caught:
+        with pytest.raises(ScenarioError, match=r"m\.mcap is not an MCAP") as caught:
             load_motion(path)
         assert "/tominpmp-" not in str(caught.value)  # the file that is read, no copy
 
@@ -359,7 +359,7 @@ def test_small_bag_of_many_zeros(
     assert len(packed) < 2**17
     path = tmp_path / "m.mcap"
     path.write_bytes(bag_of(chunk(packed, 100, packing)))
-    with pytest.raises(ScenarioError, match="is no MCAP bag") as caught:
+    with pytest.raises(ScenarioError, match="is not an MCAP bag") as caught:
         load_motion(path)
     assert "unpacks" not in str(caught.value)  # this much is let pass, and is no bag
     monkeypatch.setattr("tominpmp.files.ros.MAX_UNPACKED", 2**20)

@@ -192,5 +192,5 @@ def test_a_joint_twice_and_held_joints_that_move(tmp_path: Path) -> None:
         assert isinstance(load_moveit("panda", *paths), Problem)
     state["name"][1] = "panda_joint1"
     paths[1].write_text(json.dumps(request))
-    with pytest.raises(ScenarioError, match="'panda_joint1' is there twice"):
+    with pytest.raises(ScenarioError, match="'panda_joint1' occurs twice"):
         load_moveit("panda", *paths)

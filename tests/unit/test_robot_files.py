@@ -204,7 +204,7 @@ def test_missing_mesh_names_the_file_and_the_folders_tried(tmp_path: Path) -> No
 
 def test_folder_or_device_is_no_mesh(tmp_path: Path) -> None:
     for filename in (str(tmp_path), "/dev/zero"):
-        with pytest.raises(RobotLoadError, match="is not there"):
+        with pytest.raises(RobotLoadError, match="does not exist"):
             read(tmp_path, mesh(filename))
 
 
@@ -229,7 +229,7 @@ def test_package_cannot_be_left(tmp_path: Path, filename: str) -> None:
 def test_double_slash_does_not_leave_the_package(tmp_path: Path) -> None:
     outside = write_tetrahedron(tmp_path / "secret.obj")
     path = write(tmp_path, mesh(f"package://pkg/{outside}"), "pkg/urdf/sample.urdf")
-    with pytest.raises(RobotLoadError, match="is not there"):
+    with pytest.raises(RobotLoadError, match="does not exist"):
         read_urdf(path)
 
 

@@ -277,9 +277,9 @@ def test_texts_are_as_good_as_files(tmp_path: Path) -> None:
         assert arm.joint_names == plain.joint_names
         assert arm.limits == plain.limits
         assert tm.load_robot(given, srdf=semantic, group="a").joint_names == ("j1",)
-    with pytest.raises(tm.RobotLoadError, match="<sdf>, expected <robot>"):
+    with pytest.raises(tm.RobotLoadError, match="<sdf>, not <robot>"):
         tm.load_robot("<sdf/>")
-    with pytest.raises(tm.RobotLoadError, match="is no XML"):
+    with pytest.raises(tm.RobotLoadError, match="is not XML"):
         tm.load_robot("<robot")
 
 

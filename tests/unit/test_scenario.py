@@ -599,7 +599,7 @@ def test_wrong_obstacles(
 def test_what_is_no_toml(content: bytes, tmp_path: Path) -> None:
     path = tmp_path / "s.toml"
     path.write_bytes(content)
-    with pytest.raises(ScenarioError, match="is no TOML") as caught:
+    with pytest.raises(ScenarioError, match="is not TOML") as caught:
         load_scenario(path)
     assert caught.value.path == path
 

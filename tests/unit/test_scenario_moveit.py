@@ -310,7 +310,7 @@ def test_meshes(planar3r: Robot, tmp_path: Path) -> None:
         ({"vertices": CORNERS, "triangles": [[0, 1, 4]]}, "", "not among its 4"),
         ({"vertices": CORNERS, "triangles": [[0, 1, 0.5]]}, ".triangles[0]", "three"),
         ({"vertices": [[0, 0]], "triangles": FACES}, ".vertices[0]", "3 numbers"),
-        ({"resource": "gone.stl"}, ".resource", "'gone.stl' is not there; tried /"),
+        ({"resource": "gone.stl"}, ".resource", "'gone.stl' does not exist; tried /"),
         ({"resource": "package://a/../../x.stl"}, ".resource", "leads out of"),
         ({"resource": "http://a/x.stl"}, ".resource", "nothing is fetched"),
         ({"resource": "scene.yaml"}, "", "cannot be read"),
@@ -481,7 +481,7 @@ def test_wrong_scene(
         (
             ("goal_constraints", 0, "joint_constraints", 1, "joint_name", "joint1"),
             "goal_constraints[0].joint_constraints[1].joint_name",
-            "there twice",
+            "occurs twice",
         ),
         (
             ("goal_constraints", 0, "joint_constraints", 0, "position", 7.0),

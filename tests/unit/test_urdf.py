@@ -41,12 +41,12 @@ from tominpmp.robot.robot import load_robot
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "is no XML"),
-        ("hello", "is no XML"),
-        ("<robot><link name='a'></robot>", "is no XML"),
-        ("<robot><link name=</robot>", "is no XML"),
-        ("<?xml version='1.0' encoding='nonsense'?><robot/>", "is no XML"),
-        ("<mujoco/>", "root is <mujoco>, expected <robot>"),
+        ("", "is not XML"),
+        ("hello", "is not XML"),
+        ("<robot><link name='a'></robot>", "is not XML"),
+        ("<robot><link name=</robot>", "is not XML"),
+        ("<?xml version='1.0' encoding='nonsense'?><robot/>", "is not XML"),
+        ("<mujoco/>", "root is <mujoco>, not <robot>"),
         ("<robot/>", "it has no <link>"),
         (robot(link("a"), link("a")), "two links named 'a'"),
         (robot("<link/>"), "<link> lacks the attribute 'name'"),
@@ -84,8 +84,8 @@ from tominpmp.robot.robot import load_robot
         (one_joint(axis="0 0"), "axis xyz='0 0', expected 3 numbers"),
         (one_joint(axis="0 0 nan"), "expected 3 numbers"),
         (one_joint(axis="0 0 1e300"), "expected 3 numbers"),
-        (one_joint(limit='<limit effort="x"/>'), "limit effort='x' is no number"),
-        (one_joint(limit='<limit effort="nan"/>'), "effort='nan' is no number"),
+        (one_joint(limit='<limit effort="x"/>'), "limit effort='x' is not a number"),
+        (one_joint(limit='<limit effort="nan"/>'), "effort='nan' is not a number"),
         (one_joint(limit='<limit effort="-1"/>'), "effort=-1 is negative"),
         (one_joint(inside='<dynamics damping="-1"/>'), "damping=-1"),
         (one_joint(inside="<mimic/>"), "joint j1: <mimic> lacks .*'joint'"),
@@ -129,14 +129,14 @@ def test_file_that_is_not_there(tmp_path: Path) -> None:
 def test_binary_file_is_no_xml(tmp_path: Path) -> None:
     path = tmp_path / "sample.urdf"
     path.write_bytes(bytes(range(256)) * 40)
-    with pytest.raises(RobotLoadError, match="is no XML"):
+    with pytest.raises(RobotLoadError, match="is not XML"):
         read_urdf(path)
 
 
 def test_scenario_in_yaml_is_told_what_it_is_to_be(tmp_path: Path) -> None:
     path = tmp_path / "scenario.yaml"
     path.write_text("robot: panda\n", encoding="utf-8")
-    with pytest.raises(RobotLoadError, match=r"is no XML: .*, which is TOML"):
+    with pytest.raises(RobotLoadError, match=r"is not XML: .*, which is TOML"):
         read_urdf(path)
 
 
@@ -327,7 +327,7 @@ def test_srdf(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("<sdf/>", "is no SRDF file: its root is <sdf>"),
+        ("<sdf/>", "is not an SRDF file: its root is <sdf>"),
         ("<robot><disable_collisions link1='l1'/></robot>", "lacks .*'link2'"),
         ("<robot><group_state/></robot>", "lacks .*'name'"),
         (

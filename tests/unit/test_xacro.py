@@ -106,7 +106,7 @@ def test_arguments_are_given(arm: Path, tmp_path: Path) -> None:
 def test_unknown_arguments_are_refused(arm: Path) -> None:
     with pytest.raises(tm.OptionsError, match=r"'prefx' .did you mean prefix"):
         tm.load_robot(arm, xacro_args={"prefx": "a"})
-    with pytest.raises(tm.OptionsError, match="no xacro file"):
+    with pytest.raises(tm.OptionsError, match="not an xacro file"):
         tm.load_robot("planar3r", xacro_args={"prefix": "a"})
     with pytest.raises(tm.OptionsError, match="expected values by name"):
         tm.load_robot(arm, xacro_args="prefix:=a")  # type: ignore[arg-type]
@@ -191,7 +191,7 @@ def test_folders_of_descriptions_become_tables(arm: Path, tmp_path: Path) -> Non
     assert row["loads"] and row["plans"] and row["verified"]
     assert 0.0 < row["T"] < 1.0
     assert rows["bad.urdf"]["loads"] is False
-    assert "is no XML" in rows["bad.urdf"]["why"]
+    assert "is not XML" in rows["bad.urdf"]["why"]
 
 
 def test_warnings_are_shown_once(arm: Path) -> None:

@@ -277,7 +277,7 @@ def typed_values(record: Any) -> dict[str, Any]:
 
 
 def number(word: str) -> float | None:
-    """Read a number that was typed; None if the word is no number."""
+    """Read a number that was typed; None if the word is not a number."""
     try:
         return float(word)
     except ValueError:

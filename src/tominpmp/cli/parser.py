@@ -78,7 +78,7 @@ def new_app() -> App:
 
 
 def join_lists(args: Sequence[str], options: Collection[str]) -> list[str]:
-    """Join ``--start -1 2 -3`` to ``--start=-1,2,-3``, so that -1 is no option."""
+    """Join ``--start -1 2 -3`` to ``--start=-1,2,-3``, so that -1 is not an option."""
     joined: list[str] = []
     for arg in args:
         option, equals, _ = joined[-1].partition("=") if joined else ("", "", "")

@@ -124,7 +124,7 @@ class Progress:
     Args:
         console: Console that shows the progress.
         quiet: Whether to show no progress at all.
-        verbose: Whether to write lines where the console is no terminal.
+        verbose: Whether to write lines where the console is not a terminal.
     """
 
     def __init__(self, console: Console, *, quiet: bool, verbose: bool) -> None:

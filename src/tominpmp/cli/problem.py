@@ -82,7 +82,7 @@ def vector(items: Sequence[str], name: str) -> list[float]:
     """Read numbers.
 
     Raises:
-        OptionsError: If a word is no number.
+        OptionsError: If a word is not a number.
     """
     numbers = list[float]()
     for word in items:
@@ -117,7 +117,7 @@ def joint_numbers(items: Sequence[str], name: str) -> list[float] | dict[str, fl
     """Read numbers, one for each joint, or ``JOINT=VALUE`` of some joints.
 
     Raises:
-        OptionsError: If a word is no number or a joint is named twice.
+        OptionsError: If a word is not a number or a joint is named twice.
     """
     named = any("=" in item for item in items)
     return joint_pairs(items, name) if named else vector(items, name)
@@ -127,7 +127,7 @@ def joint_values(text: str, name: str) -> float | list[float] | dict[str, float]
     """Read one number for all joints, one for each joint, or some by joint name.
 
     Raises:
-        OptionsError: If a word is no number or a joint is named twice.
+        OptionsError: If a word is not a number or a joint is named twice.
     """
     values = joint_numbers(words(text), name)
     return values[0] if isinstance(values, list) and len(values) == 1 else values
@@ -391,7 +391,7 @@ def _typed_problem(name: str, args: ProblemOptions) -> Problem:
     if args.start is None:
         raise ProblemError(
             "there is no start: give --start, or a --scene and a --request; "
-            f"{name!r} is no scenario file (.toml)",
+            f"{name!r} is not a scenario file (.toml)",
             "start",
         )
     robot = load_changed_robot(name, args)
@@ -452,7 +452,7 @@ def velocities(args: ProblemOptions, name: str, robot: Robot) -> Array | None:
     The text has numbers in joint order, or ``JOINT=VALUE`` pairs; other joints rest.
 
     Raises:
-        OptionsError: If a word is no number, or a joint is unknown or named twice.
+        OptionsError: If a word is not a number, or a joint is unknown or named twice.
     """
     text = getattr(args, name)
     if text is None:

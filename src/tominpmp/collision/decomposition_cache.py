@@ -118,7 +118,7 @@ def _read(path: Path) -> ConvexPieces | None:
         logger.warning("the cached pieces %s cannot be read: %s", path, brief(error))
         return None
     if bytes(checksum.tobytes()) != _checksum(*content.values()):
-        logger.warning("the cached pieces %s make no sense", path)
+        logger.warning("the cached pieces %s are invalid", path)
         return None
     return ConvexPieces(tuple(np.split(points, np.cumsum(counts)[:-1])))
 

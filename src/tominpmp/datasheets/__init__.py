@@ -108,7 +108,7 @@ def read_datasheet(path: Path) -> Datasheet:
         values[quantity] = tuple(entry.need("values").numbers(len(joints)))
         source = entry.need("source")
         if source.text() not in known:
-            source.fail(f"is no source; there are: {', '.join(known)}")
+            source.fail(f"is not a source; there are: {', '.join(known)}")
         sources[quantity] = known[source.text()]
     return Datasheet(
         title=table.need("title").text(),

@@ -262,7 +262,7 @@ def missing_resource(name: str, tried: Sequence[Path]) -> str:
     hint = next(filter(None, hints), "")
     places = [shortened(str(path), LONGEST_SHOWN) for path in tried[:MOST_PLACES]]
     remedy = "; give the folder that holds the package in package_dirs"
-    message = f"{shortened(repr(name))} is not there{hint}; tried {', '.join(places)}"
+    message = f"{shortened(repr(name))} does not exist{hint}; tried {', '.join(places)}"
     return message + remedy if _ELSEWHERE.match(name) else message
 
 

@@ -188,7 +188,8 @@ class _ModelReader:
         for name, own in zip(self.main[1:], self.model.inertias[1:], strict=True):
             if not np.isfinite([own.mass, *own.lever, *own.inertia.ravel()]).all():
                 raise RobotLoadError(
-                    f"{self.path}: mass, centre or inertia of link {name} is no number",
+                    f"{self.path}: mass, centre or inertia of link {name} is not "
+                    "finite",
                     self.path,
                 )
             com, inertia = frozen_array(own.lever), frozen_array(own.inertia)

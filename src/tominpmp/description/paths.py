@@ -87,7 +87,7 @@ def read_bytes(
         if path.is_dir():
             raise error(f"{path} is a folder, expected a file", path)
         if not path.is_file():
-            special = f"{path} is no regular file"
+            special = f"{path} is not a regular file"
             raise error(special if path.exists() else f"there is no file {path}", path)
         size = path.stat().st_size
         if size > largest:

@@ -190,7 +190,7 @@ def read_srdf(
     root = read_xml(path) if text is None else parse_xml(text, path)
     context = XmlContext(path)
     if root.tag != "robot":
-        context.fail(f"is no SRDF file: its root is <{root.tag}>, expected <robot>")
+        context.fail(f"is not an SRDF file: its root is <{root.tag}>, not <robot>")
     unread = {element.tag for element in root} - READ - WITHOUT_EFFECT
     if unread:
         names = ", ".join(f"<{str(tag)[:80]}>" for tag in sorted(unread, key=str)[:10])

@@ -283,7 +283,7 @@ def warn_of_missing_visuals(places: Sequence[str], path: Path) -> None:
     """Warn of visual shapes that were left out because their meshes are missing."""
     if places:
         warn_caller(
-            f"{path}: not shown, as their meshes are not there: {enumerated(places)}; "
+            f"{path}: not shown, as their meshes do not exist: {enumerated(places)}; "
             "folders that hold packages are given in package_dirs"
         )
 

@@ -269,9 +269,9 @@ class _UrdfReader:
         """
         root, context = self.root, self.context
         if root.tag != "robot":
-            context.fail(f"is no URDF file: its root is <{root.tag}>, expected <robot>")
+            context.fail(f"is not a URDF file: its root is <{root.tag}>, not <robot>")
         if root.find("link") is None:
-            context.fail("is no URDF file: it has no <link>")
+            context.fail("is not a URDF file: it has no <link>")
         self.unread += misspellings(root, "robot")
         name = root.get("name", "").strip() or context.path.stem
         robot = Element("robot", name=name)
@@ -557,8 +557,8 @@ def _check_tree(
         above[joint.child] = joint
         if joint.mimic is not None and joint.mimic.leader not in names:
             context.fail(
-                f"joint {joint.name} follows {brief(joint.mimic.leader)}, which is no "
-                "joint"
+                f"joint {joint.name} follows {brief(joint.mimic.leader)}, which is "
+                "not a joint"
             )
     roots = [name for name in links if name not in above]
     if len(roots) > 1:

@@ -105,7 +105,7 @@ def parse_xml(content: bytes, path: Path) -> Element:
         hint = ""
         if path.suffix.lower() in OTHER_ENDINGS:
             hint = "; expected a URDF file, or a scenario file, which is TOML (.toml)"
-        raise RobotLoadError(f"{path} is no XML: {error}{hint}", path) from error
+        raise RobotLoadError(f"{path} is not XML: {error}{hint}", path) from error
     return builder.close()
 
 
@@ -185,7 +185,8 @@ class XmlContext:
         text = element.attrib[attribute]
         value = to_number(text.strip())
         if math.isnan(value):
-            self.fail(f"{where}: {element.tag} {attribute}={brief(text)} is no number")
+            name = f"{where}: {element.tag} {attribute}"
+            self.fail(f"{name}={brief(text)} is not a number")
         return value
 
 

@@ -72,7 +72,7 @@ def parse_yaml(content: bytes, path: Path) -> Any:
         return _Builder(content, path).document()
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         reason = " ".join(str(error).split())[:300]
-        raise ScenarioError(f"{path} is no YAML: {reason}", path) from error
+        raise ScenarioError(f"{path} is not YAML: {reason}", path) from error
 
 
 class _Builder:
@@ -144,7 +144,7 @@ class _Builder:
             if not isinstance(key, str):
                 self.fail("a key is not a single word", event)
             if key in table:
-                self.fail(f"the key {brief(key)} is there twice", event)
+                self.fail(f"the key {brief(key)} occurs twice", event)
             table[key] = self._value(next(self.events), depth)
         return table
 

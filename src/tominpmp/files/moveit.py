@@ -464,7 +464,7 @@ def _start_values(request: Field, key: str) -> dict[str, float]:
         found.fail(f"holds {len(numbers)} numbers for {len(joints)} joints")
     if len(set(joints)) != len(joints):
         twice = next(name for name in joints if joints.count(name) > 1)
-        state.get("name").fail(f"the joint {brief(twice)} is there twice")
+        state.get("name").fail(f"the joint {brief(twice)} occurs twice")
     return dict(zip(joints, numbers, strict=True))
 
 
@@ -859,7 +859,7 @@ class _GoalReader:
                 _tolerance(item.get(f"tolerance_{side}")) for side in ("above", "below")
             )
             if name in seen:
-                item.get("joint_name").fail(f"the joint {brief(name)} is there twice")
+                item.get("joint_name").fail(f"the joint {brief(name)} occurs twice")
             seen.add(name)
             if name in robot.joint_names:
                 loose = max(above, below) > ACCURACY
@@ -884,7 +884,7 @@ class _GoalReader:
         for turn in item.get("orientation_constraints").items():
             link = self._link(turn)
             if link in turns:
-                turn.get("link_name").fail(f"the link {brief(link)} is there twice")
+                turn.get("link_name").fail(f"the link {brief(link)} occurs twice")
             rotation = _read_rotation(turn.need("orientation"))
             keys = [f"absolute_{axis}_axis_tolerance" for axis in "xyz"]
             tolerance = np.minimum([_tolerance(turn.get(k)) for k in keys], np.pi)

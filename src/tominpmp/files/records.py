@@ -230,7 +230,7 @@ def make(kind: type[T], table: Field, kinds: Mapping[str, Any], *beside: str) ->
         kind: Class of the record.
         table: The table.
         kinds: Classes of tables in it, by the names that ``type`` may have there.
-        *beside: Keys of the table that are no fields of the record.
+        *beside: Keys of the table that are not fields of the record.
 
     Raises:
         ScenarioError: If a field is unknown, missing or wrong.

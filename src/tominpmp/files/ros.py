@@ -217,7 +217,7 @@ def parse_json(content: bytes, path: Path) -> Any:
     try:
         return json.loads(content, object_pairs_hook=_table)
     except (ValueError, RecursionError) as error:
-        raise ScenarioError(f"{path} is no JSON: {error}", path) from error
+        raise ScenarioError(f"{path} is not JSON: {error}", path) from error
 
 
 def _table(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
@@ -225,7 +225,7 @@ def _table(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
     table: dict[str, Any] = {}
     for key, value in pairs:
         if key in table:
-            raise ValueError(f"the key {brief(key)} is there twice")
+            raise ValueError(f"the key {brief(key)} occurs twice")
         table[key] = value
     return table
 
@@ -391,7 +391,7 @@ def parse_bag(content: bytes, path: Path) -> dict[str, Any]:
             held = [types.deserialize_cdr(row, TYPE) for row in rows[:2]]
         except Exception as error:  # a damaged bag may raise anything
             why = " ".join(str(error).replace(str(copy), str(path)).split())[:300]
-            raise ScenarioError(f"{path} is no MCAP bag: {why}", path) from error
+            raise ScenarioError(f"{path} is not an MCAP bag: {why}", path) from error
     if len(held) != 1:
         raise ScenarioError(
             f"{path} holds {len(rows)} messages {TYPE}, expected one",
@@ -555,7 +555,7 @@ def _joints(
         if name in names[:index]:
             yield Refusal("is named twice", "joint_names", joint=name)
         if known is not None and name not in known:
-            reason = "is no joint of the controller"
+            reason = "is not a joint of the controller"
             yield Refusal(reason, "joint_names", joint=name)
     for name in () if known is None or partial else known:
         if name not in names:
@@ -569,7 +569,7 @@ def _times(points: Sequence[Point]) -> Iterator[Refusal]:
     for index, point in enumerate(points):
         now = _ticks(point.get("time_from_start"))
         if now is None:
-            reason = "is no time: expected sec and nanosec, whole numbers"
+            reason = "is not a time: expected sec and nanosec, whole numbers"
             yield Refusal(reason, "time_from_start", index)
             continue
         if now < 0:
@@ -591,7 +591,7 @@ def _numbers(
         for field in POINT_FIELDS.values():
             row = _values(point, field)
             if not isinstance(row, list | tuple):
-                yield Refusal("is no list of numbers", field, index)
+                yield Refusal("is not a list of numbers", field, index)
             elif len(row) != len(names) and (row or field == "positions"):
                 reason = f"holds {len(row)} numbers for {len(names)} joints"
                 yield Refusal(reason, field, index)
@@ -624,7 +624,7 @@ def _uniform(points: Sequence[Point]) -> Iterator[Refusal]:
 def _end(points: Sequence[Point], names: list[str]) -> Iterator[Refusal]:
     """Rule: the motion ends at rest."""
     row, last = _values(points[-1], "velocities"), len(points) - 1
-    # What is no list breaks another rule.
+    # What is not a list breaks another rule.
     listed = row if isinstance(row, list | tuple) else ()
     for name, value in zip(names, listed, strict=False):
         if _is_finite(value) and abs(value) > REST:
@@ -674,7 +674,7 @@ def _goal(outer: dict[str, Any], names: list[str]) -> Iterator[Refusal]:
             table = item if isinstance(item, Mapping) else {}
             name = table.get("name", table.get("joint_name"))
             if name not in names:
-                reason = f"is for {brief(name)}, which is no joint of the message"
+                reason = f"is for {brief(name)}, which is not a joint of the message"
                 yield Refusal(reason, field)
     wait = goal.get("goal_time_tolerance")
     seconds = wait.get("sec") if isinstance(wait, Mapping) else None

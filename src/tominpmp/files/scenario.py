@@ -918,7 +918,7 @@ def parse_toml(content: bytes, path: Path) -> Field:
     try:
         return Field(tomllib.loads(content.decode("utf-8-sig")), path)
     except (ValueError, RecursionError) as error:
-        raise ScenarioError(f"{path} is no TOML: {error}", path) from error
+        raise ScenarioError(f"{path} is not TOML: {error}", path) from error
 
 
 def read_options(table: Field) -> Options:

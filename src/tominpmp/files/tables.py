@@ -90,7 +90,7 @@ def read_csv(content: bytes, path: Path) -> Samples:
         joint_names, quantities = _header(header[:-1] if numbered else header, path)
         table = _table(lines, header, path)
     except (UnicodeDecodeError, csv.Error) as error:
-        raise ScenarioError(f"{path} is no CSV file: {error}", path) from error
+        raise ScenarioError(f"{path} is not a CSV file: {error}", path) from error
     n = len(joint_names)
     parts = {
         key: table[:, 1 + i * n : 1 + (i + 1) * n] for i, key in enumerate(quantities)
@@ -124,7 +124,7 @@ def _segment_ends(table: Array, path: Path) -> Array:
         row = int(wrong[0])
         raise ScenarioError(
             f"{path}, row {row + 1}: the segment is {table[row, -1]:g}, expected whole "
-            "numbers from 1 that do not fall",
+            "numbers from 1 that do not decrease",
             path,
             SEGMENT,
         )
@@ -163,8 +163,8 @@ def _table(lines: Iterator[list[str]], header: list[str], path: Path) -> Array:
                 numbers.append(float(word))
             except ValueError as error:
                 raise ScenarioError(
-                    f"{path}, line {number}, column {column}: {brief(word)} is no "
-                    "number",
+                    f"{path}, line {number}, column {column}: {brief(word)} is not "
+                    "a number",
                     path,
                     column,
                 ) from error
@@ -202,7 +202,7 @@ def read_npz(content: bytes, path: Path) -> Samples:
             held = ", ".join(files)[:200] or "nothing"
     except Exception as error:  # a damaged archive may raise anything
         why = shortened(str(error), 300)
-        raise ScenarioError(f"{path} is no NPZ file: {why}", path) from error
+        raise ScenarioError(f"{path} is not an NPZ file: {why}", path) from error
     missing = [key for key in ("joint_names", "t", "q") if key not in arrays]
     if missing:
         raise ScenarioError(

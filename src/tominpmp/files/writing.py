@@ -41,7 +41,7 @@ def write_file(path: str | Path, write: Callable[[BinaryIO], object]) -> Path:
             raise ScenarioError(f"{path} is a folder, expected a file to write", path)
         if target.exists() and not target.is_file():
             # Replacing a device by a regular file would damage the system.
-            raise ScenarioError(f"{path} is no regular file", path)
+            raise ScenarioError(f"{path} is not a regular file", path)
         draft = target.with_name(f".{target.name[:100]}.{secrets.token_hex(6)}.part")
         try:
             with draft.open("xb") as file:

@@ -88,7 +88,7 @@ class SpeedBounds(NamedTuple):
     """Upper bounds on the speeds of an obstacle.
 
     Attributes:
-        linear: Of the origin [m/s], shape (m,).
+        linear: Speeds of the origin [m/s], shape (m,).
         angular: Angular speeds [rad/s], shape (m,).
     """
 
@@ -244,7 +244,7 @@ class ConstantVelocity(Motion):
         pivot: Point of the axis of rotation at the start, in the world [m], shape (3,),
             for example a point of a hinge; None for the position of the obstacle. The
             pivot moves with the velocity.
-        begin: Begin of the motion [s], before which the obstacle rests.
+        begin: Start of the motion [s], before which the obstacle rests.
         end: End of the motion [s], after which the obstacle rests.
 
     Raises:

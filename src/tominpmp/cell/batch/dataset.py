@@ -224,7 +224,7 @@ class Entry(Record):
         """Read a file.
 
         Raises:
-            ScenarioError: If the file is no result of a batch, or broken.
+            ScenarioError: If the file is not the result of a batch, or broken.
         """
         path = checked_path(path, "path", ScenarioError)
         try:
@@ -236,7 +236,7 @@ class Entry(Record):
             about |= {"index": int(about["index"]), "name": str(about["name"])}
         except Exception as error:  # a broken file may raise any error in the reader
             raise ScenarioError(
-                f"{path} is no result of a batch: {error}", path
+                f"{path} is not the result of a batch: {error}", path
             ) from error
         return cls(path, about, scenario, success, T, content)
 
@@ -337,7 +337,7 @@ class Dataset(Record):
         """Check that the folder exists."""
         folder = checked_path(self.folder, "folder", ScenarioError)
         if not folder.is_dir():
-            raise ScenarioError(f"{folder} is no folder with results", folder)
+            raise ScenarioError(f"{folder} is not a folder with results", folder)
         object.__setattr__(self, "folder", folder)
 
     @property

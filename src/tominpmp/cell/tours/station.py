@@ -109,7 +109,7 @@ def checked_stations(stations: object) -> tuple[Station, ...]:
         stations: Stations, or goals (called "station 1", ...), or either by name.
 
     Raises:
-        ProblemError: If an item is no station, two stations have the same name, or a
+        ProblemError: If an item is not a station, two stations have the same name, or a
             name in their rules is unknown.
     """
     expected = "a list of Station or of goals, or goals by name"
@@ -191,7 +191,7 @@ class Rules:
         count: Number of stations.
         before: Pairs (earlier, later).
         then: By station, the stations of which one comes directly after it; a station
-            that is no key may be followed by any other.
+            that is not a key may be followed by any other.
         ends: Whether the tour has an end of its own, after the last station.
     """
 

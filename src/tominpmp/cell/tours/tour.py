@@ -197,7 +197,7 @@ class Tour:
 
         Args:
             path: Where to write a page that works offline; None opens a browser.
-            **options: Passed on.
+            **options: Further arguments of this function.
 
         Raises:
             ProblemError: If there is no tour.
