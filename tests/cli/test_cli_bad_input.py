@@ -18,7 +18,7 @@ BAD = {
     "no number": ("plan planar3r --start 1,x,2 --goal 1,1,1", "'x' is not a number"),
     "a word too many": (
         "plan planar3r --start 1 2 x --goal 1,1,1",
-        "'x': neither an option nor a value of the option before",
+        "'x': neither an option nor a value of the preceding option",
     ),
     "wrong count": (
         "plan planar3r --start 1,2 --goal 1,1,1",
@@ -30,7 +30,7 @@ BAD = {
     ),
     "nothing": (
         "plan planar3r --start '' --goal 1,1,1",
-        "--start: says nothing of joint positions",
+        "--start: has no joint positions",
     ),
     "NaN": (
         "plan planar3r --start 1,nan,1 --goal 1,1,1",

@@ -74,7 +74,7 @@ def test_tours_of_files_are_planned_and_written(tmp_path: Path) -> None:
         (STATIONS.replace("0.9,", "90.0,"), "drill"),
         ('[tour]\nend = "home"\n' + STATIONS, "end"),
         ("[tour]\nend = {elbow = 1}\n" + STATIONS, "tour.end.elbow"),
-        ('[tour]\nprecedence = [["tap", "drill"]]\n' + STATIONS, "circle"),
+        ('[tour]\nprecedence = [["tap", "drill"]]\n' + STATIONS, "cycle"),
         (STATIONS + "speed = 3", "speed"),
     ],
 )

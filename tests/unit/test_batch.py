@@ -386,7 +386,7 @@ def test_wrong_options_and_folders(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(tm.ScenarioError, match="expected a folder"):
         tm.plan_many([], results=tmp_path / "file")
-    with pytest.raises(tm.ScenarioError, match="no folder"):
+    with pytest.raises(tm.ScenarioError, match="not a folder"):
         tm.Dataset(tmp_path / "none")
 
 
@@ -447,7 +447,7 @@ def test_parquet_has_the_motions_after_a_result_without_one(folder: Path) -> Non
 def test_files_that_are_no_results(tmp_path: Path) -> None:
     path = tmp_path / "a.npz"
     np.savez(path, x=np.zeros(3))
-    with pytest.raises(tm.ScenarioError, match="no result of a batch"):
+    with pytest.raises(tm.ScenarioError, match="not the result of a batch"):
         Entry.read(path)
 
 

@@ -93,7 +93,7 @@ def test_unknown_groups(tmp_path: Path) -> None:
 def test_groups_of_one_name_are_told_of(tmp_path: Path) -> None:
     two = '<group name="a"><joint name="j1"/></group>'
     two += '<group name="a"><joint name="j2"/></group>'
-    with pytest.warns(TominpmpWarning, match=r"srdf: of several groups 'a' the last"):
+    with pytest.warns(TominpmpWarning, match=r"srdf: of the groups 'a' the last"):
         assert arm(tmp_path, two, group="a").joint_names == ("j2",)
 
 

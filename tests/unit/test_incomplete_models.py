@@ -108,7 +108,7 @@ def test_moments_of_no_body_are_refused_with_a_way_out(moments: float) -> None:
     told = refusal(text)
     assert "link link2 with what is fixed to it (tip) behind joint joint2" in told
     assert f"{moments:.3g}" in told and "above the sum of the other two" in told
-    assert "armature={'joint2': ...}" in told and "mend the <inertial>" in told
+    assert "armature={'joint2': ...}" in told and "correct the <inertial>" in told
     # The other joint's rotor is no excuse, its own is.
     assert "principal moments" in refusal(text, armature={"joint1": 5.0})
     with pytest.warns(tm.TominpmpWarning, match="principal moments"):

@@ -368,7 +368,7 @@ def test_ways_to_say_positions(planar3r: Robot, tmp_path: Path) -> None:
     named = "q = {joint3 = 3, joint1 = 1, joint2 = 2}"
     assert positions(named, named) == ([1.0, 2.0, 3.0], [1.0, 2.0, 3.0])
     for nothing in ("q = {}", 'q = ""', 'state = ""'):
-        with pytest.raises(ScenarioError, match="goal: says nothing of joint pos"):
+        with pytest.raises(ScenarioError, match="goal: has no joint pos"):
             positions(named, nothing)
 
 

@@ -496,7 +496,7 @@ def test_wrong_scene(
         (
             ("goal_constraints", [free(turn(), 4.0, 4.0, 4.0)]),
             "goal_constraints[0]",
-            "every orientation will do",
+            "every orientation satisfies it",
         ),
         (
             ("goal_constraints", [free(turn(), 0.0, -0.1, 0.0)]),
@@ -522,7 +522,7 @@ def test_wrong_scene(
         (
             ("path_constraints", {"joint_constraints": [{"joint_name": "joint1"}]}),
             "path_constraints.joint_constraints",
-            "on the way",
+            "path constraints are not read",
         ),
         (("path_constraints", ["upright"]), "path_constraints", "a table"),
         (
@@ -569,7 +569,7 @@ def test_factors_that_moveit_does_not_use_are_told_of(
     planar3r: Robot, tmp_path: Path
 ) -> None:
     request = REQUEST | {"max_velocity_scaling_factor": 50}
-    with pytest.warns(TominpmpWarning, match=r"max_vel.*_factor is 50, and not in \(0"):
+    with pytest.warns(TominpmpWarning, match=r"max_vel.*_factor is 50, outside \(0"):
         problem = load_moveit(planar3r, *write(tmp_path, request=request))
     assert problem.robot.limits == planar3r.limits
 

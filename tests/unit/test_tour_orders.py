@@ -155,7 +155,7 @@ def test_circles_and_unknown_names_are_told() -> None:
         Station("b", ANY, after=["a"]),
         Station("c", ANY),
     ]
-    with pytest.raises(ProblemError, match=r"circle: .*'?a before b before c before a"):
+    with pytest.raises(ProblemError, match=r"cycle: .*'?a before b before c before a"):
         Rules.of(circle, [("b", "c")])
     with pytest.raises(ProblemError, match="precedence names 'x'"):
         Rules.of(circle, [("a", "x")])

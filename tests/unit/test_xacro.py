@@ -106,7 +106,7 @@ def test_arguments_are_given(arm: Path, tmp_path: Path) -> None:
 def test_unknown_arguments_are_refused(arm: Path) -> None:
     with pytest.raises(tm.OptionsError, match=r"'prefx' .did you mean prefix"):
         tm.load_robot(arm, xacro_args={"prefx": "a"})
-    with pytest.raises(tm.OptionsError, match="not an xacro file"):
+    with pytest.raises(tm.OptionsError, match="not a xacro file"):
         tm.load_robot("planar3r", xacro_args={"prefix": "a"})
     with pytest.raises(tm.OptionsError, match="expected values by name"):
         tm.load_robot(arm, xacro_args="prefix:=a")  # type: ignore[arg-type]

@@ -52,7 +52,7 @@ def dispatch(words: Sequence[str]) -> int:
         message = str(error)
         if isinstance(error, UnusedCliTokensError) and error.unused_tokens:
             unused = ", ".join(map(brief, error.unused_tokens))
-            message = f"{unused}: neither an option nor a value of the option before"
+            message = f"{unused}: neither an option nor a value of the preceding option"
         complain("error", message)
         chain = " ".join(("tominpmp", *(error.command_chain or ())))
         error_console().print(f"see {chain} --help", soft_wrap=True)

@@ -170,7 +170,7 @@ def report_text(data: Mapping[str, Any]) -> str:
         rows.append(("at limits", f"{share}{100 * either:.0f} % {of} or a speed"))
     if "verified" in data:
         missed = data["goal_error"]
-        replay = "did not come to an end"
+        replay = "was not completed"
         if missed is not None:
             replay = f"ends {missed:.1e} from the goal"
         if data["min_clearance"] is not None:

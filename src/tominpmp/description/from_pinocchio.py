@@ -127,9 +127,8 @@ class _ModelReader:
         if motion.shape[1] != 1 or slides == turns:
             raise RobotLoadError(
                 f"{self.path}: joint {brief(name)} is a {joint.shortname()}; only "
-                "joints that turn about one axis or slide along one can be planned for"
-                "; give a model with it locked (pinocchio.buildReducedModel), or a "
-                "file without it",
+                "revolute and prismatic joints can be planned for: give a model with "
+                "it locked (pinocchio.buildReducedModel), or a file without it",
                 self.path,
             )
         # The motion subspace of a mimic joint is scaled by its ratio.

@@ -51,7 +51,7 @@ def warn_of_inertia(model: pin.Model, description: UrdfDescription) -> None:
     ]
     if faults:
         found = f"{description.path}: {listed(faults)}"
-        warn_caller(f"{found}: mend the <inertial> elements")
+        warn_caller(f"{found}: correct the <inertial> elements")
 
 
 def listed(faults: Sequence[str]) -> str:
@@ -159,7 +159,7 @@ def check_inertia(
         faults = [f"{named_body(model, joint)} {wrong[joint]}" for joint in wrong]
         rotors = example_values([names[leader] for leader in leaders.tolist()])
         raise RobotLoadError(
-            f"{path}: {listed(faults)}: mend the <inertial> elements, or "
+            f"{path}: {listed(faults)}: correct the <inertial> elements, or "
             f"give armature={rotors} [kg m^2 or kg] to plan with them nevertheless, or "
             f"{KINEMATIC}",
             path,
@@ -186,7 +186,7 @@ def check_inertia(
                 f"{path}: {' and '.join(joints)} can move without any inertia "
                 f"({', '.join(lacking) or why}), so that "
                 "any torque would accelerate them without bound: give "
-                f"armature={example_values(joints)} [kg m^2 or kg], mend the "
+                f"armature={example_values(joints)} [kg m^2 or kg], correct the "
                 f"<inertial> elements, or give {KINEMATIC}",
                 path,
             )

@@ -131,7 +131,7 @@ def _resolve_chain(name: str, mimics: Mapping[str, Mimic]) -> Mimic:
         offset += multiplier * mimic.offset
         multiplier *= mimic.multiplier
         joint = mimic.leader
-    raise RobotLoadError(f"joint {name} follows itself: mimic joints form a circle")
+    raise RobotLoadError(f"joint {name} follows itself: mimic joints form a cycle")
 
 
 #: One value for all joints, one per joint in their order, or some by joint name.

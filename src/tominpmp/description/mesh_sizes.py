@@ -110,4 +110,4 @@ def _expanded_size(
     try:
         return sum(map(size, items))
     except RecursionError as error:
-        raise ValueError("its shapes contain each other too deeply") from error
+        raise ValueError("its shapes are nested too deeply") from error

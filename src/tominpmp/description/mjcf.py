@@ -251,8 +251,8 @@ class _MjcfReader:
             if tag == "freejoint" or (tag == "joint" and kind in MULTI_DOF):
                 self.context.fail(
                     f"{where} has a {'ball' if kind == 'ball' else 'free'} joint; only "
-                    "joints that turn about one axis or slide along one can be planned "
-                    "for: take the joint, or the body, out of the file"
+                    "revolute and prismatic joints can be planned for: take the joint, "
+                    "or the body, out of the file"
                 )
             if tag in ("body", "joint", "site") and "name" not in child.attrib:
                 child.set("name", fresh_name(f"{body.get('name')}_{tag}", names))

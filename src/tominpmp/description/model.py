@@ -179,7 +179,7 @@ def _warn_of_units(geometry: pin.GeometryModel, path: Path) -> None:
             link = item.name.rpartition("_")[0]
             warn_caller(
                 f"{path}: the mesh of link {link} is {size:.3g} m across, as if it "
-                'were in millimetres: scale="0.001 0.001 0.001" of <mesh> mends that'
+                'were in millimetres: scale="0.001 0.001 0.001" of <mesh> corrects this'
             )
             return
 

@@ -217,9 +217,7 @@ class _SrdfReader:
         for group in root.findall("group"):
             name = context.text(group, "name", "group")
             if name in self.groups:
-                warn_caller(
-                    f"{context.path}: of several groups {name!r} the last holds"
-                )
+                warn_caller(f"{context.path}: of the groups {name!r} the last counts")
             self.groups[name] = group
 
     def read(self) -> SemanticDescription:

@@ -440,8 +440,8 @@ class _UrdfReader:
             return JointDescription(joint.name, kind, *ends)
         if kind in ("floating", "planar"):
             context.fail(
-                f"{where} is {kind}; only revolute, continuous, prismatic and fixed "
-                "joints can be planned for: make it fixed"
+                f"{where} is {kind}; only revolute and prismatic joints can be "
+                "planned for: make it fixed"
             )
         if kind not in ("revolute", "continuous", "prismatic"):
             context.fail(f"{where} has the unknown type {brief(kind)}")

@@ -81,7 +81,7 @@ def expanded_root(
     if is_xacro(root):
         return parse_xml(_expanded(text, path, package_dirs, args), path)
     if args:
-        message = f"{path} is not an xacro file: it has no arguments"
+        message = f"{path} is not a xacro file: it has no arguments"
         raise OptionsError(message, "xacro_args")
     return root
 

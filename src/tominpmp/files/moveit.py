@@ -697,7 +697,7 @@ def _check_state(robot: Robot, state: Field, start: Mapping[str, float]) -> None
     if unknown:  # for example joints of a gripper
         warn_caller(
             f"{names.path}: {names.key}: the robot has no joints "
-            f"{', '.join(unknown[:20])}; what they move is not part of it"
+            f"{', '.join(unknown[:20])}; their positions are ignored"
         )
     for name, position in robot.locked_joints.items():
         requested = start.get(name, position)
@@ -726,7 +726,7 @@ def _refuse_unread(request: Field) -> None:
         kinds = request.get(key)
         for item in kinds.table().values() if kinds.given else ():
             if isinstance(item.value, list) and item.value:
-                item.fail("constraints on the way are not read")
+                item.fail("path constraints are not read")
     speed = request.get("max_cartesian_speed")
     # MoveIt takes zero and negative values for no limit.
     if speed.number(default=0.0) > 0.0:
@@ -767,7 +767,7 @@ def _factor(field: Field) -> float:
     value = field.number(default=1.0)
     if not 0.0 <= value <= 1.0:  # zero is the default of messages of ROS
         warn_caller(
-            f"{field.path}: {field.key} is {value:g}, and not in (0, 1]: not used"
+            f"{field.path}: {field.key} is {value:g}, outside (0, 1], and is ignored"
         )
     return value if 0.0 < value < 1.0 else 1.0
 
@@ -832,7 +832,7 @@ class _GoalReader:
                 turned = (_orientation_goal(link, *turn) for link, turn in free.items())
                 parts = [*fixed, *(goal for goal, _ in placed), *filter(None, turned)]
                 if not parts:
-                    item.fail("asks for nothing: every orientation will do")
+                    item.fail("has no effect: every orientation satisfies it")
                 goals.append(parts[0] if len(parts) == 1 else AllGoals(parts))
         return goals
 

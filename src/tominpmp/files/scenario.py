@@ -246,7 +246,7 @@ def positions(table: Field, robot: Robot, base: Array | None) -> Array:
     """
     state, q = table.get("state"), table.get("q")
     if not state.given and not q.given:
-        table.fail("says nothing of joint positions: expected q or state")
+        table.fail("has no joint positions, expected q or state")
     if isinstance(q.value, str) and not state.given:
         state, q = q, replace(q, value=None)
     known = {} if base is None else dict(zip(robot.joint_names, base, strict=True))

@@ -248,7 +248,7 @@ class Entry(Record):
                 is missing.
         """
         if not self.scenario:
-            reason = self.about.get("no_scenario") or "it was never made"
+            reason = self.about.get("no_scenario") or "it was never created"
             raise ScenarioError(f"{self.path} holds no problem: {reason}", self.path)
         # Paths in it are relative to the folder of the results.
         place = self.path.parent.parent / f".{self.path.stem}.toml"

@@ -239,12 +239,12 @@ class Rules:
         try:
             _ = rules.needs
         except CycleError as error:
-            circle = error.args[1][1:]
-            first = circle.index(min(circle))
-            way = [*circle[first:], *circle[: first + 1]]
-            circle = brief(" before ".join(stations[k].name for k in way), 300)
+            cycle = error.args[1][1:]
+            first = cycle.index(min(cycle))
+            way = [*cycle[first:], *cycle[: first + 1]]
+            cycle = brief(" before ".join(stations[k].name for k in way), 300)
             raise ProblemError(
-                f"precedence runs in a circle: {circle}", "precedence"
+                f"precedence has a cycle: {cycle}", "precedence"
             ) from None
         return rules
 
