@@ -101,7 +101,7 @@ class RobotLoadError(TominpmpError):
 
 
 def closest(name: object, known: Sequence[str]) -> str:
-    """Question after the known names closest to a name; empty if no name is close."""
+    """Question whether a similar known name was meant; empty if none is similar."""
     if not isinstance(name, str) or len(name) > BRIEF:
         return ""
     lower = {item.lower(): item for item in known}

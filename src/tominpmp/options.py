@@ -62,7 +62,7 @@ def _time_limit(value: object, name: str) -> float:
 
 
 def _torques(value: Any, name: str) -> Array:
-    """Check torques of one instant or of all intervals."""
+    """Check torques of one instant, (n,), or of all intervals, (N, n) [N m]."""
     control = array_or_nan(value)
     shaped = control.ndim in (1, 2) and control.size > 0
     if not shaped or not np.all(np.isfinite(control)):

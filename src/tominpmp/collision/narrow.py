@@ -126,7 +126,7 @@ class NarrowPhase:
         return [result.isCollision() for result in self._results.collisionResults]
 
     def _normal(self, index: int, result: Any) -> Array:
-        """Unit normal of a pair after a query, from the first body to the second."""
+        """Unit normal of a pair, (3,), from the first body to the second."""
         normal = np.array(result.normal)
         if normal @ normal > 0.5:
             return normal

@@ -147,7 +147,7 @@ class PairDistances:
         return out
 
     def _cut_off(self, rows: Array, limit: Array, times: Array) -> Array:
-        """Distances at configurations of the model, exact below the limits of pairs."""
+        """Distances, shape (m, pairs) [m], exact below the limits of pairs."""
         placed = self._place(rows, times)
         lower, instant, pair = self.broad.below(placed, limit)
         if not instant.size:
@@ -159,7 +159,7 @@ class PairDistances:
         return lower
 
     def lower_bounds(self, q: Array, times: Array) -> Array:
-        """Lower bounds of all distances, from the broad phase; see ``distances``."""
+        """Lower bounds of all distances, shape (m, pairs) [m]; see ``distances``."""
         placed = self._place(self.robot.expand(q), times)
         return self.broad.by_balls(placed)
 
@@ -197,7 +197,7 @@ class PairDistances:
         enough: Array,
         times: Array,
     ) -> Array:
-        """Distances of single pairs at configurations whose placements are known."""
+        """Distances of single pairs, (k,) [m]; see ``measured``."""
         out = self.broad.by_covers(placed, instant, pair)
         # Bounds do not hold for depths.
         near = np.flatnonzero(out < np.maximum(enough, 0.0))
@@ -207,7 +207,7 @@ class PairDistances:
     def _exact(
         self, rows: Array, instant: IntArray, pair: IntArray, times: Array
     ) -> Array:
-        """Exact distances of single pairs at configurations of the model."""
+        """Exact distances of single pairs at configurations of the model, (k,) [m]."""
         out = np.empty(instant.size)
         for chosen, pairs in self._placed(rows, instant, pair, times):
             out[chosen] = self.narrow.distances(pairs)

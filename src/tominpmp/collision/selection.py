@@ -232,7 +232,7 @@ def without(
 
 
 def _configurations(robot: Robot) -> Array:
-    """Random configurations of the model, the same for all checkers."""
+    """Random configurations of the model, (SAMPLES, nq), the same for all checkers."""
     limits, rng = robot.limits, np.random.default_rng(0)
     low = np.clip(limits.position_lower, -UNLIMITED, UNLIMITED)
     high = np.clip(limits.position_upper, -UNLIMITED, UNLIMITED)

@@ -95,7 +95,7 @@ def _hull(points: Array) -> Any:
 
 
 def _blunted(points: Array) -> Array:
-    """Points whose hull contains the given points and has no crowded corners.
+    """Points, (k, 3) [m], whose hull contains those given, without crowded corners.
 
     A corner with too many neighbours, such as the tip of a cone, is replaced by a ring
     of points around it.
@@ -125,7 +125,8 @@ def _neighbours(hull: ConvexHull) -> IntArray:
 def _ring(hull: ConvexHull, tip: int, radius: float) -> Array:
     """Points around a corner of a hull, perpendicular to the mean normal of its faces.
 
-    They lie in the directions of normals of faces, so that each is a corner of a face.
+    Their shape is (k, 3) [m]. They lie in the directions of normals of faces, so that
+    each is a corner of a face.
     """
     faces = hull.equations[np.any(hull.simplices == tip, axis=1), :3]
     normals = np.unique(faces, axis=0)
@@ -136,7 +137,7 @@ def _ring(hull: ConvexHull, tip: int, radius: float) -> Array:
 
 
 def _thickened(points: Array) -> Array:
-    """Points of a mesh, copied to both sides of its plane if it is flat."""
+    """Points of a mesh, (k, 3) [m], copied to both sides of its plane if it is flat."""
     centred = points - points.mean(axis=0)
     axes = np.linalg.eigh(centred.T @ centred)[1].T
     extents = np.ptp(points @ axes.T, axis=0)

@@ -167,7 +167,11 @@ class Field:
         return [item.number() for item in self.items()]
 
     def vector(self, names: str) -> Array:
-        """Numbers as a list, or by a letter each: ``[1, 2, 3]`` or ``{x: 1, ...}``."""
+        """Numbers as a list, or by a letter each: ``[1, 2, 3]`` or ``{x: 1, ...}``.
+
+        Returns:
+            The numbers, in the order of the letters, shape (len(names),).
+        """
         if isinstance(self.value, dict):
             return np.array([self.need(name).number() for name in names])
         return np.array(self.numbers(len(names)))

@@ -164,10 +164,10 @@ def _fault(option: str, row: Mapping[str, Any]) -> str:
 
 
 def check_gravity(gravity: ArrayLike) -> Array:
-    """Check that gravity is a vector of three finite numbers.
+    """Check a caller's gravity [m/s^2], and take it as an array of shape (3,).
 
     Raises:
-        OptionsError: If it is not.
+        OptionsError: If it is not a vector of three finite numbers.
     """
     vector = array_or_nan(gravity)
     if vector.shape != (3,) or not np.isfinite(vector).all():
@@ -199,7 +199,7 @@ def check_kinematic(kinematic: object, values: Mapping[str, object]) -> None:
 def stack_parts(
     joints: Sequence[str], names: Sequence[str], values: Mapping[str, object]
 ) -> Array:
-    """Stack the joint values of several robots into one array.
+    """Stack the joint values of several robots into one array, shape (n,).
 
     The joint names are prefixed with the name of their robot.
 

@@ -116,7 +116,7 @@ def filled_samples(
 
 
 def _segment_ends(table: Array, path: Path) -> Array:
-    """Times of the first row of each segment but the first, and of the last row."""
+    """Times of the first row of each segment but the first, and of the last row [s]."""
     # A segment that takes no time has no row of its own.
     step = np.diff(table[:, -1], prepend=1.0)
     wrong = np.flatnonzero(~((step >= 0.0) & (step < MOST_SEGMENTS) & (step % 1 == 0)))
@@ -146,7 +146,7 @@ def _short_lines(file: io.TextIOWrapper, path: Path) -> Iterator[str]:
 
 
 def _table(lines: Iterator[list[str]], header: list[str], path: Path) -> Array:
-    """Numbers below the header, one row per line."""
+    """Numbers below the header, one row per line, shape (N, columns)."""
     numbers = array("d")
     for number, line in enumerate(lines, start=2):
         if not line:

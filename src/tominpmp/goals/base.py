@@ -169,7 +169,7 @@ class Goal(ABC):
         return np.full(instance(robot, Robot, "robot").n, np.nan)
 
     def joint_ranges(self, robot: Robot) -> tuple[Array, Array]:
-        """Ranges of the final joint positions, shape (n,) each; infinite if free.
+        """Ranges of the final joint positions, (n,) each [rad or m]; infinite if free.
 
         Args:
             robot: The robot.

@@ -58,6 +58,6 @@ def across(direction: Array) -> Array:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Cross product of two vectors; for a single pair NumPy's is 20 times as slow."""
+    """Cross product of two vectors, (3,); for one pair NumPy's is 20 times as slow."""
     (x, y, z), (u, v, w) = a.tolist(), b.tolist()
     return np.array([y * w - z * v, z * u - x * w, x * v - y * u])

@@ -412,7 +412,7 @@ def _matrix(rotation: Array) -> Array:
 
 
 def rotation_vector(rotation: Array) -> tuple[Array, Array]:
-    """Rotation vector [rad] and its Jacobian for a rotation about the rotated axes."""
+    """Rotation vector, (3,) [rad], and its Jacobian about the rotated axes, (3, 3)."""
     return np.asarray(pin.log3(rotation)), np.asarray(pin.Jlog3(rotation))
 
 

@@ -96,7 +96,7 @@ class GoalOnJoints(Record, Goal):
 
     @property
     def ways(self) -> tuple[Array, ...]:
-        """Equivalent positions, the nearest first; ``q`` before a start is known."""
+        """Equivalent positions, the nearest first, each (n,); before a start ``q``."""
         return self._ways or (self.q,)
 
     @cached_property
@@ -174,7 +174,7 @@ class GoalOnJoints(Record, Goal):
         return Place(q[rows] - target, by_q, -tolerance, tolerance, labels)
 
     def joint_ranges(self, robot: Robot) -> tuple[Array, Array]:
-        """Ranges of the joints, over all equivalent positions."""
+        """Ranges of the joints over all equivalent positions, each (n,) [rad or m]."""
         lower, upper = super().joint_ranges(robot)
         each = [self._targets(robot, way) for way in self.ways]
         rows = each[0][0]
@@ -333,7 +333,7 @@ class JointRegionGoal(GoalOnJoints):
         return rows, target, np.maximum(tolerance - np.abs(target - way), 0.0)
 
     def positions(self, robot: Robot) -> Array:
-        """The targets, or the ends of their ranges that are nearest to the limits."""
+        """The targets, or the ends of their ranges nearest to the limits, (n,)."""
         q, way = super().positions(robot), self.ways[0]
         rows, target, _ = self._targets(robot, way)
         q[rows] = np.clip(target, way - self.tolerance, way + self.tolerance)

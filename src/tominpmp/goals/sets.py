@@ -298,12 +298,12 @@ class AllGoals(GoalSet):
         return first
 
     def positions(self, robot: Robot) -> Array:
-        """Positions that any of the goals determines; NaN for other joints."""
+        """Positions that any goal determines, (n,) [rad or m]; NaN for other joints."""
         each = [goal.positions(robot) for goal in self.members]
         return np.asarray(np.fmax.reduce(each))
 
     def joint_ranges(self, robot: Robot) -> tuple[Array, Array]:
-        """Intersections of the joint ranges of all goals."""
+        """Intersections of the joint ranges of all goals, each (n,) [rad or m]."""
         ranges = [goal.joint_ranges(robot) for goal in self.members]
         lower, upper = (np.stack(part) for part in zip(*ranges, strict=True))
         return np.max(lower, axis=0), np.min(upper, axis=0)

@@ -29,7 +29,7 @@ FARTHEST = 1e6
 
 
 def _scale(value: Any, name: str) -> Array:
-    """Check a caller's scale: one factor, or one for each axis."""
+    """Check a caller's scale, one factor or one for each axis; shape (3,)."""
     scale = array_or_nan(value)
     if scale.shape not in ((), (3,)) or not np.all(np.isfinite(scale) & (scale != 0)):
         raise wrong(value, name, "one or three numbers other than zero")

@@ -123,7 +123,7 @@ class Motion(Record, ABC):
 
     @property
     def kinks(self) -> Array:
-        """Known times after the start at which the velocity jumps [s]."""
+        """Known times after the start at which the velocity jumps [s], shape (k,)."""
         return np.zeros(0)
 
     @abstractmethod
@@ -179,7 +179,7 @@ def checked_times(value: Array, name: str = "times") -> Array:
 
 
 def _checked_intervals(begin: Array, end: Array) -> tuple[Array, Array]:
-    """Check a caller's time intervals: an end for each beginning [s]."""
+    """Check a caller's time intervals: an end for each beginning [s], shape (k,)."""
     begin = checked_times(begin, "begin")
     return begin, array(end, "end", begin.shape, "times [s], one for each beginning")
 
@@ -265,7 +265,7 @@ class ConstantVelocity(Motion):
 
     @property
     def kinks(self) -> Array:
-        """Times of the begin and the end of the motion, if positive and finite [s]."""
+        """Start and end of the motion, where positive and finite [s], shape (k,)."""
         return np.array([t for t in (self.begin, self.end) if 0.0 < t < np.inf])
 
     def _turned(self, times: Array, start: Placement) -> tuple[Array, Array, Array]:
@@ -282,7 +282,7 @@ class ConstantVelocity(Motion):
         return elapsed, turned, turned @ self._lever(start)
 
     def _lever(self, start: Placement) -> Array:
-        """Vector from the pivot to the origin of the obstacle at the start [m]."""
+        """Vector from the pivot to the obstacle's origin at the start, (3,) [m]."""
         p = instance(start, Placement, "start").p
         return np.zeros(3) if self.pivot is None else p - self.pivot
 
@@ -312,7 +312,7 @@ class ConstantVelocity(Motion):
 
 
 def _checked_times(value: Any, name: str) -> Array:
-    """Check times of waypoints."""
+    """Check times of waypoints [s], shape (k,)."""
     times = finite_numbers(value, name)
     if times.ndim != 1 or not times.size:
         raise ProblemError(f"{name} has shape {times.shape}, expected one time or more")
@@ -415,7 +415,7 @@ class Waypoints(Motion):
 
     @property
     def kinks(self) -> Array:
-        """Times of the waypoints after the first, if they are few [s]."""
+        """Times of the waypoints after the first, if they are few [s], shape (k,)."""
         times = self.times[1:]
         return times if times.size <= MOST_KINKS else np.zeros(0)
 
@@ -467,7 +467,10 @@ class Waypoints(Motion):
 
 
 def _turns(rotations: Array) -> Array:
-    """Rotation vectors from each rotation to the next, in the axes of the first."""
+    """Rotation vectors from each rotation to the next, (k - 1, 3) [rad].
+
+    They are in the axes of the earlier rotation.
+    """
     if len(rotations) < 2:
         return np.zeros((0, 3))
     between = np.swapaxes(rotations[:-1], 1, 2) @ rotations[1:]

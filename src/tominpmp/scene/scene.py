@@ -145,7 +145,7 @@ def _warn_of_units(obstacles: Iterable[Obstacle]) -> None:
 
 
 def _extents(item: Obstacle) -> Array:
-    """Extents along the axes of an obstacle [m]; zero for terrain, as it is large."""
+    """Extents of an obstacle along its axes, (3,) [m]; zero for (large) terrain."""
     if isinstance(item, Box):
         return item.size
     if isinstance(item, Mesh):

@@ -184,7 +184,7 @@ def skeleton(robot: Robot, q: Array, frame: str) -> Skeleton:
 
 
 def _base(robot: Robot, arm: str) -> Array:
-    """Position of a robot of a workcell [m]; the origin if it stands on another one."""
+    """Base of a robot of a workcell, (3,) [m]; the origin if on another robot."""
     for frame in robot.model.frames:
         if frame.parentJoint == 0 and str(frame.name).startswith(f"{arm}/"):
             return np.array(frame.placement.translation)

@@ -164,7 +164,7 @@ def frame_placements(robot: Robot, q: Array, frame: str) -> Array:
 
 
 def path_times(trajectory: Trajectory) -> Array:
-    """Times at which the path of a frame is drawn [s], more for more segments."""
+    """Times at which the path of a frame is drawn [s], shape (k,)."""
     count = PATH_POINTS + SEGMENT_POINTS * inner_segment_ends(trajectory).size
     return np.linspace(0.0, trajectory.duration, count)
 

@@ -322,7 +322,15 @@ class Configurations:
             pools[g] = np.concatenate([pools[g], new[self.free(new, g)]])
 
     def spread(self, rows: Array, count: int) -> Array:
-        """Choose configurations far from each other, by farthest-point sampling."""
+        """Choose configurations far from each other, by farthest-point sampling.
+
+        Args:
+            rows: The configurations, shape (k, n) [rad or m].
+            count: Largest number of them to keep.
+
+        Returns:
+            The chosen rows, in their order.
+        """
         if len(rows) <= count:
             return rows
         scaled = rows * self.weights
@@ -438,7 +446,7 @@ def _keeps(problem: Problem, q: Array) -> bool:
 
 
 def distinct(rows: Array) -> Array:
-    """Remove configurations that are near to an earlier one."""
+    """Remove configurations, rows of shape (k, n), that are near to an earlier one."""
     chosen: list[int] = []
     for i in range(len(rows)):
         if chosen and np.min(np.max(np.abs(rows[chosen] - rows[i]), axis=1)) < DISTINCT:

@@ -133,7 +133,10 @@ class JointTimes:
 
 
 def _with_jerk(distance: Array, v: Array, a: Array, jerk: Array) -> Array:
-    """Least times from rest to rest, where accelerations begin and end with zero."""
+    """Least times from rest to rest with zero acceleration at both ends [s].
+
+    They have the shape of the distances.
+    """
     ramp = np.where(v * jerk >= a * a, v / a + a / jerk, 2.0 * np.sqrt(v / jerk))
     # Least peak speed at which the acceleration limit is reached; infinite without one.
     knee = a * a / jerk

@@ -144,7 +144,7 @@ def search_order(
 
 
 def _least_times(table: LegTable) -> Array:
-    """Least times from rest to rest between nodes, over some configurations of each."""
+    """Least times between nodes, over some configurations of each, shape (n, n) [s]."""
     n = len(table.nodes)
     least = np.zeros((n, n))
     few = [rows[:8] for rows in table.nodes]
