@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -132,6 +133,16 @@ def test_a_dragged_obstacle_in_the_way_is_told_and_nothing_ends(page: object) ->
     assert "start" in refused.message
     drag(page, "item_O", list(home))
     assert awaited(page, refused.number + 1).ok
+
+
+def test_an_uploaded_file_that_cannot_be_read_is_refused(page: object) -> None:
+    """Empty files, and files of more than 20 MB, were ignored without a word."""
+    request = page.controller.request  # type: ignore[attr-defined]
+    for content, reason in ((b"", "is not XML"), (b" " * 40_000_000, "it may have")):
+        file = SimpleNamespace(name="arm.urdf", content=content)
+        page.panel._take_file(file)  # type: ignore[attr-defined]
+        assert reason in page.readout._notice.content  # type: ignore[attr-defined]
+    assert page.controller.request == request  # type: ignore[attr-defined]
 
 
 def test_a_via_point_is_put_on_the_shown_path(page: object) -> None:
