@@ -370,7 +370,7 @@ def test_joints_without_a_goal(planar3r: Robot, tmp_path: Path) -> None:
         (
             ("world", "collision_objects", 0, "primitives", 0, "type", "torus"),
             "[0].primitives[0].type",
-            "no shape 'torus' here; there are: box, sphere, cylinder",
+            "no shape 'torus'; beside meshes there are: box, sphere, cylinder",
         ),
         (
             ("world", "collision_objects", 0, "primitives", 0, "type", 4),

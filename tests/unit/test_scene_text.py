@@ -160,7 +160,7 @@ def test_scene_without_objects(tmp_path: Path) -> None:
         (".\n", "+\n", r"found '\+', expected '\*' before an object"),
         ("* a box", "*", "id: is '', expected a text"),
         ("0.25", "-1", r"primitives\[0\]: .*radius"),
-        ("cylinder", "cone", "there is no shape 'cone' here"),
+        ("cylinder", "cone", "there is no shape 'cone'"),
         ("1 2 3\n", "1 nan 3\n", r"position\[1\]: is nan, expected a finite number"),
     ],
 )

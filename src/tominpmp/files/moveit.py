@@ -391,10 +391,8 @@ def _read_primitive(shape: Field) -> tuple[str, list[float]]:
     named = isinstance(kind.value, int) and _SHAPES.get(kind.value)
     name = str(named or kind.value).lower()
     if name not in _SIZES:
-        kind.fail(
-            f"there is no shape {brief(named or kind.value)} here; there are: "
-            f"{', '.join(_SIZES)}, and meshes"
-        )
+        shape_name = named or kind.value
+        kind.fail(unknown("shape", shape_name, [*_SIZES], "beside meshes there are"))
     size, (count, words) = shape.need("dimensions"), _SIZES[name]
     if not isinstance(size.value, list) or len(size.value) != count:
         size.fail(f"is {brief(size.value)}, expected {words} of a {name} [m]")
@@ -867,10 +865,8 @@ class _GoalReader:
                 ranges[name] = (position + middle, half) if loose else (position, 0.0)
                 continue
             if name not in robot.locked_joints:
-                item.get("joint_name").fail(
-                    f"there is no joint {brief(name)} that moves; the robot has: "
-                    f"{', '.join(robot.joint_names)}"
-                )
+                fault = unknown("joint", name, robot.joint_names, "the robot has")
+                item.get("joint_name").fail(fault)
             at = robot.locked_joints[name]
             if not -max(below, LOCK_OFFSET) <= at - position <= max(above, LOCK_OFFSET):
                 item.get("position").fail(
