@@ -37,10 +37,10 @@ def test_plan_export_verify(run: Run, free: None) -> None:
         assert result.exit_code == 0, (result.stdout, result.stderr)
         data = json.loads(result.stdout)
         assert data["file_holds"] is True
-        assert data["file_interpolation"] in data["file_message"]
+        assert data["file_joined"] in data["file_message"]
         judged = run("verify", "free.toml", f"m.{ending}")
         assert judged.exit_code == 0, judged.stdout
-        assert data["file_interpolation"] in judged.stdout
+        assert data["file_joined"] in judged.stdout
 
 
 def test_coarse_samples_are_told_of_and_kept(run: Run, free: None) -> None:

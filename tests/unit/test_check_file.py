@@ -50,7 +50,7 @@ def test_tolerances_and_interpolation_are_heeded(robot: Robot, tmp_path: Path) -
     assert not check_file(problem, path).ok
     assert check_file(problem, path, tolerances=Tolerances(goal=0.02)).ok
     straight = check_file(problem, path, interpolation="linear")
-    assert straight.interpolation.startswith("straight lines")
+    assert straight.joined.startswith("straight lines")
     assert not straight.ok
 
 

@@ -82,11 +82,11 @@ def test_nodes_hold_in_every_format(
     path = solution.export(tmp_path / f"m.{ending}")  # a warning would be an error
     found = check_export(solution, path)
     assert found.ok, found.message
-    assert found.message == f"{path} passes, interpolated by {found.interpolation}."
+    assert found.message == f"{path} passes, interpolated by {found.joined}."
     assert verify(solution.problem, load_motion(path)).ok
     steps = ending in ("csv", "npz")
     begin = "accelerations that" if steps else "cubics through"
-    assert found.interpolation.startswith(begin)
+    assert found.joined.startswith(begin)
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
@@ -217,7 +217,7 @@ def test_held_torques_are_recognised_in_tables(planar3r: Robot, tmp_path: Path) 
         path = solution.export(tmp_path / f"m.{ending}")
         held = check_export(solution, path)
         assert held.ok
-        assert "torques held as recorded" in held.interpolation
+        assert "torques held as recorded" in held.joined
 
 
 def test_message_that_a_controller_refuses(planar3r: Robot, tmp_path: Path) -> None:

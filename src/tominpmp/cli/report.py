@@ -95,7 +95,7 @@ def report_data(
         data["sensitivities"] = _sensitivities_data(solution)
     data["files"] = files
     if file is not None:
-        data |= {"file_holds": file.ok, "file_interpolation": file.interpolation}
+        data |= {"file_holds": file.ok, "file_joined": file.joined}
         data |= {"file_message": file.message, "file_notes": file.notes}
     return cast("dict[str, Any]", plain(data))
 
@@ -191,7 +191,7 @@ def report_text(data: Mapping[str, Any]) -> str:
     rows += data["files"].items()
     if "file_holds" in data:
         verdict = "passes" if data["file_holds"] else "does not pass"
-        how = data["file_interpolation"]
+        how = data["file_joined"]
         rows.append(("as read", f"{verdict}, interpolated by {how}"))
         rows += [("note", note) for note in data["file_notes"]]
     return rows_text(data["message"], rows)
@@ -205,7 +205,7 @@ def check_data(judgement: ExportCheck) -> dict[str, Any]:
         "T": judgement.duration,
         **plain(replay),
         "touches": replay.touches,
-        **_named(judgement, "ok", "interpolation", "notes"),
+        **_named(judgement, "ok", "joined", "notes"),
         "refusals": [str(item) for item in judgement.refusals],
     }
 
@@ -217,7 +217,7 @@ def check_text(judgement: ExportCheck) -> str:
     if replay.ok and not judgement.ok:
         verdict = "solves the problem, but a controller would refuse it"
     rows = [("duration", f"{judgement.duration:.4f} s")]
-    rows.append(("interpolation", judgement.interpolation))
+    rows.append(("interpolation", judgement.joined))
     rows += [("note", note) for note in judgement.notes]
     rows += [("refused", str(item)) for item in judgement.refusals[:REFUSALS]]
     errors = f"{replay.goal_error:.1e} in position, {replay.speed_error:.1e} in speed"

@@ -59,7 +59,7 @@ class ExportCheck:
         path: The file.
         ok: Whether the motion that its reader makes of it solves the problem, and a
             controller accepts it.
-        interpolation: Interpolation of its reader, in words.
+        joined: Interpolation of its reader, in words.
         refusals: Rules of the joint trajectory controller that it breaks, for messages
             of ROS.
         violations: Limits that it breaks, and the goal if it misses it.
@@ -76,7 +76,7 @@ class ExportCheck:
 
     path: Path
     ok: bool
-    interpolation: str
+    joined: str
     refusals: tuple[Refusal, ...]
     violations: tuple[LimitViolation, ...]
     verification: MaybeNone = field(repr=False)
@@ -91,8 +91,8 @@ class ExportCheck:
     def message(self) -> str:
         """Whether the file passes; if not, its faults and the remedies."""
         if self.ok:
-            return f"{self.path} passes, interpolated by {self.interpolation}."
-        parts = [f"{self.path} does not pass, interpolated by {self.interpolation}"]
+            return f"{self.path} passes, interpolated by {self.joined}."
+        parts = [f"{self.path} does not pass, interpolated by {self.joined}"]
         if self.violations:
             worst = sorted(self.violations, key=lambda item: -item.share)
             parts.append(enumerated(worst))

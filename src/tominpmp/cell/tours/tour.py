@@ -233,6 +233,8 @@ class Tour:
             figures.add_legend(figure, [*kinds, *lines], 6)
             return figures.finish(figure, path)
 
+    gantt = plot
+
     def export(
         self,
         path: str | Path,
