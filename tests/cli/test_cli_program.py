@@ -122,7 +122,7 @@ def test_nobody_reads_the_output(args: list[str]) -> None:
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 @pytest.mark.parametrize("unbuffered", ["", "1"])
-@pytest.mark.parametrize("args", [["robots"], ["--help"]])
+@pytest.mark.parametrize("args", [["robots"], ["--help"], ["plan", "--help"]])
 def test_output_cannot_be_written(
     args: list[str], unbuffered: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -72,6 +72,7 @@ def test_everything_shows_itself_on_a_line(solution: tm.Solution) -> None:
 
 def test_options_show_what_is_not_the_default() -> None:
     assert repr(tm.Options()) == "Options()"
+    assert repr(tm.MotionLimits()) == "MotionLimits()"
     assert repr(tm.Options(seed=3)) == "Options(seed=3)"
 
 

@@ -120,9 +120,9 @@ def guarded(debug: bool = False) -> Iterator[None]:
     except (TominpmpError, OSError) as error:
         message, code = str(error), BAD_INPUT
         if isinstance(error, OSError):
-            where = "" if error.filename is None else f"{error.filename}: "
-            message = f"{where}{error.strerror or error}"
-            code = UNWRITTEN if error.filename == OUTPUT else BAD_INPUT
+            stream = error.filename or OUTPUT  # Rich, which writes the help, names none
+            message = f"{stream}: {error.strerror or error}"
+            code = UNWRITTEN if stream == OUTPUT else BAD_INPUT
         _explain(message, debug)
         raise SystemExit(code) from error
     except Exception as error:
