@@ -167,3 +167,11 @@ def test_a_tour_that_stays_at_the_start_has_no_motion_to_write(tmp_path: Path) -
     code, output = run(scenario(tmp_path, stay), "-o", tmp_path / "cycle.csv")
     assert code == 2
     assert "no motion: all stations are at the start" in " ".join(output.split())
+
+
+def test_a_plan_of_a_file_with_stations_names_the_command_of_tours(
+    tmp_path: Path,
+) -> None:
+    done = invoke(["plan", str(scenario(tmp_path, STATIONS))])
+    assert done.exit_code == 2
+    assert "stations: belong to a tour, see tominpmp tour --help" in done.output
