@@ -149,7 +149,6 @@ class Page:
         self.address = f"http://{'localhost' if host == '127.0.0.1' else host}:{port}"
         self._lock = threading.RLock()
         self._ended = threading.Event()
-        self._begun = time.monotonic()
         self._arms: dict[str, stage.Arm] = {}
         self.shown: ShownMotion | None = None
         self.controller = Controller(request, self._on_outcome)
@@ -260,8 +259,6 @@ class Page:
             if outcome.request.robot != self.controller.request.robot:
                 return
             if outcome.shown is not None:
-                if self.shown is None:
-                    self._begun = time.monotonic()
                 self.shown = outcome.shown
                 stage.draw_path(self.server.scene, outcome.shown.path, self._size)
             self.readout.show(outcome, self.shown is not None)
@@ -269,11 +266,13 @@ class Page:
     def _play(self) -> None:
         """Animate the robot until the page is closed."""
         period, next_bars = 1.0 / FRAMES_PER_SECOND, 0.0
+        before = time.monotonic()
         while not self._ended.wait(period):
-            shown = self.shown
+            shown, passed = self.shown, time.monotonic() - before
+            before += passed
             if shown is None:
                 continue
-            now = self.readout.time(shown, time.monotonic() - self._begun)
+            now = self.readout.time(shown, passed)
             try:
                 with self._lock:
                     if shown is not self.shown:
@@ -324,26 +323,27 @@ class Readout:
         with gui.add_folder("What holds it back"):
             self._held = gui.add_html("")
         self._playing.on_update(lambda _: self._pause())
-        self._now = 0.0
+        self.show(None)
 
     def _pause(self) -> None:
         self._slider.visible = not self._playing.value
-        if not self._playing.value:
-            self._slider.value = round(self._now, 3)
+        if self._playing.value:
+            self._now = float(self._slider.value)
+        else:
+            self._slider.value = min(max(round(self._now, 3), 0.0), self._slider.max)
 
-    def time(self, shown: ShownMotion, since: float) -> float:
+    def time(self, shown: ShownMotion, passed: float) -> float:
         """The instant to show [s].
 
         Args:
             shown: The motion.
-            since: Time since the animation began [s].
+            passed: Time since the instant was last asked for [s].
         """
         if not self._playing.value:
             return min(float(self._slider.value), shown.T)
-        scaled = since * SPEEDS[self._speed.value]
-        at = scaled % (shown.T + 2.0 * REST) - REST
-        self._now = min(max(at, 0.0), shown.T)
-        return self._now
+        at = self._now + passed * SPEEDS[self._speed.value]
+        self._now = at if at < shown.T + REST else -REST
+        return min(max(self._now, 0.0), shown.T)
 
     def show(self, outcome: Outcome | None, goes_on: bool = False) -> None:
         """Show an outcome.
@@ -356,6 +356,7 @@ class Readout:
         self._headline.content = pictures.headline(outcome, busy, goes_on)
         if outcome is None:
             self._bars.content = self._curves.content = self._held.content = ""
+            self._now = -REST  # in the animation, whose pauses are before 0 and after T
         elif outcome.shown is not None:
             self._slider.max = latest = round(outcome.shown.T, 3)
             self._slider.value = min(float(self._slider.value), latest)
@@ -588,8 +589,7 @@ class Panel:
 
     def _resize(self) -> None:
         sizes = [slider.value for slider in self._sizes if slider.visible]
-        items = self._request.items_with(self._items.value, size=sizes)
-        self._page.ask(items=items)
+        self._page.ask(items=self._request.items_with(self._items.value, size=sizes))
 
     def _remove_item(self) -> None:
         name, items = self._items.value, self._request.items
