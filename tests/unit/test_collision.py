@@ -622,3 +622,11 @@ def test_wrong_configurations_and_margins(
     for query in (checker.is_free, checker.closest):
         with pytest.raises(ProblemError, match=match):
             query(q, margin)
+
+
+@pytest.mark.parametrize("cutoff", ["wide", None, [0.1, 0.2, 0.3, 0.4, 0.5]])
+def test_wrong_cutoffs(planar3r: Robot, cutoff: object) -> None:
+    """They raised the errors of NumPy."""
+    checker = CollisionChecker(planar3r, Scene([Sphere("ball", radius=0.1)]))
+    with pytest.raises(ProblemError, match="cutoff"):
+        checker.distances(np.zeros((1, 3)), cutoff)

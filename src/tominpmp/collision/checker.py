@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.checks import JOINTS, array, vector
+from tominpmp.checks import JOINTS, vector
 from tominpmp.collision.bodies import Geometry, scene_bodies
 from tominpmp.collision.broad import Pairs
 from tominpmp.collision.narrow import Guard
@@ -203,17 +203,12 @@ class CollisionChecker(PairDistances):
         """
         rows = self.robot.expand(q)
         # A sampler calls this tens of thousands of times with the same margin.
-        limit = self._by_pair(margin)
+        limit = self._by_pair(margin, "margin")
         if self._guard is None or self._guard[0] != limit.tobytes():
             self._guard = limit.tobytes(), Guard(self.narrow, limit)
         guard, (R, p) = self._guard[1], self.obstacles.placements(np.array([time]))
         for row in rows:
             yield guard.is_free(row, R[0], p[0])
-
-    def _by_pair(self, margin: float | Array) -> Array:
-        """A caller's margin, for all pairs or by pair, as an array, shape (pairs,)."""
-        each = margin if np.ndim(margin) else [margin] * len(self.pairs)
-        return array(each, "margin", (len(self.pairs),), "distances of the pairs [m]")
 
     def margins(self, margin: float) -> Array:
         """Margin of each pair, shape (pairs,) [m].
@@ -248,7 +243,7 @@ class CollisionChecker(PairDistances):
         row = self.distances(q[None], times=np.array([time or 0.0]))[0]
         if time is None:
             row = np.where(self.moving_pairs, np.inf, row)
-        limit = self._by_pair(margin)
+        limit = self._by_pair(margin, "margin")
         index = int(np.argmin(row - limit))
         return self.contact(index, float(row[index]), float(limit[index]))
 

@@ -136,15 +136,20 @@ class PairDistances:
         q = array(q, "q", (None, self.robot.n), JOINTS)
         rows, out = self.robot.expand(q), np.empty((q.shape[0], len(self.pairs)))
         times = _or_start(times, q)
-        if np.all(np.isposinf(cutoff)):  # bounds would be computed for nothing
+        limit = self._by_pair(cutoff, "cutoff")
+        if np.all(np.isposinf(limit)):  # bounds would be computed for nothing
             instant, pair = np.indices(out.shape).reshape(2, -1)
             return self._exact(rows, instant, pair, times).reshape(out.shape)
-        limit = np.broadcast_to(np.asarray(cutoff, np.float64), out.shape[1:])
         limit = np.maximum(limit, 0.0)  # bounds do not hold for depths
         for begin in range(0, len(q), CHUNK):
             part = slice(begin, begin + CHUNK)
             out[part] = self._cut_off(rows[part], limit, times[part])
         return out
+
+    def _by_pair(self, value: float | Array, name: str) -> Array:
+        """A caller's distance for all pairs, or distances by pair, shape (pairs,)."""
+        each = value if np.ndim(value) else [value] * len(self.pairs)
+        return array(each, name, (len(self.pairs),), "distances of the pairs [m]")
 
     def _cut_off(self, rows: Array, limit: Array, times: Array) -> Array:
         """Distances, shape (m, pairs) [m], exact below the limits of pairs."""

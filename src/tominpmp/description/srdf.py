@@ -410,7 +410,7 @@ def _group_joints(
 def _no_group(groups: Sequence[str], group: object) -> str:
     known = f"; the robot has: {', '.join(groups)}"
     if not groups:
-        known = ": the robot has no SRDF file with groups; give one with srdf="
+        known = ": the robot has no SRDF file with groups; give one as srdf"
     return (
         f"group: there is no group {brief(group)}{closest(group, groups)}"
         f"{known}; or give the name of the last link of a chain, two links (base, tip),"
