@@ -194,3 +194,14 @@ def test_a_joint_twice_and_held_joints_that_move(tmp_path: Path) -> None:
     paths[1].write_text(json.dumps(request))
     with pytest.raises(ScenarioError, match="'panda_joint1' occurs twice"):
         load_moveit("panda", *paths)
+
+
+@pytest.mark.parametrize("wrong", [1, len(UR5)])
+def test_a_wrong_joint_of_the_goal_is_named(tmp_path: Path, wrong: int) -> None:
+    """All joints were locked, or the right one, which the message then left out."""
+    start = dict.fromkeys(UR5, 0.0)
+    goal = dict(zip([*UR5[wrong:], *"abcdef"[:wrong]], [0.5] * len(UR5), strict=True))
+    with pytest.raises(ScenarioError) as caught:
+        load_moveit("ur5", *files(tmp_path, "manipulator", start, goal))
+    assert "joint_name: there is no joint 'a'" in str(caught.value)
+    assert all(name in str(caught.value) for name in UR5)

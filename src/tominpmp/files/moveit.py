@@ -644,11 +644,12 @@ def _locks(
     """
     description, moved = source.description, _goal_joints(request)
     locks = _outside_group(request, start, description, source.semantics)
+    names = [joint.name for joint in description.joints if joint.mimic is None]
     # A goal for a link may move any joint.
     if moved and not _goal_links(request):
-        still = (j.name for j in description.joints if j.mimic is None)
-        locks |= {k: start[k] for k in still if k in start and k not in moved}
-    return locks
+        locks |= {k: start[k] for k in names if k in start and k not in moved}
+    # If no joint were left, the reader of the goal says what is wrong with it.
+    return locks if len(locks) < len(names) else {}
 
 
 def _grouped_robot(
@@ -865,7 +866,8 @@ class _GoalReader:
                 ranges[name] = (position + middle, half) if loose else (position, 0.0)
                 continue
             if name not in robot.locked_joints:
-                fault = unknown("joint", name, robot.joint_names, "the robot has")
+                joints = (*robot.joint_names, *robot.locked_joints)
+                fault = unknown("joint", name, joints, "the robot has")
                 item.get("joint_name").fail(fault)
             at = robot.locked_joints[name]
             if not -max(below, LOCK_OFFSET) <= at - position <= max(above, LOCK_OFFSET):
