@@ -345,6 +345,25 @@ def test_sites_of_bodies_without_joints_are_where_mujoco_has_them() -> None:
         assert np.allclose(found.rotation, site.xmat.reshape(3, 3))
 
 
+def test_boxes_between_two_ends_are_turned_as_in_mujoco() -> None:
+    """They were turned about their long axis, as it pointed to the other end."""
+    mujoco = pytest.importorskip("mujoco")
+    capsule = 'type="capsule" fromto="0 0 0.05 0 0 0.25"'
+    box = 'type="box" fromto="0 0 0.05 0.1 0.2 0.25"'
+    assert capsule in MJCF
+    text = MJCF.replace(capsule, box)
+    arm, model = tm.load_robot(text, velocity=2), mujoco.MjModel.from_xml_string(text)
+    data, mine = mujoco.MjData(model), arm.model.createData()
+    mujoco.mj_forward(model, data)
+    placed = arm.collision_model.createData()
+    start = np.zeros(arm.model.nq)
+    pin.updateGeometryPlacements(arm.model, mine, arm.collision_model, placed, start)
+    shapes = zip(arm.collision_model.geometryObjects, placed.oMg, strict=True)
+    [turned] = [M.rotation for shape, M in shapes if shape.name.startswith("upper")]
+    near = [np.abs(turned.ravel() - other).max() for other in data.geom_xmat]
+    assert min(near) < 1e-9
+
+
 def test_weights_of_shapes_may_replace_those_of_bodies() -> None:
     """Bodies without shapes keep theirs."""
     mujoco = pytest.importorskip("mujoco")
@@ -418,7 +437,7 @@ def test_what_is_not_read_is_told_of() -> None:
         ((('range="-90 90"', 'range="-90"'),), "joint turn: joint range='-90'"),
         ((("<worldbody>", "<body>"), ("</worldbody>", "</body>")), "no joint is left"),
         ((('mass="2"', 'mass="two"'),), "body upper: inertial mass='two'"),
-        ((('mass="2"', 'mass="-2"'),), "mass='-2', expected a number from 0"),
+        ((('mass="2"', 'mass="-2"'),), "mass=-2, expected at least 0"),
         ((('armature="0.02"', 'armature="x"'),), "joint armature='x', expected"),
         (
             (("<worldbody>", "<asset><mesh name='m'/></asset><worldbody>"),),

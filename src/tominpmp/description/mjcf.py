@@ -51,8 +51,8 @@ SHAPES = dict(mesh=0, sphere=1, capsule=2, cylinder=2, box=3, ellipsoid=3)
 PLACEMENT = {"pos": 3, "quat": 4, "axisangle": 4, "xyaxes": 6, "zaxis": 3, "euler": 3}
 ORIENTATIONS = PLACEMENT.keys() - {"pos"}
 COUNTS = {"axis": 3, "diaginertia": 3, "fullinertia": 6, "fromto": 6, "rgba": 4}
-# Attributes that are one nonnegative number of any size.
-NONNEGATIVE = ("mass", "armature", "damping", "frictionloss")
+COUNTS |= {"mass": 1, "armature": 1, "damping": 1, "frictionloss": 1}
+NONNEGATIVE = ("size", "mass", "armature", "damping", "frictionloss")
 
 Range = tuple[float, float]
 # Default attributes by tag.
@@ -236,13 +236,9 @@ class _MjcfReader:
                 child.set("size", " ".join(child.get("size", "").split()[:count]))
                 counts = counts | {"size": count}
             for key in (k for k in counts if k in child.attrib):
-                low = 0.0 if key == "size" else None
+                low = 0.0 if key in NONNEGATIVE else None
                 self.context.numbers(child, key, where, (0.0,) * counts[key], low)
             self._turn(child, where)
-            for key in (k for k in NONNEGATIVE if k in child.attrib):
-                if not 0.0 <= to_number(child.get(key, "")) < math.inf:
-                    message = f"{where}: {tag} {key}={brief(child.get(key))}"
-                    self.context.fail(f"{message}, expected a number from 0 on")
             if tag in GENERATORS:
                 self.context.fail(
                     f"{where} has <{tag}>, which is not read; write "
@@ -269,7 +265,11 @@ class _MjcfReader:
                 # Pinocchio misplaces sites in bodies without joints, but not bodies.
                 child.tag = "body"
                 child.set("name", fresh_name(child.get("name", ""), self.bodies))
-            elif tag == "geom" and "fromto" not in child.attrib:
+            elif tag == "geom" and "fromto" in child.attrib:
+                # Pinocchio has the z axis towards the second end, MuJoCo to the first.
+                ends = child.attrib["fromto"].split()
+                child.set("fromto", " ".join(ends[3:] + ends[:3]))
+            elif tag == "geom":
                 # Pinocchio ignores the rotation of a shape without a position.
                 child.set("pos", child.get("pos", "0 0 0"))
 
