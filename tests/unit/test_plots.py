@@ -144,16 +144,24 @@ def test_trajectory_shows_all_quantities(motions: Motions) -> None:
     assert legend_texts(figure) == ["limit", "beyond it"]
 
 
-def test_long_joint_names_are_written_in_lines(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "first"),
+    [
+        ("left_manipulator/shoulder_lift_joint", "left_"),
+        ("RightElbowPitch", "RightElbow"),
+    ],
+)
+def test_long_joint_names_are_written_in_lines(
+    name: str, first: str, tmp_path: Path
+) -> None:
     """Their letters became smaller, and names met those of the next rows."""
-    name = "left_manipulator/shoulder_lift_joint"
     path = tmp_path / "arm.urdf"
     path.write_text(describe([slide(1.0)]).replace("joint1", name))
     robot = load_robot(path, effort=1.0, velocity=1.0)
     solution = plan(Problem(robot, [0.0], JointGoal([0.0])))
     (text,) = (t for t in solution.plot().axes[0].texts if "limit" not in t.get_text())
     lines = text.get_text().split("\n")
-    assert "".join(lines) == name
+    assert "".join(lines) == name and lines[0] == first
     assert max(map(len, lines)) <= 14
     assert text.get_fontsize() == 8.0
     assert solution.plot_certificate().axes[0].get_ylabel() == text.get_text()

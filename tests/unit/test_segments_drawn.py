@@ -185,3 +185,8 @@ def test_the_path_of_many_segments_has_no_corners():
     drawn = motion(path_times(motion)).q
     between = np.linalg.norm(0.5 * (drawn[1:] + drawn[:-1]), axis=1)
     assert between.min() > 0.99
+
+
+def test_the_caption_of_a_page_counts_the_obstacles_of_all_segments(solution, tmp_path):
+    page = solution.play(tmp_path / "motion.html").read_text()
+    assert "<p>1 joint, 3 segments, 1 obstacle</p>" in page

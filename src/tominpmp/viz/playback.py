@@ -148,11 +148,10 @@ def _caption(problem: Problem, twins: Mapping[str, Trajectory]) -> str:
     counts = {
         "joint": problem.robot.n,
         "segment": len(problem.segments),
-        "obstacle": len(problem.scene),
+        "obstacle": len({item for phase in problem.phases for item in phase.scene}),
     }
     parts = [f"{n} {name}{'s' * (n > 1)}" for name, n in counts.items() if n]
-    for name, motion in twins.items():
-        parts.append(f"pale: {name}, T = {motion.duration:.4g} s")
+    parts += [f"pale: {k}, T = {twin.duration:.4g} s" for k, twin in twins.items()]
     return ", ".join(parts)
 
 

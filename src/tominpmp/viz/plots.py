@@ -414,7 +414,8 @@ def _note(panel: Axes, text: str, place: tuple[float, float], **look: Any) -> No
 
 def _in_lines(name: str) -> str:
     """The name of a joint in lines that fit next to its row."""
-    return "\n".join(re.findall(r".{1,13}(?:[ /_-]|$)|.{1,13}", name))
+    ends = r"[ /_-]|(?<=[a-z])(?=[A-Z])|$"
+    return "\n".join(re.findall(rf".{{1,13}}(?:{ends})|.{{1,13}}", name))
 
 
 def _name_look(joint: int) -> dict[str, Any]:
