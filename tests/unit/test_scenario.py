@@ -317,13 +317,13 @@ def test_robot_files_are_relative_to_the_scenario(
     srdf = folder / "other.srdf"
     assert planar3r.srdf is not None
     srdf.write_bytes(planar3r.srdf.path.read_bytes())
-    robot = load_robot(urdf, srdf=srdf, package_dirs=[folder])
+    robot = load_robot(urdf, srdf=srdf, package_dirs=[folder, tmp_path])
     problem = problem_of(robot)
     text = round_trip(problem, Options(), tmp_path)
     table = tomllib.loads(text)["robot"]
     assert table["path"] == "arms/arm.urdf"
     assert table["srdf"] == "arms/other.srdf"
-    assert table["package_dirs"] == ["arms"]
+    assert table["package_dirs"] == ["arms", "."]
     # From anywhere, and when all has been moved together.
     moved = tmp_path.rename(tmp_path.with_name(f"{tmp_path.name}-moved"))
     monkeypatch.chdir(moved)

@@ -205,10 +205,10 @@ def _placement_table(placement: pin.SE3) -> dict[str, Any]:
 
 
 def file_name(path: Path, folder: Path) -> str:
-    """Write a path: relative to the folder if it is inside, otherwise absolute."""
-    path = Path(os.path.abspath(path))
-    folder = Path(os.path.abspath(folder))
-    return path.relative_to(folder).as_posix() if folder in path.parents else str(path)
+    """Write a path: relative to the folder if it is inside or is it, else absolute."""
+    path, folder = Path(os.path.abspath(path)), Path(os.path.abspath(folder))
+    inside = path.is_relative_to(folder)
+    return path.relative_to(folder).as_posix() if inside else str(path)
 
 
 def from_table(table: Field, kinds: Mapping[str, type[Any]], noun: str) -> Any:
