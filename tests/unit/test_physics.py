@@ -190,3 +190,17 @@ def test_wrong_values(name: str, value: object, rail: tm.Problem) -> None:
     assert error.value.field == name
     with pytest.raises(tm.ProblemError, match="payload is -1"):
         Disturbances(payload=-1)
+
+
+def test_dry_friction_of_light_links_has_its_full_size() -> None:
+    """MuJoCo's friction was too small, and a motion of a Z1 ended 0.4 rad away."""
+    robot = tm.load_robot("z1")
+    start = [0.0, 1.2, -1.2, 0.0, 0.0, 0.0, -0.5]
+    goal = tm.JointGoal([0.6, 1.5, -1.4, 0.2, 0.1, 0.5, -0.4])
+    problem = tm.Problem(
+        robot, start, goal, motion_limits=tm.MotionLimits(acceleration=8.0, jerk=200.0)
+    )
+    found = tm.plan(problem, intervals=20, effort="quick", refine=None).replay()
+    assert found.torque_difference < 1e-8
+    assert found.open_loop.goal_error < 1e-3
+    assert found.with_feedback.tracking_error < 1e-3

@@ -64,6 +64,10 @@ class MujocoArm:
         self.model.dof_armature[self._order] = robot.armature
         self.model.dof_damping[self._order] = robot.damping
         self.model.dof_frictionloss[self._order] = robot.friction
+        # Dry friction is as hard as possible, and stops a joint in 4 ms: with MuJoCo's
+        # defaults that of a light link is too small below some radians per second.
+        self.model.dof_solimp[:, :2] = 0.9999
+        self.model.dof_solref[:, 0] = 0.004
         for joint in range(1, robot.model.njoints):
             self._set_inertia(joint, robot.model.inertias[joint])
         self.data = self.mujoco.MjData(self.model)
@@ -78,10 +82,9 @@ class MujocoArm:
             place, above = model.jointPlacements[joint], bodies[model.parents[joint]]
             quaternion = np.roll(Rotation.from_matrix(place.rotation).as_quat(), 1)
             body = above.add_body(pos=place.translation, quat=quaternion, **PLACEHOLDER)
-            kind, axis = kinds.mjJNT_HINGE, placements.axes(joint)[1]
-            if not np.any(axis):
-                kind, axis = kinds.mjJNT_SLIDE, placements.axes(joint)[0]
-            body.add_joint(type=kind, axis=axis)
+            slide, turn, _ = placements.axes(joint)  # one of both axes is zero
+            kind = kinds.mjJNT_HINGE if np.any(turn) else kinds.mjJNT_SLIDE
+            body.add_joint(type=kind, axis=slide + turn)
             bodies.append(body)
         return spec.compile()
 
@@ -112,9 +115,8 @@ class MujocoArm:
         self.model.dof_frictionloss[self._order] += friction
 
     def set_state(self, q: Array, v: Array) -> None:
-        """Set positions and velocities, shape (n,) each, at time zero."""
+        """Set positions and velocities, shape (n,) each."""
         self.data.qpos[self._order], self.data.qvel[self._order] = q, v
-        self.data.time = 0.0
 
     @property
     def q(self) -> Array:
@@ -159,8 +161,8 @@ class MujocoArm:
     def choose_integrator(self, step: float, q: Array) -> str:
         """Choose Runge-Kutta 4, or implicit if friction is stiff; return its name."""
         kinds = self.mujoco.mjtIntegrator
-        damping = np.array(self.model.dof_damping[self._order])
-        stiff = bool(np.any(damping * step > STIFF * self.masses(q)))
+        damping = self.model.dof_damping[self._order]
+        stiff = np.any(damping * step > STIFF * self.masses(q))
         chosen = kinds.mjINT_IMPLICITFAST if stiff else kinds.mjINT_RK4
         self.model.opt.integrator = chosen
         return "implicit" if stiff else "Runge-Kutta 4"

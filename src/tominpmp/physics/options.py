@@ -35,7 +35,7 @@ class ReplayOptions(ReportOptions):
         bandwidth (NUMBER): Bandwidth of the feedback in a trial (1/s). Default: 100.
     """
 
-    step: float | None = None
+    step: float = 2e-4
     goal_tolerance: float = 0.01
     robustness: bool = False
     samples: int = 100

@@ -221,10 +221,12 @@ def torque_difference(arm: MujocoArm, trajectory: Trajectory) -> float:
 
     Returns:
         The difference as a share of the largest torque of each joint. Joints with dry
-        friction, which MuJoCo smooths about rest, count only while they move.
+        friction, which MuJoCo smooths about rest, count only while they move so fast
+        that their acceleration does not stop them at once.
     """
     state = trajectory((np.arange(100) + 0.5) / 100 * trajectory.duration)
     torques = np.array([arm.inverse(*row) for row in zip(*state[:3], strict=True)])
     largest = np.maximum(np.abs(state.u).max(axis=0), 1e-9)
-    moving = (np.abs(state.v) > 1e-2) | (arm.robot.friction == 0.0)
+    slow = 1e-2 + arm.model.dof_solref[0, 0] * np.abs(state.a)
+    moving = (np.abs(state.v) > slow) | (arm.robot.friction == 0.0)
     return float(np.max(np.abs(torques - state.u) / largest * moving))

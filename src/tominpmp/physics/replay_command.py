@@ -14,7 +14,7 @@ from tominpmp.exceptions import OptionsError
 from tominpmp.files.export import load_motion
 from tominpmp.files.export_check import joined_samples
 from tominpmp.physics.options import ReplayOptions
-from tominpmp.physics.replay import STEP, PhysicsReplay, replay
+from tominpmp.physics.replay import PhysicsReplay, replay
 from tominpmp.physics.robustness import (
     REQUIRED,
     Disturbances,
@@ -58,8 +58,7 @@ def run_replay(
     if motion is None:
         raise OptionsError("a MOTION is missing; or give --robustness", "MOTION")
     trajectory = joined_samples(load_motion(motion), problem, motion).trajectory
-    step = STEP if args.step is None else args.step
-    result = replay(problem, trajectory, step=step, tolerance=args.goal_tolerance)
+    result = replay(problem, trajectory, step=args.step, tolerance=args.goal_tolerance)
     data = {"ok": result.ok, **plain(result)}
     say(json_text(data) if args.json else _text(result, motion))
     return PLANNED if result.ok else NO_PLAN
