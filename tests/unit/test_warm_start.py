@@ -164,6 +164,17 @@ def test_a_motion_that_cannot_be_bettered_is_kept(planar3r, free):
     assert warm.success and warm.T <= fine.T
 
 
+def test_a_former_motion_beyond_a_new_limit_is_not_kept(ur5):
+    """A replay tolerates the excess of 0.4 %, which is why it is the faster motion."""
+    start, end = [0.0, -1.5, 1.0, 0.0, 0.5, 0.0], [1.2, -1.2, 1.3, 0.5, 0.5, 0.0]
+    former, again = (
+        tm.Problem(ur5, start, tm.JointGoal(end), motion_limits=limits)
+        for limits in (tm.MotionLimits(acceleration=a) for a in (5.0, 4.98))
+    )
+    warm = tm.plan(again, start=tm.plan(former))
+    assert warm.verification.worst["acceleration"].share < 1e-4
+
+
 def test_a_recording_that_is_too_fast_does_as_well_as_a_slow_one(ur5):
     """From a third of its duration a descent took three times as many iterations."""
     limits = tm.MotionLimits(acceleration=15.0)

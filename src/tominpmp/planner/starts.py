@@ -16,6 +16,7 @@ from functools import partial
 
 import numpy as np
 
+from tominpmp.constraints.path import USABLE
 from tominpmp.initial_guess.guess import (
     CachedGuesses,
     Guess,
@@ -60,6 +61,7 @@ from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.problem_functions import ProblemFunctions
+from tominpmp.verification.verification import verify
 
 # Number of guesses for a goal on a frame, whose final configuration is free, and where
 # obstacles move, as a motion may wait for them.
@@ -344,7 +346,6 @@ def _warm_start_work(
     if warm.smoothing is None:
         # Near an optimum squared jumps would take four times as many programs.
         warm = replace(warm, smoothing=JUMPS_SHARE * former.duration)
-    hopeless = stop_if_hopeless(former.duration, WARM_FAR)
     # Without a feasible iterate half of the time is left to other guesses.
     late = state.seconds + 0.5 * state.remaining_time
 
@@ -352,7 +353,7 @@ def _warm_start_work(
         found = any(item.feasible for item in state.kept_iterates)
         return None if found or state.seconds < late else loop.drop()
 
-    stop = first_of(hopeless, stop_if_late)
+    stop = first_of(stop_if_hopeless(former.duration, WARM_FAR), stop_if_late)
     return descent_work(system, warm, former, state, stop)
 
 
@@ -361,16 +362,20 @@ def _keep_former(
 ) -> bool:
     """Keep a former motion that led to no faster one, if its replay keeps all limits.
 
+    It may exceed them by what the rows of a program leave between them, and not by all
+    that a replay tolerates: the limits may be lower than those that it was planned for.
+
     Returns:
         Whether the replay keeps them.
     """
     motion = None if system.parts else former.remainder(system)
     if motion is None:
         return False
-    same = replace(
-        candidate, feasible=True, trajectory=motion, violations={}, layout=None
-    )
-    same = same.verified(system.problem, state.options)
+    tolerances = state.options.tolerances
+    tolerances = replace(tolerances, limits=min(tolerances.limits, USABLE))
+    replay = verify(system.problem, motion, tolerances)
+    same = replace(candidate, feasible=True, trajectory=motion, verification=replay)
+    same = replace(same, violations={}, layout=None)
     if same.duration < candidate.duration:
         state.amend(same)
     return same.confirmed
@@ -388,9 +393,8 @@ def _beatable(system: ProblemFunctions, state: PlanState) -> bool:
         return False
     if state.best_duration <= (1.0 + GAP) * state.lower_bound(system.problem).T:
         return False
-    options = state.options
-    rng = np.random.default_rng(options.seed)
-    request = GuessRequest(1, rng, options.initial_duration)
+    rng = np.random.default_rng(state.options.seed)
+    request = GuessRequest(1, rng, state.options.initial_duration)
     guess = next(initial_guesses(system, request), None)
     if guess is None or not guess.timed:
         return False
