@@ -188,6 +188,16 @@ def test_many_columns_are_not_left_to_the_simplex_method_for_multipliers(monkeyp
     assert unfinished.solve(p).optimal
 
 
+def test_curved_programs_of_many_columns_are_left_to_no_simplex(monkeypatch):
+    """A Panda had 17 s of pivots for a step on a finer grid, without a solution."""
+    p = random_program(np.random.default_rng(6), rows=60, columns=40)
+    p = replace(p, curvature=1e-3 * sp.identity(40, format="csc"))
+    unfinished = Termination(iterations=5)
+    assert PiqpSolver(unfinished).solve(p).optimal  # after few pivots
+    monkeypatch.setattr(piqp_module, "MANY_COLUMNS", 30)
+    assert not PiqpSolver(unfinished).solve(p).optimal
+
+
 def test_a_share_of_the_objective_may_be_near_enough():
     p = random_program(np.random.default_rng(6), rows=60, columns=40)
     best = reference(p).fun

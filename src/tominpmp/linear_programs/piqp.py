@@ -67,7 +67,7 @@ class Termination:
 USUAL_TERMINATION = Termination()
 
 
-def factorisation(program: LinearProgram, equations: bool) -> Any:
+def factorisation(program: LinearProgram, fragile: bool) -> Any:
     """The method by which PIQP factorises the linear systems of a program.
 
     Factorisation stage by stage takes two thirds of the time, with the same iterations
@@ -76,11 +76,11 @@ def factorisation(program: LinearProgram, equations: bool) -> Any:
 
     Args:
         program: The program.
-        equations: Whether the program has equations.
+        fragile: Whether the program has equations, or stages have failed before.
     """
     matrix = program.matrix
     sparse = matrix.nnz <= STAGED_SHARE * matrix.shape[0] * matrix.shape[1]
-    staged = program.curvature is not None and not equations and sparse
+    staged = program.curvature is not None and not fragile and sparse
     return STAGED if staged and _staged_works() else piqp.KKTSolver.sparse_ldlt
 
 
@@ -151,10 +151,12 @@ class PiqpSolver(LpSolver):
         self._set_up(program)
         solution = self._run(program)
         info = self._solver.result.info
-        # Where limits overlap, only the multipliers are inexact. With many columns the
-        # simplex method takes seconds for them, and a shorter step does without.
+        # With many columns the simplex method takes seconds. Where only multipliers of
+        # overlapping limits are inexact, or the program is curved, which it leaves out,
+        # the program of a shorter step takes less.
         closed = max(info.primal_res, info.duality_gap) <= program.accuracy
-        if solution.optimal or (closed and program.cost.size > MANY_COLUMNS):
+        step = closed or program.curvature is not None
+        if solution.optimal or (step and program.cost.size > MANY_COLUMNS):
             return solution
         # Later changes of its bounds are solved by the simplex method, too.
         self._simplex = HighsSolver()
@@ -170,10 +172,8 @@ class PiqpSolver(LpSolver):
             others, equations = matrix[~equal].tocsc(), matrix[equal]
             self._scale = equation_scale(equations)
             equations = (sp.diags(self._scale) @ equations).tocsc()
-        settings = self._solver.settings
-        settings.kkt_solver = piqp.KKTSolver.sparse_ldlt
-        if not self._stages_fail:
-            settings.kkt_solver = factorisation(program, equations is not None)
+        settings, fragile = self._solver.settings, self._stages_fail or equal.any()
+        settings.kkt_solver = factorisation(program, fragile)
         settings.eps_duality_gap_abs = program.accuracy
         self._solver.setup(
             with_sorted_columns(program.curved),
