@@ -87,6 +87,10 @@ class ExportCheck:
     seconds: float = 0.0
     duration: float = math.nan
 
+    def __bool__(self) -> bool:
+        """Whether the file passes."""
+        return self.ok
+
     @property
     def message(self) -> str:
         """Whether the file passes; if not, its faults and the remedies."""
@@ -150,11 +154,10 @@ def check_file(
         ScenarioError: If the file cannot be read, or belongs to another robot.
     """
     instance(problem, Problem, "problem")
-    within = Tolerances() if tolerances is None else tolerances
-    instance(within, Tolerances, "tolerances", "Tolerances or None")
+    instance(tolerances, (Tolerances, type(None)), "tolerances", "Tolerances or None")
 
     def judge(motion: Trajectory) -> Judgement:
-        replay = verify(problem, motion, within)
+        replay = verify(problem, motion, tolerances)
         return replay.violations, replay
 
     return _check(problem, checked_path(path), judge, interpolation)
@@ -187,8 +190,7 @@ def check_export(
     check = _check(solution.problem, path, judge)
     if not check.violations:
         return check
-    holding: list[float | None] = []
-    tried: list[float | None] = []
+    holding, tried = list[float | None](), list[float | None]()
     for step in _alternative_steps(dt):
         # The check must not take longer than planning took.
         if time.perf_counter() - begin > solution.planning_time:
