@@ -298,6 +298,14 @@ def test_meshes_to_look_at_may_be_missing() -> None:
     inertial = '<inertial pos="0 0 0.05" mass="1.5" diaginertia="0.01 0.01 0.002"/>'
     with pytest.raises(tm.RobotLoadError, match="body tool: the mesh 'm"):
         tm.load_robot(text.replace(inertial, ""), velocity=2)
+    # Fixed bodies may have neither, if no shape has weight.
+    shape, _, rest = seen.partition("/>")
+    text = text.replace(seen, f"<body name='shell'>{shape}/></body>{rest}")
+    with pytest.raises(tm.RobotLoadError, match="body shell: the mesh 'm"):
+        tm.load_robot(text, velocity=2)
+    text = text.replace("<compiler ", "<compiler inertiafromgeom='false' ")
+    with pytest.warns(tm.TominpmpWarning, match="not shown.*body shell .'m'"):
+        tm.load_robot(text, velocity=2)
 
 
 def test_a_body_may_have_several_joints() -> None:

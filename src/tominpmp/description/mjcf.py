@@ -196,8 +196,7 @@ class _MjcfReader:
             name = Path(folder, name.name if strip else name)
             file, tried = resolve_resource(str(name), path, self.context.folders)
             if file is None:
-                missing = missing_resource(str(name), tried)
-                self.missing[item.get("name", "")] = missing
+                self.missing[item.get("name", "")] = missing_resource(str(name), tried)
             else:
                 item.set("file", str(file.absolute()))
         for item in (*root.findall("asset/mesh"), *root.findall("asset/material")):
@@ -326,6 +325,7 @@ class _MjcfReader:
         if missing is None:
             return False
         weighs = body.find("inertial") is None and geom.get("mass") != "0"
+        weighs &= self.compiler.get("inertiafromgeom") != "false"
         if weighs or not geom.get("contype") == geom.get("conaffinity") == "0":
             self.context.fail(f"body {body.get('name')}: the mesh {missing}")
         self.dropped.append(f"body {body.get('name')} ({brief(geom.get('mesh'))})")
