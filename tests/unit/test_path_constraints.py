@@ -240,6 +240,8 @@ def test_constraints_are_checked_against_robot_start_and_goal():
         tm.Problem(turning(), [0.0], tm.JointGoal([1.0]), constraints=[5])
     with pytest.raises(ProblemError, match=r"start: the speed of frame tip is 2 m/s"):
         turn(0.5, v_start=[2.0])
+    with pytest.raises(ProblemError, match=r"is 2 m/s, 2e-05 m/s more than its limit"):
+        turn(1.99998, v_start=[2.0])
     tilted = np.array(panda(beside()).q_start)
     tilted[5] += 0.5
     with pytest.raises(ProblemError, match=r"goal: the tilt of frame panda_hand_tcp"):

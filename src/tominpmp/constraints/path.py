@@ -421,8 +421,8 @@ class PathConstraint(Record, Constraint):
         if size <= self.largest + number(slack, "slack") * max(self.scale, 1.0):
             return ""
         return (
-            f"the {self.name} is {size:.4g} {self.unit}, more than its limit "
-            f"{self.largest:.4g} {self.unit}"
+            f"the {self.name} is {size:.4g} {self.unit}, {size - self.largest:.2g} "
+            f"{self.unit} more than its limit {self.largest:.4g} {self.unit}"
         )
 
 
