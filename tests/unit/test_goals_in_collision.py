@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-
 import numpy as np
 import pytest
 
 import tominpmp as tm
-from tests.schedules import loop_with
 from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.guess import GuessRequest, initial_guesses
 from tominpmp.initial_guess.inverse_kinematics import (
@@ -19,8 +16,6 @@ from tominpmp.initial_guess.inverse_kinematics import (
     isolated,
 )
 from tominpmp.initial_guess.rrt import is_free
-from tominpmp.planner.descent import MUCH_SLOWER, stop_if_hopeless
-from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Two links of 3 m, or of 3, 2 and 1 m, turn from upright to a place beside it.
@@ -120,20 +115,6 @@ def test_descents_to_goals_in_collision_end_early_on_coarse_grids_too() -> None:
     assert "in collision" in solution.message
     # 107 iterations when only descents on the requested grid ended early, now 58.
     assert len(solution.history) < 80
-
-
-def test_iterations_that_only_become_slower_are_ended() -> None:
-    def judged(duration: float, violation: float) -> Status | None:
-        return stop_if_hopeless(1.0)(loop_with([record(duration, violation)]))
-
-    assert judged(0.9 * MUCH_SLOWER, 0.1) is None
-    assert judged(2.0 * MUCH_SLOWER, 1e-5) is None
-    assert judged(2.0 * MUCH_SLOWER, 0.1) is Status.STALLED
-
-
-def record(duration: float, violation: float) -> IterationRecord:
-    numbers = {f.name: 0 for f in fields(IterationRecord)}
-    return IterationRecord(**numbers | {"duration": duration, "violation": violation})
 
 
 def test_a_link_may_reach_into_an_obstacle_that_it_may_touch() -> None:

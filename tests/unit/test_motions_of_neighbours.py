@@ -99,7 +99,7 @@ def test_starts_that_come_to_no_motion_are_given_up(
     violations: list[float], over: bool
 ) -> None:
     records = [SimpleNamespace(violation=value, duration=1.0) for value in violations]
-    rule = stop_if_hopeless(1.0, WARM_FAR)
+    rule = stop_if_hopeless(WARM_FAR)
     counts = range(1, len(records) + 1)
     statuses = [rule(loop_with(records[:count])) for count in counts]
     assert statuses[-1] is (Status.STALLED if over else None)

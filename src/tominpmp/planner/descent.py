@@ -35,28 +35,24 @@ MANY_INTERVALS = 24
 # its speed limit. They rule the guess if they are active at SPEED_SHARE of its samples;
 # otherwise torques rule it.
 SPEED_SHARE, AT_LIMIT = 0.6, 0.97
-# Stop rule: over the last PATIENCE iterations the violation exceeds the threshold, and
-# its minimum over the RECENT ones is more than PROGRESS times the earlier minimum.
-PATIENCE, RECENT, PROGRESS = 10, 5, 0.9
-# Or T has grown by the factor MUCH_SLOWER, and the violation exceeds FAR.
-MUCH_SLOWER, FAR = 10.0, 1e-3
+# Stop rule: over the last PATIENCE iterations the violation exceeds a threshold, usually
+# FAR, and its minimum over the RECENT ones is more than PROGRESS times the earlier
+# minimum.
+PATIENCE, RECENT, PROGRESS, FAR = 10, 5, 0.9, 1e-3
 
 
-def stop_if_hopeless(duration: float, small: float = FAR) -> Rule:
-    """Stop rule that drops a descent whose violation stagnates, or whose T diverges.
+def stop_if_hopeless(small: float = FAR) -> Rule:
+    """Stop rule that drops a descent whose violation stagnates.
 
     Args:
-        duration: T of the guess [s].
-        small: Violations up to this are small enough to continue; infinite for a rule
-            that judges the duration only.
+        small: Violations up to this are small enough to continue.
     """
 
     def rule(loop: Loop) -> Status | None:
         excess = [record.violation for record in loop.history]
         late = len(excess) >= PATIENCE and min(excess[-PATIENCE:]) > small
         stagnates = late and min(excess[-RECENT:]) > PROGRESS * min(excess[:-RECENT])
-        slower = loop.history[-1].duration > MUCH_SLOWER * duration
-        return loop.drop() if stagnates or (slower and excess[-1] > FAR) else None
+        return loop.drop() if stagnates else None
 
     return rule
 
@@ -139,11 +135,10 @@ def descend(
     """
     if guess.blocked:
         # The goal seems to be out of reach: the descent is dropped as soon as possible.
-        hopeless = stop_if_hopeless(guess.duration)
+        hopeless = stop_if_hopeless()
         stop = hopeless if stop is None else first_of(stop, hopeless)
     if former is not None:
-        guess = guess_of(system, former)
-        stop = stop_if_hopeless(former.trajectory.duration, np.inf)
+        guess, stop = guess_of(system, former), None
     if doublings:
         # Objective "feasible" would return the refuted motion unchanged, as that keeps
         # the rows of the finer grid.

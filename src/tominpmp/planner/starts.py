@@ -169,7 +169,7 @@ def _first_of_segments(
     """
     free = any(part.final_configuration is None for part in system.parts)
     if free or system.in_free_space:
-        stop = stop_if_hopeless(guess.duration)
+        stop = stop_if_hopeless()
         candidate = yield descent_work(system, state.options, guess, state, stop)
         if candidate is not None and candidate.confirmed:
             return
@@ -220,7 +220,7 @@ def _descents(
             # first one: with times of arrival it may stagnate, and is still the best.
             stop = None
             if 0 < number < rescues - 1 and system.parts:
-                stop = stop_if_hopeless(guess.duration)
+                stop = stop_if_hopeless()
             work = descent_work(system, options, guess, state, stop)
             if ahead is not None:
                 work = replace(work, make=partial(ahead.result, number), repairs=0)
@@ -353,7 +353,7 @@ def _warm_start_work(
         found = any(item.feasible for item in state.kept_iterates)
         return None if found or state.seconds < late else loop.drop()
 
-    stop = first_of(stop_if_hopeless(former.duration, WARM_FAR), stop_if_late)
+    stop = first_of(stop_if_hopeless(WARM_FAR), stop_if_late)
     return descent_work(system, warm, former, state, stop)
 
 
