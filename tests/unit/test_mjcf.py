@@ -419,8 +419,9 @@ def test_what_is_not_read_is_told_of() -> None:
         ('angle="degree"', 'angle="degree" boundmass="3"'),
     )
     asset = '<asset><mesh name="m" vertex="0 0 0 1 0 0 0 1 0 0 0 1" refpos="1 0 0"/>'
-    text = text.replace("<worldbody>", f"{asset}</asset><worldbody>")
-    expected = "not read: boundmass, refpos, stiffness"
+    ground = '<geom type="hfield" hfield="ground"/>'
+    text = text.replace("<worldbody>", f"{asset}</asset><worldbody>{ground}")
+    expected = "not read: boundmass, hfield, refpos, stiffness"
     with pytest.warns(tm.TominpmpWarning, match=expected):
         tm.load_robot(text, velocity=2)
 

@@ -36,7 +36,7 @@ from tominpmp.exceptions import brief, shortened, warn_caller
 # Elements that generate bodies in ways that Pinocchio does not support; elements, and
 # then attributes, that affect the dynamics or shapes and are not read.
 GENERATORS = {"attach", "composite", "flexcomp", "frame", "replicate"}
-UNREAD = {"tendon", "equality", "stiffness", "gravcomp", "settotalmass"}
+UNREAD = {"tendon", "equality", "stiffness", "gravcomp", "settotalmass", "hfield"}
 UNREAD |= {"inertiagrouprange", "boundmass", "boundinertia", "refpos", "refquat"}
 # Actuators, which share their defaults, with the attributes that their tags stand for.
 # Forces follow from controls if they have no bias.
