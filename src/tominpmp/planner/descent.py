@@ -35,9 +35,9 @@ MANY_INTERVALS = 24
 # its speed limit. They rule the guess if they are active at SPEED_SHARE of its samples;
 # otherwise torques rule it.
 SPEED_SHARE, AT_LIMIT = 0.6, 0.97
-# Stop rule: over the last PATIENCE iterations the violation exceeds a threshold, usually
-# FAR, and its minimum over the RECENT ones is more than PROGRESS times the earlier
-# minimum.
+# Stop rule: over the last PATIENCE iterations the violation exceeds the threshold, and
+# its minimum over the RECENT ones is more than PROGRESS times the earlier minimum. The
+# usual threshold is FAR.
 PATIENCE, RECENT, PROGRESS, FAR = 10, 5, 0.9, 1e-3
 
 
