@@ -14,7 +14,12 @@ from sample_arms import DOWNWARD, describe
 
 import tominpmp as tm
 from tominpmp.collision.checker import CollisionChecker
+from tominpmp.initial_guess.guess import Guess
+from tominpmp.planner import descent
+from tominpmp.planner.automatic_options import resolve_options
 from tominpmp.planner.candidate import Candidate
+from tominpmp.planner.descent import descent_work
+from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.torque_starts import torques_may_lead
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -86,6 +91,23 @@ def test_links_that_touch_on_a_coarse_grid_are_parted_at_once(
     assert not any(replays)
 
 
+@pytest.mark.parametrize(("elbow", "touch"), [(1.0, False), (3.0, True)])
+def test_links_that_touch_in_a_guess_have_rows_from_the_first_program_on(
+    elbow: float, touch: bool
+) -> None:
+    """An iCub's time went to a motion without them; T was 2.33 s in place of 0.24 s."""
+    ur5 = tm.load_robot("ur5")
+    begin, middle = [0.0, -1.5, 1.0, 0.0, 0.5, 0.0], [0.3, -1.5, elbow, 0.0, 0.5, 0.0]
+    problem = tm.Problem(ur5, begin, tm.JointGoal([0.6, -1.5, 1.0, 0.0, 0.5, 0.0]))
+    state = PlanState(problem, resolve_options(problem, tm.Options()))
+    system, t = ProblemFunctions.of(problem), np.linspace(0.0, 4.0, 201)
+    ends = np.stack([begin, middle, problem.goal.q])
+    q = np.stack([np.interp(t, [0.0, 2.0, 4.0], x) for x in ends.T], axis=1)
+    guess = Guess("by the elbow", t, q, timed=True)
+    work = descent_work(system, state.options, guess, state)
+    assert work.self_collision_rows is touch
+
+
 def test_time_that_ends_while_links_are_parted_leaves_a_motion() -> None:
     problem = colliding_on_the_way()
 
@@ -110,6 +132,7 @@ def test_time_that_ends_before_links_are_parted_is_said(
         return attempt
 
     monkeypatch.setattr(Candidate, "verified", verified)
+    monkeypatch.setattr(descent, "is_free", lambda *_: True)  # not seen in the guess
     problem, motion = through_itself(), {"control": "constant", "refine": None}
     solution = tm.plan(problem, effort="quick", max_planning_time=60.0, **motion)
     assert solution.status is tm.Status.TIME_LIMIT

@@ -228,7 +228,7 @@ def _moving_guess(system: ProblemFunctions, q_end: Array) -> Guess | None:
         if best[0] <= CLOSE or best[0] < min(excess, 1.0):
             break
     at = between_velocities(ends, top, best[1], np.linspace(0.0, best[1], SAMPLES))
-    clear = system.in_free_space or all(is_free(system, q) for q in at.q[::10])
+    clear = system.in_free_space or is_free(system, at.q[::10])
     return Guess(MOVING, at.t, at.q, True, solved=True) if clear else None
 
 

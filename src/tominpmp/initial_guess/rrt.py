@@ -77,8 +77,8 @@ class PathSearches:
 
 
 def is_free(system: ProblemFunctions, q: Array) -> bool:
-    """Whether a configuration, shape (n,), keeps the required clearance."""
-    return next(_check_of(system)(q[None]))
+    """Whether configurations, shape (n,) or (m, n), keep the required clearance."""
+    return all(_check_of(system)(np.atleast_2d(q)))
 
 
 def _check_of(system: ProblemFunctions) -> FreeCheck:
@@ -428,7 +428,7 @@ def is_free_line(system: ProblemFunctions, begin: Array, end: Array) -> bool:
     """Whether the straight line between two configurations is free."""
     length = float(np.linalg.norm((end - begin) / system.step_scale))
     shares = np.linspace(0.0, 1.0, 2 + int(length / RESOLUTION))
-    return all(_check_of(system)(begin + shares[:, None] * (end - begin)))
+    return is_free(system, begin + shares[:, None] * (end - begin))
 
 
 def alike(system: ProblemFunctions, one: Array, other: Array) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 
 from tominpmp.initial_guess.constrained import speed_used
 from tominpmp.initial_guess.guess import Guess
+from tominpmp.initial_guess.rrt import is_free
 from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.options import Options
 from tominpmp.planner.automatic_options import minimum_time
@@ -104,7 +105,8 @@ def descent_work(
     make = partial(descend, options, guess, state, stop)
     collocation = options.method == "collocation"
     repairs = REPAIRS_OF_COLLOCATION if collocation else REPAIRS
-    return Work(system, guess.name, make, repairs, follows=follows)
+    touches = system.in_free_space and not is_free(system, guess.q[::10])
+    return Work(system, guess.name, make, repairs, touches, follows=follows)
 
 
 def guess_of(system: ProblemFunctions, candidate: Candidate) -> Guess:

@@ -52,8 +52,9 @@ class Work:
         name: Name of the guess.
         make: Makes the candidate.
         repairs: Most doublings of the grid if the replay breaks limits.
-        self_collision_rows: Whether the first program has rows against self-collision;
-            otherwise they are added once links of a single arm touch in the replay.
+        self_collision_rows: Whether the first program has rows against self-collision,
+            as links of a single arm touch in the guess; otherwise they are added once
+            links touch in the replay.
         replay: Whether the candidate is replayed. Candidates of coarse grids are not;
             they are kept only as a fallback.
         follows: The predecessor whose motion is improved; None without one.
