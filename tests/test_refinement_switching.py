@@ -172,7 +172,7 @@ def test_not_found_keeps_the_motion_on_the_grid(
     assert "the motion on the grid was kept" in solution.message
 
 
-@pytest.mark.parametrize("limit", [300.0, 600.0])
+@pytest.mark.parametrize("limit", [350.0, 600.0])
 def test_time_limit_keeps_a_verified_motion(clock: Clock, limit: float) -> None:
     """It would take a thousand looks at the clock."""
     clock.tick = 1.0

@@ -51,7 +51,7 @@ class Window:
     the constraint must hold there, too.
 
     Attributes:
-        begin: Begin of the window [s].
+        begin: Start of the window [s].
         end: End of the window [s]; infinity for no end.
         times: Times of the rows [s], ascending, shape (k,).
     """

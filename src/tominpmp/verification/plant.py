@@ -67,7 +67,7 @@ class Plant:
         """Replace the torque by the polynomial of another piece.
 
         Args:
-            begin: Begin of the piece [s].
+            begin: Start of the piece [s].
             end: End of the piece [s].
             coefficients: Coefficients of the polynomial, shape (n, K); more rows for
                 :class:`~.feedback.TrackingPlant`.
@@ -158,7 +158,7 @@ class Plant:
         """Time of the first event in a step: a joint stops, or friction releases it.
 
         Args:
-            begin: Begin of the step [s].
+            begin: Start of the step [s].
             end: End of the step [s].
             curve: The integrated vector as a function of time.
 

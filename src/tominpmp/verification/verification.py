@@ -277,7 +277,7 @@ class Findings(NamedTuple):
             deviation: Largest distance of each joint from the plan, shape (n,) [rad or
                 m].
             growth: Amplification of errors along the motion.
-            begin: Begin of the computation, by ``time.perf_counter`` [s].
+            begin: Start of the computation, by ``time.perf_counter`` [s].
         """
         worst: dict[str, LimitViolation] = {}  # by kind, over all segments
         for item in self.items:
