@@ -240,8 +240,8 @@ def test_constraints_are_checked_against_robot_start_and_goal():
         tm.Problem(turning(), [0.0], tm.JointGoal([1.0]), constraints=[5])
     with pytest.raises(ProblemError, match=r"start: the speed of frame tip is 2 m/s"):
         turn(0.5, v_start=[2.0])
-    with pytest.raises(ProblemError, match=r"is 2 m/s, 2e-05 m/s more than its limit"):
-        turn(1.99998, v_start=[2.0])
+    with pytest.raises(ProblemError, match=r"is 2 m/s, 0\.01 m/s more than its limit"):
+        turn(1.99, v_start=[2.0])
     tilted = np.array(panda(beside()).q_start)
     tilted[5] += 0.5
     with pytest.raises(ProblemError, match=r"goal: the tilt of frame panda_hand_tcp"):
@@ -276,3 +276,21 @@ def test_the_command_line_takes_constraints(tmp_path):
     run = subprocess.run(words, capture_output=True, text=True, check=False)
     assert run.returncode == 2
     assert "limit is 'fast', expected a positive number" in " ".join(run.stderr.split())
+
+
+def test_a_start_slightly_beyond_a_limit_of_speed_is_slowed_down(ur5):
+    """States of planned motions exceed it between the rows of their programs."""
+    limit = tm.ToolSpeed("tool0", 0.5).on(ur5)
+    q, goal = np.array([0.0, -1.5, 1.0, 0.0, 0.5, 0.0]), tm.JointGoal([0.5] * 6)
+    one = np.array([1.0, 0.2, 0.3, 0.0, 0.0, 0.0])
+    v = one * 0.5 / limit.measure(q, one, np.zeros(0))
+    with pytest.warns(
+        tm.TominpmpWarning, match="slowed down: the speed of frame tool0"
+    ):
+        problem = tm.Problem(ur5, q, goal, v_start=1.001 * v, constraints=[limit])
+    assert problem.v_start == pytest.approx(v, rel=1e-12)
+    assert tm.Problem(
+        ur5, q, goal, v_start=v, constraints=[limit]
+    ).v_start == pytest.approx(v)
+    with pytest.raises(ProblemError, match=r"0\.0015 m/s more than its limit 0\.5"):
+        tm.Problem(ur5, q, goal, v_start=1.003 * v, constraints=[limit])

@@ -247,7 +247,7 @@ def test_wrong_goals_and_starts(cell: Workcell) -> None:
     fine = JointGoal(START)
     goals: list[tuple[dict[str, Goal | None], str]] = [
         ({"a": fine}, "no goal is given for 'b'"),
-        ({"a": fine, "c": fine}, "there is no robot 'c'; the robots are: b, a"),
+        ({"a": fine, "c": fine}, "there is no robot 'c'; there are: b, a"),
         ({"a": None, "b": None}, "no robot has a goal"),
         ({"a": fine, "b": JointGoal([1, 2])}, "b: goal.q has 2 numbers, expected 3"),
         ({"a": None, "b": JointGoal(START, [1, 0, 0])}, "JointGoals for the other"),

@@ -15,7 +15,7 @@ import numpy as np
 from tominpmp.arrays import Array, Converted, Record, default, frozen_array, record
 from tominpmp.checks import JointsLike, instance, number, of_kind, of_type
 from tominpmp.collision.checker import CollisionChecker
-from tominpmp.constraints.path import PathConstraint, checked
+from tominpmp.constraints.path import USABLE, PathConstraint, checked
 from tominpmp.description.joint_table import example_values
 from tominpmp.description.model import sticks
 from tominpmp.exceptions import ProblemError, brief, naming, warn_caller
@@ -126,6 +126,7 @@ class Problem(Record):
             self.goal.validate(self.robot)
         several = bool(self.segments)
         self._keep(constraints=checked(self.constraints, self.robot, several))
+        snapped += self._slow_start()
         if self.segments:
             phases, snapped_goals = self._phases
             self._keep(segments=self._aiming_at([phase.goal for phase in phases]))
@@ -321,6 +322,23 @@ class Problem(Record):
         v, of_v = onto_limits(self.robot, "velocity", v, "v_start")
         self._keep(q_start=frozen_array(q), v_start=frozen_array(v))
         return of_q + of_v
+
+    def _slow_start(self) -> list[str]:
+        """Slow the start down to limits of speed; returns warnings.
+
+        The start may be a state of a planned motion, which exceeds them slightly
+        between the rows of its program.
+        """
+        messages = list[str]()
+        for item in self.ready_constraints:
+            if item.order != 1 or item.window is not None:
+                continue
+            state, limit = (self.q_start, self.v_start), item.largest
+            speed = item.measure(*state, np.zeros(0))
+            if limit < speed <= (1.0 + USABLE) * limit:
+                messages.append(f"v_start was slowed down: {item.lack(*state, 0.0)}")
+                self._keep(v_start=frozen_array(limit / speed * self.v_start))
+        return messages
 
     @property
     def alternatives(self) -> tuple[Problem, ...]:

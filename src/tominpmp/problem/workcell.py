@@ -21,7 +21,7 @@ from tominpmp.arrays import Array, Converted, Record, default, record
 from tominpmp.checks import VectorLike, instance, of_kind
 from tominpmp.combined_robots import base_placement, combine_robots
 from tominpmp.description.joint_table import stack_parts
-from tominpmp.exceptions import ProblemError, brief, naming
+from tominpmp.exceptions import ProblemError, brief, naming, unknown
 from tominpmp.goals.base import Goal
 from tominpmp.goals.joints import JointGoal
 from tominpmp.goals.sets import AllGoals, AnyGoal
@@ -103,10 +103,7 @@ class Workcell(Record):
     def _member(self, name: str) -> tuple[Robot, pin.SE3]:
         """The robot of a name and the placement of its base."""
         if not isinstance(name, str) or name not in self.robots:
-            known = ", ".join(self.robots)
-            raise ProblemError(
-                f"there is no robot {brief(name)}; the robots are: {known}", "name"
-            )
+            raise ProblemError(unknown("robot", name, self.names), "name")
         return self.robots[name]
 
     def base(self, name: str) -> pin.SE3:
