@@ -389,10 +389,10 @@ def _read_primitive(shape: Field) -> tuple[str, list[float]]:
     """
     kind = shape.need("type")
     named = isinstance(kind.value, int) and _SHAPES.get(kind.value)
-    name = str(named or kind.value).lower()
+    given = named or kind.value
+    name = str(given).lower()
     if name not in _SIZES:
-        shape_name = named or kind.value
-        kind.fail(unknown("shape", shape_name, [*_SIZES], "beside meshes there are"))
+        kind.fail(unknown("shape", given, [*_SIZES], "beside meshes there are"))
     size, (count, words) = shape.need("dimensions"), _SIZES[name]
     if not isinstance(size.value, list) or len(size.value) != count:
         size.fail(f"is {brief(size.value)}, expected {words} of a {name} [m]")
@@ -685,18 +685,18 @@ def _check_state(robot: Robot, state: Field, start: Mapping[str, float]) -> None
     """Check that the start state names the joints of the robot."""
     known = [joint.name for joint in robot.description.joints]
     lacking = [name for name in robot.joint_names if name not in start]
-    unknown = [brief(name) for name in start if name not in known]
+    others = [brief(name) for name in start if name not in known]
     names = state.get("name")
     if lacking:
-        hint = f", and there is no joint {', '.join(unknown[:10])}" if unknown else ""
+        hint = f", and there is no joint {', '.join(others[:10])}" if others else ""
         names.fail(
             f"says nothing about the joints {', '.join(lacking)}{hint}; the robot "
             f"has: {', '.join(sorted(known))}"
         )
-    if unknown:  # for example joints of a gripper
+    if others:  # for example joints of a gripper
         warn_caller(
             f"{names.path}: {names.key}: the robot has no joints "
-            f"{', '.join(unknown[:20])}; their positions are ignored"
+            f"{', '.join(others[:20])}; their positions are ignored"
         )
     for name, position in robot.locked_joints.items():
         requested = start.get(name, position)

@@ -744,8 +744,8 @@ def read_scenario(
         ScenarioError: As :func:`load_scenario`.
         TominpmpError: If an argument that takes precedence is wrong.
     """
-    if document.get("stations").given:
-        document.get("stations").fail("belong to a tour, see tominpmp tour --help")
+    if (stations := document.get("stations")).given:
+        stations.fail("belong to a tour, see tominpmp tour --help")
     document.only(*SECTIONS)
     robot = read_robot(document.need("robot"))
     options = read_options(document.get("options"))

@@ -34,7 +34,7 @@ from tominpmp.planner.descent import (
     guess_of,
     torques_rule,
 )
-from tominpmp.planner.plan_state import PROMISE, PlanState
+from tominpmp.planner.plan_state import PROMISE, PlanState, start_key
 from tominpmp.planner.torque_starts import (
     FEW_JOINTS,
     random_torque_starts,
@@ -291,18 +291,14 @@ class CoarseSearch:
 
     def untried(self, guess: Guess) -> bool:
         """Whether no search of the plan for this goal has descended from a guess."""
-        return self._key(guess) not in self.state.tried
-
-    def _key(self, guess: Guess) -> int:
-        goal = self.system.problem.goal
-        return hash((id(goal), guess.t.tobytes(), guess.q.tobytes()))
+        return start_key(self.system.problem, guess.t, guess.q) not in self.state.tried
 
     def solve_coarse(self, guess: Guess) -> Schedule[CoarseMotion | None]:
         """Descend on the coarse grid; None without a new motion.
 
         A motion is new if it is nearly feasible and differs from all known ones.
         """
-        self.state.tried.add(self._key(guess))
+        self.state.tried.add(start_key(self.system.problem, guess.t, guess.q))
         stop = self._drop_early()
         make = partial(descend, self.coarse, guess, self.state, stop)
         candidate = yield Work(self.system, guess.name, make, replay=False)

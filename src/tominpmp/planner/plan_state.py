@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from tominpmp.arrays import Array
 from tominpmp.bounds.lower_bound import lower_bound
 from tominpmp.bounds.result import LowerBound
 from tominpmp.goals.base import Goal
@@ -37,6 +38,16 @@ STEP_SHARE, STEP_SECONDS = 0.02, 0.08
 END_SHARE, END_SECONDS = 0.08, 0.15
 # Grace period to save the best motion once planning was interrupted, in total [s].
 SAVING = 3.0
+
+
+def start_key(problem: Problem, *start: Array) -> int:
+    """Key of a start of a plan: the goal of a problem, and a guess or torques.
+
+    Args:
+        problem: The problem of the plan with one of its goals.
+        *start: The arrays of the guess, or of the initial iterate.
+    """
+    return hash((id(problem.goal), *(numbers.tobytes() for numbers in start)))
 
 
 class PlanState:
@@ -71,8 +82,8 @@ class PlanState:
         failures: Errors of candidates that have led to no motion.
         shown: Records of all iterations, with the numbers of their candidates.
         searches: Success of the searches for paths around obstacles.
-        tried: Keys of the starts, each of a goal and of a guess or initial torques,
-            from which descents on coarse grids and shooting began.
+        tried: Keys of the starts from which descents on coarse grids and shooting
+            began, see :func:`start_key`.
     """
 
     def __init__(

@@ -61,7 +61,6 @@ from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.verification.verification import verify
 
 # Number of guesses for a goal on a frame, whose final configuration is free, and where
 # obstacles move, as a motion may wait for them.
@@ -371,11 +370,12 @@ def _keep_former(
     motion = None if system.parts else former.remainder(system)
     if motion is None:
         return False
-    tolerances = state.options.tolerances
-    tolerances = replace(tolerances, limits=min(tolerances.limits, USABLE))
-    replay = verify(system.problem, motion, tolerances)
-    same = replace(candidate, feasible=True, trajectory=motion, verification=replay)
-    same = replace(same, violations={}, layout=None)
+    same = replace(
+        candidate, feasible=True, trajectory=motion, violations={}, layout=None
+    )
+    tolerance = min(state.options.limit_tolerance, USABLE)
+    strict = replace(state.options, limit_tolerance=tolerance)
+    same = same.verified(system.problem, strict)
     if same.duration < candidate.duration:
         state.amend(same)
     return same.confirmed

@@ -10,7 +10,7 @@ from tominpmp.arrays import Array
 from tominpmp.options import Options
 from tominpmp.planner.automatic_options import SHOOTING
 from tominpmp.planner.candidate import Candidate
-from tominpmp.planner.plan_state import PlanState
+from tominpmp.planner.plan_state import PlanState, start_key
 from tominpmp.planner.work import REPAIRS, Schedule, Work
 from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.fixed_step import fixed_steps
@@ -70,7 +70,7 @@ def random_torque_starts(
         z = _given_torques(system, options)
         if number:
             z = _random_torques(system, options, rng)
-        key = hash((id(system.problem.goal), z.tobytes()))
+        key = start_key(system.problem, z)
         if key not in state.tried:
             state.tried.add(key)
             yield shooting_work(system, options, state, z)
