@@ -174,24 +174,13 @@ def test_many_columns_without_a_basis_are_no_work_for_pivots(monkeypatch):
     assert p.cost @ again.x == pytest.approx(p.cost @ cold.x, abs=1e-5)
 
 
-def test_many_columns_are_not_left_to_the_simplex_method_for_multipliers(monkeypatch):
-    """A Panda had 4 s of pivots after its motion on a finer grid no longer changed."""
-    monkeypatch.setattr(PiqpSolver, "_solved", False)
+@pytest.mark.parametrize("curvature", [None, 1e-3 * sp.identity(40, format="csc")])
+def test_programs_of_many_columns_are_not_left_to_the_simplex_method(
+    curvature, monkeypatch
+):
+    """A Panda had 4 to 17 s of pivots for one step on a finer grid."""
     p = random_program(np.random.default_rng(6), rows=60, columns=40)
-    p = replace(p, accuracy=1e-3)
-    assert PiqpSolver().solve(p).optimal  # the simplex method takes few pivots
-    monkeypatch.setattr(piqp_module, "MANY_COLUMNS", 30)
-    given_up = PiqpSolver().solve(p)
-    assert not given_up.optimal
-    assert p.cost @ given_up.x == pytest.approx(reference(p).fun, abs=1e-3)
-    unfinished = PiqpSolver(Termination(iterations=5))
-    assert unfinished.solve(p).optimal
-
-
-def test_curved_programs_of_many_columns_are_left_to_no_simplex(monkeypatch):
-    """A Panda had 17 s of pivots for a step on a finer grid, without a solution."""
-    p = random_program(np.random.default_rng(6), rows=60, columns=40)
-    p = replace(p, curvature=1e-3 * sp.identity(40, format="csc"))
+    p = replace(p, curvature=curvature)
     unfinished = Termination(iterations=5)
     assert PiqpSolver(unfinished).solve(p).optimal  # after few pivots
     monkeypatch.setattr(piqp_module, "MANY_COLUMNS", 30)

@@ -18,6 +18,7 @@ from tominpmp.arrays import Array
 from tominpmp.certificate.dwells import rest_nodes
 from tominpmp.certificate.limits import PASSIVE, TRUST, LimitRows, limits_of
 from tominpmp.certificate.motion import GridMotion
+from tominpmp.linear_programs.highs import HighsSolver
 from tominpmp.linear_programs.piqp import PiqpSolver, Termination
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.problem.controls import control_kind
@@ -264,5 +265,7 @@ def _solve(program: LinearProgram) -> LpSolution | None:
     if any(np.any(np.isnan(values)) for values in numbers):
         return None
     solution = PiqpSolver(ACCURACY).solve(program)
+    if not solution.optimal:
+        solution = HighsSolver().solve(program)
     valid = solution.optimal and bool(np.all(np.isfinite(solution.row_duals)))
     return solution if valid else None

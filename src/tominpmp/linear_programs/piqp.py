@@ -150,13 +150,9 @@ class PiqpSolver(LpSolver):
         self._simplex = None
         self._set_up(program)
         solution = self._run(program)
-        info = self._solver.result.info
-        # With many columns the simplex method takes seconds. Where only multipliers of
-        # overlapping limits are inexact, or the program is curved, which it leaves out,
-        # the program of a shorter step takes less.
-        closed = max(info.primal_res, info.duality_gap) <= program.accuracy
-        step = closed or program.curvature is not None
-        if solution.optimal or (step and program.cost.size > MANY_COLUMNS):
+        # With many columns the simplex method takes seconds: the program of a shorter
+        # step takes less.
+        if solution.optimal or program.cost.size > MANY_COLUMNS:
             return solution
         # Later changes of its bounds are solved by the simplex method, too.
         self._simplex = HighsSolver()
