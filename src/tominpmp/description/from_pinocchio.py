@@ -305,19 +305,27 @@ def _triangles(solid: Any) -> Triangles | None:
         return mesh_arrays(solid)
     if kind.startswith("Convex"):
         return _hull(np.array(solid.points()))
-    turn = 2.0 * np.pi * (np.arange(VERTICES) + 0.5) / VERTICES
-    ring = np.stack([np.cos(turn), np.sin(turn)], axis=1) / np.cos(np.pi / VERTICES)
     if kind == "Cone":
         base = np.full((VERTICES, 1), -solid.halfLength)
         top = [[0.0, 0.0, solid.halfLength]]
-        return _hull(np.vstack([np.hstack([solid.radius * ring, base]), top]))
-    if kind == "Ellipsoid":
-        tilt = np.linspace(0.0, np.pi, VERTICES // 2 + 1)
-        rings = np.stack([np.sin(tilt), np.sin(tilt), np.cos(tilt)], axis=1)[:, None]
-        ball = (rings * np.hstack([ring, np.ones((VERTICES, 1))])).reshape(-1, 3)
-        # Circumscribed: the faces touch the ellipsoid, the vertices are outside.
-        return _hull(ball / np.cos(np.pi / VERTICES) * np.asarray(solid.radii))
-    return None
+        return _hull(np.vstack([np.hstack([solid.radius * _ring(), base]), top]))
+    return ellipsoid(np.asarray(solid.radii)) if kind == "Ellipsoid" else None
+
+
+def ellipsoid(radii: Array) -> Triangles:
+    """Triangles circumscribed about an ellipsoid with three radii [m]."""
+    tilt = np.linspace(0.0, np.pi, VERTICES // 2 + 1)
+    rings = np.stack([np.sin(tilt), np.sin(tilt), np.cos(tilt)], axis=1)[:, None]
+    ball = (rings * np.hstack([_ring(), np.ones((VERTICES, 1))])).reshape(-1, 3)
+    # The faces touch the ellipsoid, the vertices are outside.
+    return _hull(ball / np.cos(np.pi / VERTICES) * radii)
+
+
+def _ring() -> Array:
+    """Corners of a polygon circumscribed about the unit circle, shape (VERTICES, 2)."""
+    turn = 2.0 * np.pi * (np.arange(VERTICES) + 0.5) / VERTICES
+    ring = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    return np.asarray(ring / np.cos(np.pi / VERTICES))
 
 
 def _hull(points: Array) -> Triangles:

@@ -1,422 +1,358 @@
-"""MJCF, the format of MuJoCo: simplified first, then read by Pinocchio.
+"""MJCF, the format of MuJoCo: compiled by MuJoCo, then described as a URDF file is.
 
-Includes and defaults are resolved, all bodies are attached to one world body, and
-meshes become paths of existing files. Features that Pinocchio's parser omits are read
-here: limits of actuators and of sliding joints, excluded pairs and gravity.
+MuJoCo resolves includes, classes, generated bodies and rotations in all notations, and
+computes the masses that shapes give; its model holds the bodies and joints.
 """
 
 from __future__ import annotations
 
 import math
-import tempfile
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arrays import frozen_array
+from tominpmp.arrays import Array, frozen_array
 from tominpmp.description.files import missing_resource, resolve_resource
-from tominpmp.description.from_pinocchio import describe_model
+from tominpmp.description.from_pinocchio import ellipsoid
 from tominpmp.description.model import one_line
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.tree import (
-    WORLD,
     JointDescription,
+    LinkDescription,
+    Shape,
     UrdfDescription,
+    fixed_joint,
     fresh_name,
+    solid,
     warn_of_missing_visuals,
 )
-from tominpmp.description.xml_reader import XmlContext, read_xml, to_number, xml_text
-from tominpmp.exceptions import brief, shortened, warn_caller
+from tominpmp.description.xml_reader import XmlContext
+from tominpmp.exceptions import brief, optional, shortened, warn_caller
 
-# Elements that generate bodies in ways that Pinocchio does not support; elements, and
-# then attributes, that affect the dynamics or shapes and are not read.
-GENERATORS = {"attach", "composite", "flexcomp", "frame", "replicate"}
-UNREAD = {"tendon", "equality", "stiffness", "gravcomp", "settotalmass", "hfield"}
-UNREAD |= {"inertiagrouprange", "boundmass", "boundinertia", "refpos", "refquat"}
-# Actuators, which share their defaults, with the attributes that their tags stand for.
-# Forces follow from controls if they have no bias.
-BIASED = "position velocity intvelocity damper cylinder muscle".split()
-ACTUATORS = {kind: {"biastype": "affine"} for kind in BIASED}
-ACTUATORS |= {"motor": {"biastype": "none", "gainprm": "1"}, "general": {}}
-# Joints with several degrees of freedom.
-MULTI_DOF = ("free", "ball")
-# Supported shapes, with the number of their sizes; lengths of further attributes, which
-# Pinocchio does not check.
-SHAPES = dict(mesh=0, sphere=1, capsule=2, cylinder=2, box=3, ellipsoid=3)
-PLACEMENT = {"pos": 3, "quat": 4, "axisangle": 4, "xyaxes": 6, "zaxis": 3, "euler": 3}
-ORIENTATIONS = PLACEMENT.keys() - {"pos"}
-COUNTS = {"axis": 3, "diaginertia": 3, "fullinertia": 6, "fromto": 6, "rgba": 4}
-COUNTS |= {"mass": 1, "armature": 1, "damping": 1, "frictionloss": 1}
-NONNEGATIVE = ("size", "mass", "armature", "damping", "frictionloss")
+# Ratios of the sizes of shapes to MuJoCo's sizes, which are radii and halves.
+HALVES = {"box": (2, 2, 2), "sphere": (1,), "capsule": (1, 2), "cylinder": (1, 2)}
+# Groups of shapes that MuJoCo shows unless asked otherwise; the others only collide.
+SHOWN_GROUPS = 3
+# Colour that stands for "not given" in MuJoCo.
+UNCOLOURED = (0.5, 0.5, 0.5, 1.0)
 
 Range = tuple[float, float]
-# Default attributes by tag.
-Defaults = Mapping[str, Mapping[str, str]]
 
 
 def describe_mjcf(
-    root: Element, path: Path, package_dirs: Sequence[Path]
+    path: Path, text: bytes | None, package_dirs: Sequence[Path]
 ) -> tuple[UrdfDescription, SemanticDescription, Mapping[str, Range]]:
     """Describe the robot of an MJCF file, whose joints have no speed limits.
 
     Args:
-        root: Root of the file, ``<mujoco>``; it is modified.
         path: The file; names of other files are relative to it.
-        package_dirs: Further folders in which these files are searched.
+        text: Text given in place of the file; None to read the file.
+        package_dirs: Further folders in which meshes are searched.
 
     Returns:
         The same as :func:`~tominpmp.description.from_pinocchio.describe_model`.
 
     Raises:
-        RobotLoadError: If Pinocchio cannot read the file, it generates bodies, an
-            attribute is wrong, a joint has several degrees of freedom, or a mesh or an
-            included file is missing.
+        RobotLoadError: If MuJoCo cannot read the file, a joint has several degrees of
+            freedom, or a mesh is missing.
+        MissingDependency: If MuJoCo is not installed.
     """
-    reader = _MjcfReader(root, XmlContext(path, tuple(package_dirs)))
-    nested = [(one, two) for one in root.iter("body") for two in one.findall("body")]
-    described, semantics, _ = describe_model(*reader.built(), package_dirs, path)
-    efforts = reader.efforts()
-    gravity = described.gravity or ()
-    for option in root.findall("option"):
-        gravity = reader.context.numbers(option, "gravity", "option", gravity)
-    if any(flag.get("gravity") == "disable" for flag in root.findall("option/flag")):
-        gravity = (0.0, 0.0, 0.0)
-    tree = tuple(reader.finished(joint, efforts) for joint in described.tree)
-    excluded = [(e.get("body1", ""), e.get("body2", "")) for e in root.iter("exclude")]
-    if excluded:  # the pairs replace neighbours, which MuJoCo does not check either
-        excluded += [(one.get("name", ""), two.get("name", "")) for one, two in nested]
-    pairs = sorted({(min(pair), max(pair)) for pair in excluded})
-    states = {} if semantics is None else dict(semantics.group_states)
-    states.pop("qpos0", None)  # added by Pinocchio
-    return (
-        replace(described, tree=tree, gravity=gravity),
-        SemanticDescription(tuple(pairs), states, path),
-        {name: ends for name, ends in efforts.items() if ends[0] != -ends[1]},
+    with optional("mujoco", "mujoco", "robots of MJCF files"):
+        import mujoco
+    context = XmlContext(path, tuple(package_dirs))
+    try:
+        if text is None:
+            spec = mujoco.MjSpec.from_file(str(path))
+        else:
+            spec = mujoco.MjSpec.from_string(text.decode())
+        _check_joints(spec, context)
+        files = _find_meshes(spec, context)
+        reader = _MjcfReader(mujoco, spec.compile(), files)
+    except (ValueError, mujoco.FatalError) as error:
+        context.fail(f"cannot be read: {shortened(one_line(error), 300)}")
+    if reader.unread:
+        warn_caller(f"{path}: not read: {', '.join(reader.unread)}")
+    description = UrdfDescription(
+        name=spec.modelname or path.stem,
+        bodies=tuple(reader.links),
+        tree=(*reader.joints, *reader.fixed),
+        gravity=reader.gravity,
+        path=path,
+        package_dirs=tuple(package_dirs),
+        order=tuple(joint.name for joint in reader.joints),
     )
+    uneven = {n: ends for n, ends in reader.efforts.items() if ends[0] != -ends[1]}
+    return description, reader.semantics(path), uneven
+
+
+def _check_joints(spec: Any, context: XmlContext) -> None:
+    """Refuse joints with several degrees of freedom.
+
+    Raises:
+        RobotLoadError: If there is one.
+    """
+    for body in spec.bodies:
+        for joint in body.joints:
+            kind = joint.type.name.removeprefix("mjJNT_").lower()
+            if kind in ("free", "ball"):
+                context.fail(
+                    f"body {body.name} has a {kind} joint; only revolute and prismatic "
+                    "joints can be planned for: take the joint, or the body, out of "
+                    "the file"
+                )
+
+
+def _find_meshes(spec: Any, context: XmlContext) -> dict[str, str]:
+    """Find the files of meshes; drop textures, and shapes whose meshes are missing.
+
+    Returns:
+        The files by names of meshes; empty for a mesh within the MJCF file, and for one
+        with another reference, whose vertices differ from those of its file.
+
+    Raises:
+        RobotLoadError: If the missing mesh has weight, or may collide.
+    """
+    for texture in list(spec.textures):  # no description has them, so none need exist
+        spec.delete(texture)
+    for material in spec.materials:
+        material.textures = [""] * len(material.textures)
+    files, missing = dict[str, str](), dict[str, str]()
+    for mesh in list(spec.meshes):
+        files[mesh.name] = ""
+        if not mesh.file:
+            continue
+        name = Path(mesh.file).name if spec.strippath else mesh.file
+        name = str(Path(spec.meshdir, name))
+        file, tried = resolve_resource(name, context.path, context.folders)
+        if file is None:
+            missing[mesh.name] = missing_resource(name, tried)
+            spec.delete(mesh)
+            continue
+        mesh.file = str(file.absolute())
+        if not (np.any(mesh.refpos) or np.any(mesh.refquat[1:])):
+            files[mesh.name] = mesh.file
+    dropped = []
+    for body in spec.bodies if missing else ():
+        of_shapes = spec.compiler.inertiafromgeom
+        light = of_shapes == 0 or (of_shapes == 2 and body.explicitinertial)
+        for geom in list(body.geoms):
+            if geom.meshname not in missing:
+                continue
+            if geom.contype or geom.conaffinity or not (light or geom.mass == 0.0):
+                context.fail(f"body {body.name}: the mesh {missing[geom.meshname]}")
+            dropped.append(f"body {body.name} ({brief(geom.meshname)})")
+            spec.delete(geom)
+    warn_of_missing_visuals(dropped, context.path)
+    return files
 
 
 class _MjcfReader:
-    """Simplifies a file, and keeps the data that Pinocchio does not read."""
+    """Reads links, joints and limits from a model of MuJoCo.
 
-    def __init__(self, root: Element, context: XmlContext) -> None:
-        self.root, self.context = root, context
-        self._include(root, {context.path})
-        self.compiler = {"angle": "degree"}
-        for element in root.findall("compiler"):
-            self.compiler |= element.attrib
-        #: Unit of angles [rad].
-        self.unit = math.pi / 180.0 if self.compiler["angle"] == "degree" else 1.0
-        #: Defaults by name of their class.
-        self.classes: dict[str, Defaults] = {"main": {}}
-        for element in root.findall("default"):
-            self._add_class(element, self.classes["main"], "main")
-        self._fill_in(root, "main")
-        if self.compiler.get("inertiafromgeom") == "true":
-            # Bodies without shapes keep their inertia, which Pinocchio would drop.
-            for body in root.findall(".//body[geom]"):
-                for inertial in body.findall("inertial"):
-                    body.remove(inertial)
-        self.bodies = {body.get("name", "") for body in root.iter("body")}
-        self.joints: dict[str, Element] = {}
-        #: Missing mesh files, with a message; shapes that were left out.
-        self.missing: dict[str, str] = {}
-        self.dropped: list[str] = []
+    Args:
+        mujoco: The module.
+        model: The model.
+        files: Files of meshes by their names, see :func:`_find_meshes`.
+    """
 
-    def _include(self, element: Element, seen: set[Path]) -> None:
-        """Replace include elements by the content of their files."""
-        for place, child in reversed([*enumerate(element)]):
-            if child.tag == "include":
-                name = self.context.text(child, "file", "include")
-                file = self.context.path.parent / name
-                if file in seen:
-                    self.context.fail(f"the file {brief(name)} is included twice")
-                seen.add(file)
-                child = read_xml(file)
-                element[place : place + 1] = child
-            self._include(child, seen)
+    def __init__(self, mujoco: Any, model: Any, files: Mapping[str, str]) -> None:
+        self.mujoco, self.model, self.files = mujoco, model, files
+        self.bodies = [model.body(i).name for i in range(model.nbody)]
+        self.names = [model.joint(i).name for i in range(model.njnt)]
+        self._taken = {*self.bodies}, {*self.names}
+        for i, name in enumerate(self.bodies):
+            self.bodies[i] = name or fresh_name("body", self._taken[0])
+        for i, name in enumerate(self.names):
+            of_body = f"{self.bodies[model.jnt_bodyid[i]]}_joint"
+            self.names[i] = name or fresh_name(of_body, self._taken[1])
+        self.efforts = self._efforts()
+        self.links = [self._link(0)]
+        self.joints: list[JointDescription] = []
+        self.fixed: list[JointDescription] = []
+        for body in range(1, model.nbody):
+            self._add_body(body)
+        for site in map(model.site, range(model.nsite)):
+            link = LinkDescription(fresh_name(site.name or "site", self._taken[0]))
+            above, place = site.bodyid[0], _placement(site.pos, site.quat)
+            self._fix(link, self.bodies[above], place)
 
-    def _add_class(self, element: Element, above: Defaults, name: str) -> None:
-        """Store the defaults of a class, which inherits those of its parent class."""
-        own = dict(above)
-        self.classes[element.get("class", name)] = own
-        for child in element:
-            own[_kind(child)] = _over(own, child)
-        for child in element.findall("default"):
-            self._add_class(child, own, "")
+    def _add_body(self, body: int) -> None:
+        """Add the link of a body, and the joints between this link and its parent.
 
-    def _fill_in(self, element: Element, childclass: str) -> None:
-        """Set the defaults of all elements inside an element."""
-        childclass = element.attrib.pop("childclass", childclass)
-        for child in element:
-            if child.tag == "default":
-                continue
-            name = child.attrib.pop("class", childclass)
-            if name not in self.classes:
-                self.context.fail(f"<{child.tag}>: there is no class {brief(name)}")
-            child.attrib = _over(self.classes[name], child)
-            self._fill_in(child, childclass)
-
-    def built(self) -> tuple[pin.Model, pin.GeometryModel, pin.GeometryModel]:
-        """Model, collision geometry and visual geometry.
-
-        Raises:
-            RobotLoadError: If Pinocchio cannot read the file.
+        A joint beside the origin of the body moves a link of its own, and so does each
+        joint but the last.
         """
-        plain, kinds = self._simplified(), pin.GeometryType
-        weightless = self.compiler.get("inertiafromgeom") == "false"
-        shown = xml_text(plain)
-        weighing = xml_text(_with_known_weights(plain, weightless))
-        with tempfile.TemporaryDirectory() as name:
-            file, other = str(Path(name, "robot.xml")), str(Path(name, "weights.xml"))
-            Path(file).write_bytes(shown)
-            Path(other).write_bytes(weighing)
-            try:
-                model = pin.buildModelFromMJCF(other)
-                solid = pin.buildGeomFromMJCF(model, file, kinds.COLLISION)
-                return model, solid, pin.buildGeomFromMJCF(model, file, kinds.VISUAL)
-            except Exception as error:
-                self.context.fail(f"cannot be read: {shortened(one_line(error), 300)}")
-
-    def _simplified(self) -> Element:
-        """Equivalent file that Pinocchio can read."""
-        root, path = self.root, self.context.path
-        simple = Element("mujoco", model=root.get("model", path.stem))
-        SubElement(simple, "compiler", angle=self.compiler["angle"])
-        asset = SubElement(simple, "asset")
-        folder = self.compiler.get("meshdir", self.compiler.get("assetdir", ""))
-        for item in root.findall("asset/mesh[@file]"):
-            strip = self.compiler.get("strippath") == "true"
-            name = Path(item.get("file", ""))
-            item.set("name", item.get("name", name.stem))
-            name = Path(folder, name.name if strip else name)
-            file, tried = resolve_resource(str(name), path, self.context.folders)
-            if file is None:
-                self.missing[item.get("name", "")] = missing_resource(str(name), tried)
-            else:
-                item.set("file", str(file.absolute()))
-        for item in (*root.findall("asset/mesh"), *root.findall("asset/material")):
-            item.attrib.pop("texture", None)
-            self.context.numbers(item, "rgba", "asset", (0.0,) * COUNTS["rgba"])
-            if item.tag != "mesh" or item.get("name") not in self.missing:
-                asset.append(item)
-        # Pinocchio reads the first body only, and ignores its placement.
-        world = SubElement(SubElement(simple, "worldbody"), "body", name=WORLD)
-        for body in root.findall("worldbody"):
-            world.extend(body)
-        self._simplify(world, {element.get("name", "") for element in root.iter()})
-        words = (w for e in root.iter() for w in (e.tag, *e.attrib) if e.get(w) != "0")
-        unread = UNREAD.intersection(words)
-        keys = SubElement(simple, "keyframe")
-        for key in root.findall("keyframe/key[@qpos]"):
-            if len(key.get("qpos", "").split()) == len(self.joints):
-                keys.append(key)
-        warn_of_missing_visuals(self.dropped, path)
-        if unread:
-            warn_caller(f"{path}: not read: {', '.join(sorted(unread))}")
-        return simple
-
-    def _simplify(self, body: Element, names: set[str]) -> None:
-        """Name the elements of a body, drop unsupported shapes, and store joints."""
-        where = f"body {body.get('name')}"
-        for child in list(body):
-            counts = PLACEMENT | COUNTS
-            tag, kind = child.tag, child.get("type", "sphere")
-            if tag == "geom" and "mesh" in child.attrib:
-                # MuJoCo fits a primitive to the mesh; here the mesh itself is taken.
-                kind = child.attrib["type"] = "mesh"
-            if tag == "geom" and kind in SHAPES:
-                count = 1 if "fromto" in child.attrib else SHAPES[kind]
-                # Defaults for several kinds of shapes may have surplus sizes.
-                child.set("size", " ".join(child.get("size", "").split()[:count]))
-                counts = counts | {"size": count}
-            for key in (k for k in counts if k in child.attrib):
-                low = 0.0 if key in NONNEGATIVE else None
-                self.context.numbers(child, key, where, (0.0,) * counts[key], low)
-            self._turn(child, where)
-            if tag in GENERATORS:
-                self.context.fail(
-                    f"{where} has <{tag}>, which is not read; write "
-                    "out the bodies that it makes (mujoco.mj_saveLastXML does)"
-                )
-            if tag == "freejoint" or (tag == "joint" and kind in MULTI_DOF):
-                self.context.fail(
-                    f"{where} has a {'ball' if kind == 'ball' else 'free'} joint; only "
-                    "revolute and prismatic joints can be planned for: take the joint, "
-                    "or the body, out of the file"
-                )
-            if tag in ("body", "joint", "site") and "name" not in child.attrib:
-                child.set("name", fresh_name(f"{body.get('name')}_{tag}", names))
-            if tag == "body":
-                child = self._with_one_joint(body, child, names)
-                self._simplify(child, names)
-            elif tag == "joint":
-                self.joints[child.get("name", "")] = Element(tag, child.attrib)
-                for key in ("range", "ref", "actuatorfrcrange"):
-                    child.attrib.pop(key, None)
-            elif tag == "geom" and (kind not in SHAPES or self._is_absent(body, child)):
-                body.remove(child)
-            elif tag == "site":
-                # Pinocchio misplaces sites in bodies without joints, but not bodies.
-                child.tag = "body"
-                child.set("name", fresh_name(child.get("name", ""), self.bodies))
-            elif tag == "geom" and "fromto" in child.attrib:
-                # Pinocchio has the z axis towards the second end, MuJoCo to the first.
-                ends = child.attrib["fromto"].split()
-                child.set("fromto", " ".join(ends[3:] + ends[:3]))
-            elif tag == "geom":
-                # Pinocchio ignores the rotation of a shape without a position.
-                child.set("pos", child.get("pos", "0 0 0"))
-
-    def _turn(self, element: Element, where: str) -> None:
-        """Write a rotation about an axis, or Euler angles, as a quaternion.
-
-        Pinocchio does not normalise axes, and has no Euler angles about fixed axes.
-        """
-        read, unit = self.context.numbers, self.unit
-        rotation = np.eye(3)
-        if "axisangle" in element.attrib:
-            *axis, angle = read(element, "axisangle", where, (0.0,) * 4)
-            if not any(axis):
-                self.context.fail(f"{where}: {element.tag} axisangle has no axis")
-            rotation = pin.exp3(unit * angle * np.array(axis) / np.linalg.norm(axis))
-        elif "euler" in element.attrib:
-            order = self.compiler.get("eulerseq", "xyz")
-            if len(order) != 3 or not {*order.lower()} <= {*"xyz"}:
-                self.context.fail(f"compiler eulerseq={brief(order)}, expected as xyz")
-            angles = read(element, "euler", where, (0.0,) * 3)
-            for letter, angle in zip(order, angles, strict=True):
-                step = pin.exp3(unit * angle * np.eye(3)["xyz".index(letter.lower())])
-                # Small letters are axes that turn with the element, capital ones fixed.
-                rotation = rotation @ step if letter.islower() else step @ rotation
+        own, link = self.model.body(body), self._link(body)
+        above, place = self.bodies[own.parentid[0]], _placement(own.pos, own.quat)
+        joints = range(own.jntadr[0], own.jntadr[0] + own.jntnum[0])
+        for i in joints:
+            beside = pin.SE3(np.eye(3), np.array(self.model.jnt_pos[i]))
+            below = link.name
+            if i != joints[-1] or np.any(beside.translation):
+                below = fresh_name(f"{self.names[i]}_link", self._taken[0])
+                self.links.append(LinkDescription(below))
+            self.joints.append(self._joint(i, above, below, place * beside))
+            above, place = below, beside.inverse()
+        if above == link.name:
+            self.links.append(link)
         else:
-            return
-        for key in ("axisangle", "euler"):
-            element.attrib.pop(key, None)
-        x, y, z, w = pin.Quaternion(rotation).coeffs().tolist()
-        element.set("quat", f"{w} {x} {y} {z}")
+            self._fix(link, above, place)
 
-    def _with_one_joint(
-        self, parent: Element, body: Element, names: set[str]
-    ) -> Element:
-        """A body with one joint: the first of several moves to a body in between."""
-        joints = body.findall("joint")
-        if len(joints) < 2:
-            return body
-        outer = Element("body", name=fresh_name(f"{body.get('name')}_carrier", names))
-        for key in PLACEMENT.keys() & body.attrib.keys():
-            outer.set(key, body.attrib.pop(key))
-        parent[[*parent].index(body)] = outer
-        body.remove(joints[0])
-        outer.extend((joints[0], body))
-        return outer
+    def _fix(self, link: LinkDescription, above: str, place: pin.SE3) -> None:
+        """Add a link that is fixed to another."""
+        name = fresh_name(f"{link.name}_fixed", self._taken[1])
+        self.links.append(link)
+        self.fixed.append(fixed_joint(name, above, link.name, place))
 
-    def _is_absent(self, body: Element, geom: Element) -> bool:
-        """Whether the mesh of a shape is missing, which only a picture may lack.
-
-        Raises:
-            RobotLoadError: If the missing mesh has weight, or may collide.
-        """
-        missing = self.missing.get(geom.get("mesh", ""))
-        if missing is None:
-            return False
-        weighs = body.find("inertial") is None and geom.get("mass") != "0"
-        weighs &= self.compiler.get("inertiafromgeom") != "false"
-        if weighs or not geom.get("contype") == geom.get("conaffinity") == "0":
-            self.context.fail(f"body {body.get('name')}: the mesh {missing}")
-        self.dropped.append(f"body {body.get('name')} ({brief(geom.get('mesh'))})")
-        return True
-
-    def finished(
-        self, joint: JointDescription, efforts: Mapping[str, Range]
+    def _joint(
+        self, i: int, above: str, below: str, place: pin.SE3
     ) -> JointDescription:
-        """Complete a joint with its range, effort, and MuJoCo's zero position."""
-        own = self.joints.get(joint.name)
-        if own is None:
-            return joint
-        turns = joint.kind != "prismatic"
-        scale = self.unit if turns else 1.0
-        lower, upper = (scale * end for end in self._range(own, "range", "limited"))
-        ref = scale * self.context.number(own, "ref", f"joint {joint.name}")
-        return replace(
-            joint,
-            kind="continuous" if turns and upper == math.inf else joint.kind,
-            placement=frozen_array(joint.placement @ joint.motion(-ref).homogeneous),
-            lower=lower,
-            upper=upper,
-            effort=min(map(abs, efforts.get(joint.name, (math.nan,)))),
+        """Describe a joint between two links, with the zero position of MuJoCo."""
+        own, name = self.model.joint(i), self.names[i]
+        lower, upper = _range(own.limited, own.range)
+        turns = "continuous" if upper == math.inf else "revolute"
+        joint = JointDescription(
+            name,
+            turns if _kind(self.mujoco.mjtJoint, own) == "hinge" else "prismatic",
+            above,
+            below,
+            place.homogeneous,
+            frozen_array(own.axis),
+            lower,
+            upper,
+            velocity=math.inf,
+            effort=min(map(abs, self.efforts.get(name, (math.nan,)))),
+            damping=float(own.damping.flat[0]),
+            friction=float(own.frictionloss[0]),
+            armature=float(own.armature[0]),
+        )
+        place = place * joint.motion(-float(own.qpos0[0]))
+        return replace(joint, placement=frozen_array(place.homogeneous))
+
+    def _link(self, body: int) -> LinkDescription:
+        """Describe a body: its weight, and shapes that collide, are seen, or both."""
+        own = self.model.body(body)
+        geoms = range(own.geomadr[0], own.geomadr[0] + own.geomnum[0])
+        solids, seen = list[Shape](), list[Shape]()
+        for geom in map(self.model.geom, geoms):
+            shape = self._shape(geom)
+            if shape is not None and (geom.contype[0] or geom.conaffinity[0]):
+                solids.append(shape)
+            if shape is not None and geom.group[0] < SHOWN_GROUPS:
+                seen.append(shape)
+        axes = _placement(own.ipos, own.iquat).rotation
+        return LinkDescription(
+            self.bodies[body],
+            float(own.mass[0]) or None,
+            frozen_array(own.ipos),
+            frozen_array(axes * own.inertia @ axes.T),
+            tuple(solids),
+            tuple(seen),
         )
 
-    def _range(self, element: Element, name: str, limited: str) -> Range:
-        """Range of an attribute; infinite if it is not in force."""
-        setting = element.get(limited, "auto")
-        limits = name in element.attrib and self.compiler.get("autolimits") != "false"
-        if setting == "false" or (setting == "auto" and not limits):
-            return -math.inf, math.inf
-        where = f"{element.tag} {element.get('name', '')}"
-        low, high = self.context.numbers(element, name, where, (0.0, 0.0))
-        return low, high
+    def _shape(self, geom: Any) -> Shape | None:
+        """Describe a shape; None for a plane or a height field, which have no end."""
+        place, kind = _placement(geom.pos, geom.quat), _kind(self.mujoco.mjtGeom, geom)
+        matrix = frozen_array(place.homogeneous)
+        if kind in HALVES:
+            count = len(HALVES[kind])
+            shape = solid(kind, geom.size[:count] * HALVES[kind], matrix)
+        elif kind == "ellipsoid":
+            corners, faces = ellipsoid(geom.size)
+            shape = Shape("mesh", (1.0,) * 3, matrix, "", frozen_array(corners), faces)
+        elif kind == "mesh":
+            shape = self._mesh(self.model.mesh(geom.dataid[0]), place)
+        else:
+            return None
+        colour, material = geom.rgba, geom.matid[0]
+        if material >= 0 and np.allclose(colour, UNCOLOURED):
+            colour = self.model.mat_rgba[material]
+        return shape and replace(shape, colour=tuple(colour.tolist()))
 
-    def efforts(self) -> dict[str, Range]:
+    def _mesh(self, mesh: Any, place: pin.SE3) -> Shape:
+        """Describe a mesh, which MuJoCo has centred and turned to its main axes."""
+        model, file, k = self.model, self.files[mesh.name], mesh.id
+        if file:
+            centre = _placement(model.mesh_pos[k], model.mesh_quat[k])
+            matrix = frozen_array((place * centre.inverse()).homogeneous)
+            return Shape("mesh", tuple(model.mesh_scale[k].tolist()), matrix, file)
+        matrix, first = frozen_array(place.homogeneous), mesh.vertadr[0]
+        corners = frozen_array(model.mesh_vert[first : first + mesh.vertnum[0]])
+        first = mesh.faceadr[0]
+        faces = model.mesh_face[first : first + mesh.facenum[0]].astype(np.int64)
+        return Shape("mesh", (1.0,) * 3, matrix, "", corners, faces)
+
+    @property
+    def gravity(self) -> tuple[float, ...]:
+        """Gravity [m/s^2]."""
+        option, off = self.model.opt, self.mujoco.mjtDisableBit.mjDSBL_GRAVITY
+        return tuple((option.gravity * (not option.disableflags & off)).tolist())
+
+    def semantics(self, path: Path) -> SemanticDescription:
+        """Link pairs that are not checked, and configurations by name.
+
+        Excluded pairs replace neighbours, which MuJoCo does not check either.
+        """
+        model = self.model
+        pairs = {divmod(both, 2**16) for both in model.exclude_signature.tolist()}
+        if pairs:
+            pairs |= {(k, i) for i, k in enumerate(model.body_parentid.tolist()) if i}
+        named = {tuple(sorted((self.bodies[i], self.bodies[k]))) for i, k in pairs}
+        states = {
+            key.name: dict(zip(self.names, key.qpos.tolist(), strict=True))
+            for key in map(model.key, range(model.nkey))
+        }
+        return SemanticDescription(tuple(sorted(named)), states, path)
+
+    def _efforts(self) -> dict[str, Range]:
         """Total force limits of the actuators, for each joint with finite limits."""
-        sums: dict[str, Any] = {}
-        for actuator in self.root.findall("actuator/*"):
-            ends = np.array(self._range(actuator, "forcerange", "forcelimited"))
-            words = (actuator.get(name, "").split() for name in ("gainprm", "gear"))
-            gain, gear = (to_number(word[0]) if word else 1.0 for word in words)
-            if actuator.get("biastype", "none") == "none":
-                control = np.array(self._range(actuator, "ctrlrange", "ctrllimited"))
-                ends = np.clip(ends, *np.sort(gain * control))
-            name = actuator.get("joint", actuator.get("jointinparent", ""))
-            sums[name] = sums.get(name, 0.0) + np.sort(gear * ends)
+        model, sums = self.model, dict[int, Array]()
+        for own in map(model.actuator, range(model.nu)):
+            ends = np.array(_range(own.forcelimited, own.forcerange))
+            if own.biastype[0] == 0:  # forces follow from controls
+                control = np.array(_range(own.ctrllimited, own.ctrlrange))
+                ends = np.clip(ends, *np.sort(own.gainprm[0] * control))
+            if own.trntype[0] <= 1:  # of a joint
+                joint = int(own.trnid[0])
+                sums[joint] = sums.get(joint, 0.0) + np.sort(own.gear[0] * ends)
         limits = {}
-        for name, own in self.joints.items():
-            most = self._range(own, "actuatorfrcrange", "actuatorfrclimited")
-            low, high = np.clip(sums.get(name, most), *most).tolist()
+        for i, name in enumerate(self.names):
+            most = _range(model.jnt_actfrclimited[i], model.jnt_actfrcrange[i])
+            low, high = np.clip(sums.get(i, most), *most).tolist()
             if math.isfinite(high - low):
                 limits[name] = low, high
         return limits
 
-
-def _with_known_weights(root: Element, weightless: bool) -> Element:
-    """Remove the shapes of bodies whose weight Pinocchio does not compute correctly.
-
-    Pinocchio takes visual shapes for weightless, and each mesh for one kilogram. A body
-    whose meshes have weight gets no mass, and is refused where the mass is needed.
-
-    Args:
-        root: The file; it is modified.
-        weightless: Whether no shape has weight.
-    """
-    for body in root.iter("body"):
-        geoms = body.findall("geom")
-        meshes = [geom for geom in geoms if geom.get("type") == "mesh"]
-        unknown = weightless or any(geom.get("mass") != "0" for geom in meshes)
-        for geom in geoms:
-            if unknown or geom in meshes:
-                body.remove(geom)
-            for name in ("contype", "conaffinity"):
-                geom.attrib.pop(name, None)
-    return root
+    @property
+    def unread(self) -> list[str]:
+        """Features of the model that a description lacks."""
+        model, field = self.model, self.mujoco.mjtGeom.mjGEOM_HFIELD
+        found = {
+            "equality": model.neq,
+            "gravcomp": np.any(model.body_gravcomp),
+            "hfield": int(field) in model.geom_type,
+            "stiffness": np.any(model.jnt_stiffness),
+            "tendon": model.ntendon,
+        }
+        return [name for name in found if found[name]]
 
 
-def _over(defaults: Defaults, element: Element) -> dict[str, str]:
-    """Attributes of an element over its defaults, of whose placement it replaces parts.
-
-    An orientation replaces one in any other notation, and two ends the whole placement.
-    """
-    own = ACTUATORS.get(element.tag, {}) | element.attrib
-    replaced: Collection[str] = ORIENTATIONS if ORIENTATIONS & own.keys() else ()
-    if "fromto" in own:
-        replaced = PLACEMENT
-    below = defaults.get(_kind(element), {})
-    return {k: v for k, v in below.items() if k not in replaced} | own
+def _kind(kinds: Any, own: Any) -> str:
+    """Name of the type of a joint or shape, without the prefix of its enumeration."""
+    return str(kinds(int(own.type[0])).name).rpartition("_")[2].lower()
 
 
-def _kind(element: Element) -> str:
-    """Tag under which the defaults of an element are stored."""
-    return "general" if element.tag in ACTUATORS else element.tag
+def _placement(position: Array, quaternion: Array) -> pin.SE3:
+    """Placement of a position [m] and a quaternion (w, x, y, z)."""
+    w, x, y, z = quaternion.tolist()
+    return pin.SE3(pin.Quaternion(w, x, y, z), np.array(position))
+
+
+def _range(limited: Any, ends: Array) -> Range:
+    """Range of a limit, two numbers; infinite if it is not in force."""
+    low, high = ends.tolist() if np.all(limited) else (-math.inf, math.inf)
+    return low, high

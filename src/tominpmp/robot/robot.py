@@ -627,7 +627,7 @@ def read_source(
         folders = (*folders, *packages)
         root = expanded_root(files.urdf, folders, text, xacro_args)
         if root.tag == "mujoco":
-            description, embedded, effort = describe_mjcf(root, files.urdf, folders)
+            description, embedded, effort = describe_mjcf(files.urdf, text, folders)
         else:
             description = read_urdf(files.urdf, folders, root)
             args = {} if xacro_args is None else xacro_args
