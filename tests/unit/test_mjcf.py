@@ -426,8 +426,11 @@ def test_what_is_not_read_is_told_of() -> None:
 @pytest.mark.parametrize(
     ("pairs", "message"),
     [
-        ((('<joint name="turn"/>', "<freejoint/>"),), "upper has a free joint"),
-        ((('<joint name="turn"/>', "<joint type='ball'/>"),), "upper has a ball joint"),
+        ((('<joint name="turn"/>', "<freejoint/>"),), "'upper' has a free joint"),
+        (
+            (('<joint name="turn"/>', "<joint type='ball'/>"),),
+            "'upper' has a ball joint",
+        ),
         ((('"turn" class="bigger"', '"turn" class="huge"'),), "class name 'huge'"),
         (
             (

@@ -264,8 +264,8 @@ def _solve(program: LinearProgram) -> LpSolution | None:
     numbers = (program.matrix.data, program.row_lower, program.row_upper)
     if any(np.any(np.isnan(values)) for values in numbers):
         return None
-    solution = PiqpSolver(ACCURACY).solve(program)
-    if not solution.optimal:
-        solution = HighsSolver().solve(program)
-    valid = solution.optimal and bool(np.all(np.isfinite(solution.row_duals)))
-    return solution if valid else None
+    for solver in (PiqpSolver(ACCURACY), HighsSolver()):
+        solution = solver.solve(program)
+        if solution.optimal and np.all(np.isfinite(solution.row_duals)):
+            return solution
+    return None

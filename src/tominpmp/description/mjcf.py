@@ -100,9 +100,9 @@ def _check_joints(spec: Any, context: XmlContext) -> None:
             kind = joint.type.name.removeprefix("mjJNT_").lower()
             if kind in ("free", "ball"):
                 context.fail(
-                    f"body {body.name} has a {kind} joint; only revolute and prismatic "
-                    "joints can be planned for: take the joint, or the body, out of "
-                    "the file"
+                    f"body {brief(body.name)} has a {kind} joint; only revolute and "
+                    "prismatic joints can be planned for: take the joint, or the body, "
+                    "out of the file"
                 )
 
 
