@@ -90,7 +90,7 @@ def test_messages_have_the_fields_of_ros(
             "effort",
             "time_from_start",
         ]
-        assert point["positions"] == samples.q[k].tolist()
+        assert point["positions"] == pytest.approx(samples.q[k], abs=1e-14)
         assert point["effort"] == samples.u[k].tolist()
         time = point["time_from_start"]
         assert 0 <= time["nanosec"] < 10**9

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from sample_arms import make_arm, slide
+from scipy.interpolate import PPoly
 
 import tominpmp as tm
 from tominpmp.arrays import Array
@@ -239,7 +240,9 @@ def test_ways_are_the_signs_of_the_velocities(K: int) -> None:
     rng = np.random.default_rng(K)
     t = np.concatenate([[0.0], np.cumsum(rng.uniform(1e-9, 1.0, 200))])
     velocity = rng.normal(size=(200, 3, K)) * rng.choice([1.0, 1e-4], (200, 3, 1))
-    turns = Turns.of(t, velocity)
+    powers = np.diff(t)[:, None] ** np.arange(K)[:, None, None]
+    terms = np.moveaxis(velocity, -1, 0) / powers
+    turns = Turns.of(PPoly(terms[::-1], t))
     x = rng.random(200)
     value = np.einsum("knp,kp->kn", velocity, x[:, None] ** np.arange(K))
     way = turns.at(t[:-1] + x * np.diff(t))

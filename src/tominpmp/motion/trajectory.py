@@ -20,7 +20,7 @@ from tominpmp.arrays import Array, BoolArray, IntArray, array_or_nan, in_brief
 from tominpmp.checks import array, number, whole, wrong
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, brief
-from tominpmp.motion.curves import Curve
+from tominpmp.motion.curves import curve_through
 from tominpmp.motion.samples import Samples, TimedRows, clock
 from tominpmp.motion.turns import Turns
 from tominpmp.notebook import motion_card
@@ -237,9 +237,7 @@ class Trajectory(TimedRows):
             ProblemError: If the order is not a whole number from 0.
         """
         # Derivatives beyond the degree are zero, and SciPy loops up to the order.
-        order = min(whole(nu, "nu"), 9)
-        curve = self._curve.polynomials()
-        return curve.derivative(order) if order else curve
+        return self._curve.derivative(min(whole(nu, "nu"), 9))
 
     def _repr_html_(self) -> str:
         """Show curves and a table, in notebooks."""
@@ -260,14 +258,14 @@ class Trajectory(TimedRows):
             u[rows] = loaded(q[rows], v[rows], a[rows])
         return State(q, v, a, u)
 
-    @property
-    def _curve(self) -> Curve:
-        """The polynomials between the nodes."""
-        return Curve(self.t, self.q, self.v, self.a)
+    @cached_property
+    def _curve(self) -> PPoly:
+        """The positions, as polynomials between the nodes."""
+        return curve_through(self.t, self.q, self.v, self.a)
 
     def _evaluate(self, times: Array) -> State:
         """The states at times within the motion, shape (m,)."""
-        q, v, a = self._curve.states(times)
+        q, v, a = (self._curve(times, nu) for nu in range(3))
         node = np.searchsorted(self.t, times, side="right") - 1
         if self.inverse_dynamics is None:
             return State(q, v, a, self.u[node])
@@ -301,7 +299,7 @@ class Trajectory(TimedRows):
         """Directions of motion of the joints, and their reversals."""
         if self.t.size == 1:
             return Turns.of_instant(self.t, self.v)
-        return Turns.of(self.t, self._curve.velocities())
+        return Turns.of(self._curve.derivative())
 
     def with_torques(
         self,
@@ -325,7 +323,7 @@ class Trajectory(TimedRows):
             holding=None,
             segment_dynamics=segment_dynamics,
         )
-        a = self._curve.states(self.t)[2]
+        a = self._curve(self.t, 2)
         return replace(motion, u=motion._torques(self.t, self.q, self.v, a))
 
     def sample(self, dt: float) -> Samples:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial.polynomial import polyval
@@ -21,6 +22,9 @@ from scipy.linalg import pascal
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.dynamics import RESTING, STANDSTILL, STEADY, directions
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
 
 # Distance of two instants up to which they count as one, as a share of the duration:
 # floats can hardly resolve it.
@@ -50,15 +54,18 @@ class Turns:
     joint: IntArray
 
     @classmethod
-    def of(cls, t: Array, velocity: Array) -> Turns:
+    def of(cls, curve: PPoly) -> Turns:
         """Find the directions of a motion.
 
         Args:
-            t: Times of the nodes [s], shape (N + 1,).
-            velocity: Velocities as polynomials of the elapsed share x of each interval:
-                coefficients of 1, x, x^2, ..., shape (N, n, K) [rad/s or m/s].
+            curve: Velocities over time, as polynomials between the nodes [rad/s or
+                m/s].
         """
-        h, bounds = np.diff(t), _bernstein(velocity)
+        t, h = curve.x, np.diff(curve.x)
+        # Coefficients of 1, x, x^2, ..., where x is the elapsed share of an interval.
+        terms = [c * h[:, None] ** k for k, c in enumerate(curve.c[::-1])]
+        velocity = np.stack(terms, axis=2)
+        bounds = _bernstein(velocity)
         low, high = bounds.min(axis=-1), bounds.max(axis=-1)
         # NaN for joints that may reverse.
         first = np.where(low >= 0.0, 1.0, np.where(high <= 0.0, -1.0, np.nan))

@@ -23,7 +23,7 @@ from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance, whole, wrong
 from tominpmp.collision.checker import CollisionChecker, Contact
 from tominpmp.exceptions import ProblemError
-from tominpmp.motion.curves import Curve
+from tominpmp.motion.curves import curve_through
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
 from tominpmp.verification.closest_approach import ClosestApproach
@@ -308,6 +308,6 @@ def _rows(trajectory: Trajectory, deviation: Array | None) -> tuple[Replay, Arra
     path = replace(trajectory, inverse_dynamics=None)  # torques are not needed
     rows = planned(path)
     probes = (rows.t[:-1] + np.diff(rows.t) * np.array([[0.3], [0.5]])).ravel()
-    cubic, *_ = Curve(rows.t, rows.q, rows.v).states(probes)
+    cubic = curve_through(rows.t, rows.q, rows.v)(probes)
     gaps = np.abs(cubic - path(probes).q)
     return rows, drift + SAFETY * np.max(gaps, axis=0, initial=0.0)

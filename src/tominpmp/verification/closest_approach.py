@@ -19,7 +19,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.collision.checker import CollisionChecker, Contact
-from tominpmp.motion.curves import Curve
+from tominpmp.motion.curves import curve_through
 from tominpmp.motion.extrema import least_between
 from tominpmp.verification.replay import Replay
 
@@ -116,6 +116,7 @@ class ClosestApproach:
             replay = replace(replay, t=moment, q=q, v=np.zeros_like(q))
         self._checker, self._margins = checker, margins
         self._motion, self._drift = replay, drift
+        self._curve = curve_through(replay.t, replay.q, replay.v)
         self._allowed = np.zeros((2, margins.size)) if allowed is None else allowed
         self._ends = replay.q[0], replay.q[-1]
         self.pair, self.time, self.clearance = 0, float(replay.t[0]), np.inf
@@ -163,18 +164,18 @@ class ClosestApproach:
             begin: Beginnings of the intervals [s], shape (m,).
             end: Ends of the intervals [s], shape (m,).
         """
-        rows, time = self._motion, 0.5 * (begin + end)
-        t, curve = rows.t, Curve(rows.t, rows.q, rows.v).states
-        q, _, _ = curve(time)
+        t, curve, time = self._motion.t, self._curve, 0.5 * (begin + end)
         first = np.searchsorted(t[1:-1], begin, "right")
         last = np.searchsorted(t[1:-1], end, "left")
         count = np.arange(int(np.max(last - first, initial=0)) + 1)
         row = np.minimum(first[:, None] + count, last[:, None])
         early = np.maximum(begin[:, None], t[row])
         late = np.minimum(end[:, None], t[row + 1])
-        (q0, v0, *_), (q1, v1, *_) = curve(early.ravel()), curve(late.ravel())
+        q0, q1 = curve(early.ravel()), curve(late.ravel())
+        v0, v1 = curve(early.ravel(), 1), curve(late.ravel(), 1)
         third = (late - early).reshape(-1, 1) / 3.0
         bezier = np.stack([q0, q0 + third * v0, q1 - third * v1, q1])
+        q = curve(time)
         distance = np.abs(bezier.reshape(4, *row.shape, -1) - q[:, None])
         spread = np.max(distance, axis=(0, 2)) + self._drift
         return TimeIntervals(begin, end, time, q, spread)
