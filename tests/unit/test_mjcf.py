@@ -418,7 +418,7 @@ def test_what_is_not_read_is_told_of() -> None:
     asset = '<hfield name="ground" nrow="2" ncol="2" size="1 1 1 0.1"/>'
     ground = '<geom type="hfield" hfield="ground"/>'
     text = text.replace("<worldbody>", f"<asset>{asset}</asset><worldbody>{ground}")
-    expected = "not read: hfield, stiffness"
+    expected = "not read: hfield; stiffness"
     with pytest.warns(tm.TominpmpWarning, match=expected):
         tm.load_robot(text, velocity=2)
 

@@ -23,6 +23,7 @@ from tominpmp.description.joint_table import LOSSES
 from tominpmp.description.model import mesh_arrays
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.tree import (
+    EMPTY,
     JointDescription,
     LinkDescription,
     Mimic,
@@ -31,7 +32,7 @@ from tominpmp.description.tree import (
     fixed_joint,
     fresh_name,
     solid,
-    warn_of_empty_shapes,
+    warn_of,
 )
 from tominpmp.description.xml_reader import MAX_NUMBER, limit_or_infinity
 from tominpmp.exceptions import RobotLoadError, brief
@@ -85,7 +86,7 @@ def describe_model(
                 shape = replace(shape, colour=tuple(colour))
             more: Any = {kind: (*getattr(links[name], kind), shape)}
             links[name] = replace(links[name], **more)
-    warn_of_empty_shapes(empty_shapes, path)
+    warn_of({EMPTY: empty_shapes}, path)
     description = UrdfDescription(
         name=model.name or "robot",
         bodies=tuple(links.values()),

@@ -21,6 +21,8 @@ from tominpmp.description.from_pinocchio import ellipsoid
 from tominpmp.description.model import one_line
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.tree import (
+    UNREAD,
+    UNSEEN,
     JointDescription,
     LinkDescription,
     Shape,
@@ -28,10 +30,10 @@ from tominpmp.description.tree import (
     fixed_joint,
     fresh_name,
     solid,
-    warn_of_missing_visuals,
+    warn_of,
 )
 from tominpmp.description.xml_reader import XmlContext
-from tominpmp.exceptions import brief, optional, shortened, warn_caller
+from tominpmp.exceptions import brief, optional, shortened
 
 # Ratios of the sizes of shapes to MuJoCo's sizes, which are radii and halves.
 HALVES = {"box": (2, 2, 2), "sphere": (1,), "capsule": (1, 2), "cylinder": (1, 2)}
@@ -74,8 +76,7 @@ def describe_mjcf(
         reader = _MjcfReader(mujoco, spec.compile(), files)
     except (ValueError, mujoco.FatalError) as error:
         context.fail(f"cannot be read: {shortened(one_line(error), 300)}")
-    if reader.unread:
-        warn_caller(f"{path}: not read: {', '.join(reader.unread)}")
+    warn_of({UNREAD: reader.unread}, path)
     description = UrdfDescription(
         name=spec.modelname or path.stem,
         bodies=tuple(reader.links),
@@ -146,7 +147,7 @@ def _find_meshes(spec: Any, context: XmlContext) -> dict[str, str]:
                 context.fail(f"body {body.name}: the mesh {missing[geom.meshname]}")
             dropped.append(f"body {body.name} ({brief(geom.meshname)})")
             spec.delete(geom)
-    warn_of_missing_visuals(dropped, context.path)
+    warn_of({UNSEEN: dropped}, context.path)
     return files
 
 

@@ -273,19 +273,25 @@ def solid(kind: str, sizes: Iterable[float], placement: Array) -> Shape | None:
     return Shape(kind, tuple(np.maximum(lengths, MIN_THICKNESS).tolist()), placement)
 
 
-def warn_of_empty_shapes(places: Sequence[str], path: Path) -> None:
-    """Warn of shapes that were left out because all their sizes are zero."""
-    if places:
-        warn_caller(f"{path}: shapes of no size are left out: {enumerated(places)}")
+# Remarks about a description, with the places that they concern.
+UNREAD = "not read: {}"
+EMPTY = "shapes of no size are left out: {}"
+UNSEEN = (
+    "not shown, as their meshes do not exist: {}; folders that hold packages are given "
+    "in package_dirs"
+)
 
 
-def warn_of_missing_visuals(places: Sequence[str], path: Path) -> None:
-    """Warn of visual shapes that were left out because their meshes are missing."""
-    if places:
-        warn_caller(
-            f"{path}: not shown, as their meshes do not exist: {enumerated(places)}; "
-            "folders that hold packages are given in package_dirs"
-        )
+def warn_of(remarks: Mapping[str, Sequence[str]], path: Path) -> None:
+    """Warn of what was corrected, left out or doubted in a file.
+
+    Args:
+        remarks: The places that each remark concerns, without which it is not made.
+        path: The file.
+    """
+    for remark, places in remarks.items():
+        if places:
+            warn_caller(f"{path}: {remark.format(enumerated(places))}")
 
 
 def fixed_joint(

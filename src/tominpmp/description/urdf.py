@@ -35,15 +35,17 @@ import pinocchio as pin
 from tominpmp.arrays import Array, IntArray, frozen_array
 from tominpmp.description.files import missing_resource, resolve_resource
 from tominpmp.description.tree import (
+    EMPTY,
     SIZES,
+    UNREAD,
+    UNSEEN,
     JointDescription,
     LinkDescription,
     Mimic,
     Shape,
     UrdfDescription,
     solid,
-    warn_of_empty_shapes,
-    warn_of_missing_visuals,
+    warn_of,
 )
 from tominpmp.description.xml_reader import (
     XmlContext,
@@ -53,7 +55,7 @@ from tominpmp.description.xml_reader import (
     to_number,
     xml_text,
 )
-from tominpmp.exceptions import brief, enumerated, shortened, warn_caller
+from tominpmp.exceptions import brief, shortened
 
 # Largest mesh file; a larger one would take minutes and gigabytes [bytes].
 MAX_MESH_BYTES = 512 * 2**20
@@ -68,6 +70,16 @@ MAX_LINKS = 2000
 SHAPES = (*SIZES, "mesh")
 # Limits of joints that yourdfpy does not read; Drake prefixes their names.
 MOTION = ("acceleration", "deceleration", "jerk")
+# Further remarks about a file. Controllers may enforce the soft limits, which are not
+# read here.
+SOFT_LIMITS = (
+    "<safety_controller>: soft limits within the position limits are not kept: {}; "
+    "give position_lower and position_upper where a controller keeps them"
+)
+IN_DEGREES = (
+    "position limits of many turns, which look like degrees: {}; a URDF file has "
+    "radians"
+)
 # Similarity from which a name is taken for a misspelling, from 0 to 1.
 SIMILARITY = 0.8
 
@@ -214,15 +226,9 @@ class _UrdfReader:
         for element in root.iter("material"):
             if len(element):
                 self.materials.setdefault(element.get("name", ""), element)
-        #: Names that are not read, and look like misspellings.
-        self.unread: list[str] = []
-        #: Visual shapes with missing meshes, and shapes whose sizes are all zero.
-        self.missing_visuals: list[str] = []
-        self.empty_shapes: list[str] = []
-        #: Joints with soft limits inside their limits, and joints with limits in
-        #: degrees.
-        self.soft_limited: list[str] = []
-        self.in_degrees: list[str] = []
+        kinds = (EMPTY, UNSEEN, UNREAD, SOFT_LIMITS, IN_DEGREES)
+        #: Joints, shapes and names by the remarks about them.
+        self.remarks: dict[str, list[str]] = {kind: [] for kind in kinds}
 
     def read(self) -> UrdfDescription:
         """Read the file.
@@ -246,7 +252,7 @@ class _UrdfReader:
         if own is not None and "gravity" in own.attrib:
             gravity = context.numbers(own, "gravity", "robot", (0.0, 0.0, 0.0))
         _check_tree([link.name for link in links], joints, context)
-        self._warn()
+        warn_of(self.remarks, context.path)
         return UrdfDescription(
             name=robot.name,
             bodies=links,
@@ -272,7 +278,7 @@ class _UrdfReader:
             context.fail(f"is not a URDF file: its root is <{root.tag}>, not <robot>")
         if root.find("link") is None:
             context.fail("is not a URDF file: it has no <link>")
-        self.unread += misspellings(root, "robot")
+        self.remarks[UNREAD] += misspellings(root, "robot")
         name = root.get("name", "").strip() or context.path.stem
         robot = Element("robot", name=name)
         for where, link in self._named("link").items():
@@ -321,7 +327,7 @@ class _UrdfReader:
             values[name] = numbers
         values |= {name: context.limit(element, name, where) for name in form.limits}
         if tag in ("link", "joint", "inertial"):
-            self.unread += misspellings(element, where)
+            self.remarks[UNREAD] += misspellings(element, where)
         copy = add(parent, tag, **values)
         for child_tag in (*form.needs, *form.parts, *form.optional):
             child = element.find(child_tag)
@@ -335,28 +341,25 @@ class _UrdfReader:
         return copy
 
     def _add_shapes(self, parent: Element, link: Element, where: str) -> None:
-        """Add the collision and visual shapes of a link."""
+        """Add the collision and visual shapes of a link, each with its kind as name."""
         capsules = {c.get("name") for c in link.findall("collision_checking/capsule")}
         for tag in ("collision", "visual"):
             for number, item in enumerate(link.findall(tag), 1):
-                copy = self._add(parent, item, f"{where}, {tag} {number}")
-                shape = self._add_shape(copy, item, f"{where}, {tag} {number}")
+                place = f"{where}, {tag} {number}"
+                copy = self._add(parent, item, place)
+                shapes = item.findall("geometry[1]/*")
+                if len(shapes) != 1 or shapes[0].tag not in SHAPES:
+                    found = ", ".join(f"<{shape.tag}>" for shape in shapes) or "nothing"
+                    self.context.fail(
+                        f"{place}: <geometry> has {found}, expected one of "
+                        f"{', '.join(SHAPES)}"
+                    )
+                shape = self._add(add(copy, "geometry"), shapes[0], place)
                 named = tag == "collision" and item.get("name") in capsules
-                if shape.tag == "cylinder" and named:
-                    shape.tag = "capsule"
-                copy.set("name", shape.tag)
-                if shape.tag == "capsule":
+                is_capsule = named and shape.tag == "cylinder"
+                copy.set("name", "capsule" if is_capsule else shape.tag)
+                if shape.tag == "capsule":  # yourdfpy has none
                     shape.tag = "cylinder"
-
-    def _add_shape(self, parent: Element, item: Element, where: str) -> Element:
-        """Add the only shape of a <collision> or <visual>."""
-        shapes = item.findall("geometry[1]/*")
-        if len(shapes) != 1 or shapes[0].tag not in SHAPES:
-            found = ", ".join(f"<{shape.tag}>" for shape in shapes) or "nothing"
-            self.context.fail(
-                f"{where}: <geometry> has {found}, expected one of {', '.join(SHAPES)}"
-            )
-        return self._add(add(parent, "geometry"), shapes[0], where)
 
     # -- links -------------------------------------------------------------------------
 
@@ -394,7 +397,7 @@ class _UrdfReader:
         sizes = np.hstack([getattr(held, name) for name in SIZES[kind]])
         shape = solid(kind, sizes, place)
         if shape is None:
-            self.empty_shapes.append(where)
+            self.remarks[EMPTY].append(where)
         return shape
 
     def _mesh(self, mesh: Any, place: Array, where: str, *, seen: bool) -> Shape | None:
@@ -402,7 +405,7 @@ class _UrdfReader:
         context, name = self.context, mesh.filename
         path, tried = self._find(name)
         if path is None and seen:
-            self.missing_visuals.append(f"{where} ({shortened(repr(name))})")
+            self.remarks[UNSEEN].append(f"{where} ({shortened(repr(name))})")
             return None
         if path is None:
             context.fail(f"{where}: the mesh {missing_resource(name, tried)}")
@@ -491,15 +494,13 @@ class _UrdfReader:
             jerk=jerk,
         )
 
-    # -- warnings ----------------------------------------------------------------------
-
     def _collect_soft_limits(self, joint: Any, safety: Element | None) -> None:
         """Collect joints with soft limits inside their limits, or limits in degrees."""
         name, kind = joint.name, joint.type
         least, most = joint.limit.lower, joint.limit.upper
         ends = [abs(x) for x in (least, most) if not math.isnan(x)]
         if kind == "revolute" and MANY_TURNS <= max(ends, default=0.0) <= MOST_TURNS:
-            self.in_degrees.append(name)
+            self.remarks[IN_DEGREES].append(name)
         # Missing limits are NaN, for which these comparisons are false.
         soft = {} if safety is None else safety.attrib
         lower = to_number(soft.get("soft_lower_limit", ""))
@@ -507,30 +508,7 @@ class _UrdfReader:
         is_within = lower > least + SOFT_TOLERANCE or upper < most - SOFT_TOLERANCE
         # Equal soft limits were omitted: both are zero by the specification.
         if kind != "continuous" and lower < upper and is_within:
-            self.soft_limited.append(name)
-
-    def _warn(self) -> None:
-        """Warn of misspellings, soft and doubtful limits, and missing meshes.
-
-        Controllers may enforce the soft limits of a ``<safety_controller>``; they are
-        not read here.
-        """
-        path = self.context.path
-        warn_of_empty_shapes(self.empty_shapes, path)
-        warn_of_missing_visuals(self.missing_visuals, path)
-        if self.unread:
-            warn_caller(f"{path}: not read: {enumerated(self.unread)}")
-        if self.soft_limited:
-            warn_caller(
-                f"{path}: <safety_controller>: soft limits within the position limits "
-                f"are not kept: {enumerated(self.soft_limited)}; give "
-                "position_lower and position_upper where a controller keeps them"
-            )
-        if self.in_degrees:
-            warn_caller(
-                f"{path}: position limits of many turns, which look like degrees: "
-                f"{enumerated(self.in_degrees)}; a URDF file has radians"
-            )
+            self.remarks[SOFT_LIMITS].append(name)
 
 
 def _check_tree(
