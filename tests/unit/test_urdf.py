@@ -291,7 +291,7 @@ def test_followers_in_a_circle_are_refused(tmp_path: Path) -> None:
         linkage(tmp_path, '<mimic joint="j2"/>', '<mimic joint="j1"/>')
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, "0", None, [0.0]])
+@pytest.mark.parametrize("value", [math.nan, math.inf, 1e300, "0", None, [0.0]])
 def test_locked_position_must_be_a_number(tmp_path: Path, value: object) -> None:
     with pytest.raises(OptionsError, match=r"joint j1 got .*, expected a finite"):
         linkage(tmp_path, "", j1=value)  # type: ignore[arg-type]

@@ -23,6 +23,10 @@ from tominpmp.exceptions import (
     warn_caller,
 )
 
+# Largest position of a locked joint; a larger one is a mistake, and inertias that it
+# moves would overflow [rad or m].
+FARTHEST = 1e6
+
 
 @dataclass(frozen=True)
 class Linkage:
@@ -51,7 +55,8 @@ class Linkage:
 
         Raises:
             JointNotFound: If a joint to lock does not exist.
-            OptionsError: If a position is not a finite number, or contradicts a leader.
+            OptionsError: If a position is not a finite number, is too large, or
+                contradicts a leader.
             RobotLoadError: If mimic joints follow each other in a cycle.
         """
         names = [joint.name for joint in joints]
@@ -112,10 +117,10 @@ def _check_positions(
     for name, position in locked_joints.items():
         if name not in names:
             raise JointNotFound(name, names)
-        if not math.isfinite(number_or_nan(position)):
+        if not abs(number_or_nan(position)) <= FARTHEST:
             raise OptionsError(
                 f"locked_joints: joint {name} got {brief(position)}, expected a finite "
-                "number",
+                f"number of at most {FARTHEST:g} in size",
                 "locked_joints",
             )
     return {name: float(position) for name, position in locked_joints.items()}
