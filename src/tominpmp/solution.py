@@ -94,8 +94,7 @@ class Solution:
         """Outcome, duration and method, on one line."""
         robot, options = brief(self.problem.robot.name), self.options
         time = f"T = {self.T:.6g} s" if self.success else "no motion"
-        judged = self.verification
-        verified = "" if judged is None or not judged.ok else ", verified"
+        verified = ", verified" if self.verification else ""
         return (
             f"<Solution {self.status.name} for {robot}: {time}, method "
             f"{options.method}{verified}, planned in {self.planning_time:.3g} s>"
@@ -222,8 +221,8 @@ class Solution:
             given = "less energy" if self.options.energy_weight else "quieter torques"
             note = "This is about the duration alone, some of which the motion gives "
             return replace(found, message=f"{note}away for {given}. {found.message}")
-        bound, judged = self.lower_bound, self.verification
-        if bound is None or judged is None or not judged.ok:
+        bound = self.lower_bound
+        if bound is None or not self.verification:
             return found
         return with_bound(found, self.T, bound.T, bound.reason)
 

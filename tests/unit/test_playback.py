@@ -650,7 +650,7 @@ def test_wrong_arguments(tmp_path: Path) -> None:
         play(problem, held, path=tmp_path / "m.html", frame="hand")
     robot = simple_arm(tmp_path, ["0 0 1"] * 2)
     other = speed_up_and_brake(robot, [0.0, 0.0], [0.1, 0.2], 1.0, 4)
-    with pytest.raises(ProblemError, match="the trajectory moves j1, j2"):
+    with pytest.raises(ProblemError, match="this is a motion of j1, j2"):
         play(problem, other, path=tmp_path / "m.html")
     with pytest.raises(ScenarioError, match="No such file or directory"):
         play(problem, held, path=tmp_path / "nowhere" / "m.html")

@@ -465,7 +465,7 @@ def test_wrong_arguments(motions: Motions, tmp_path: Path) -> None:
         plot_motion(problem, {"held": held}, frame="hand")
     robot = simple_arm(tmp_path, ["0 0 1"] * 2)
     other = quintic(robot, [0.0, 0.0], [0.1, 0.2], 1.0, 5)
-    with pytest.raises(ProblemError, match="'planar3r' has joint1, joint2, joint3"):
+    with pytest.raises(ProblemError, match="expected a motion of joint1, joint2"):
         plot_trajectory(problem, other)
     assert list(tmp_path.glob("*.png")) == []
 

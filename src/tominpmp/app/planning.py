@@ -220,7 +220,7 @@ def _shown(solution: Solution, frame: str, certified: bool) -> ShownMotion:
         certified: Whether the active limits come from the certificate, which takes a
             moment to compute, instead of the samples.
     """
-    motion, replay = solution.trajectory, solution.verification
+    motion = solution.trajectory
     assert motion is not None  # noqa: S101
     shares = shares_of_limits(
         solution.problem, motion, np.linspace(0.0, motion.duration, INSTANTS)
@@ -234,7 +234,7 @@ def _shown(solution: Solution, frame: str, certified: bool) -> ShownMotion:
         **vars(shares),
         q=np.array(q),
         path=path,
-        verified=replay is not None and replay.ok,
+        verified=bool(solution.verification),
         bound=solution.lower_bound,
         seconds=solution.planning_time,
         active=tuple(active[:MOST_ACTIVE]),

@@ -176,7 +176,7 @@ def _unevaluated(
 ) -> Certificate:
     """Certificate of a motion whose conditions cannot be evaluated."""
     n, N, T = trajectory.n, trajectory.t.size - 1, trajectory.duration
-    stands = verification is not None and verification.ok and not T
+    stands = bool(verification) and not T
     moves = T and (np.any(trajectory.v) or np.any(np.ptp(trajectory.q, axis=0)))
     return Certificate(
         joint_names=trajectory.joint_names,

@@ -270,12 +270,7 @@ def checked_motion(motion: Trajectory | Samples, problem: Problem) -> Trajectory
         joined = join(motion, robot, start=start, start_velocity=velocity)
         motion = joined.trajectory
     instance(motion, Trajectory, "trajectory", "a Trajectory or Samples")
-    if motion.joint_names != robot.joint_names:
-        raise ProblemError(
-            f"this is a motion of {', '.join(motion.joint_names)}, expected a "
-            f"motion of {', '.join(robot.joint_names)}",
-            "trajectory",
-        )
+    motion._check_joints(robot.joint_names)
     motion = with_controls(motion, robot)
     if not all(np.all(np.isfinite(x)) for x in (motion.q, motion.v, motion.u)):
         raise ProblemError("the motion has values that are not finite numbers")
@@ -301,9 +296,8 @@ def _named(path: str | Path | None) -> str:
 def _columns(samples: Samples, robot: Robot, path: str | Path | None) -> list[int]:
     """Columns of the robot's joints, after a check of the names and locked joints."""
     names = list(samples.joint_names)
-    lacking = [name for name in robot.joint_names if name not in names]
-    known = (*robot.joint_names, *robot.locked_joints)
-    if lacking or any(name not in known for name in names):
+    known = {*robot.joint_names, *robot.locked_joints}
+    if not set(robot.joint_names) <= set(names) <= known:
         raise ScenarioError(
             f"{_named(path)} holds a motion of {', '.join(names)}; the joints of "
             f"{robot.name!r} are {', '.join(robot.joint_names)}",

@@ -146,6 +146,13 @@ class Trajectory(TimedRows):
         """Index of the segment at each time, shape (m,); at an end the later one."""
         return self._segments_at(array(times, "times", (None,), "times [s]"))
 
+    def _check_joints(self, expected: tuple[str, ...]) -> None:
+        """Check that this is a motion of the joints of a robot."""
+        if self.joint_names != expected:
+            said = f"this is a motion of {', '.join(self.joint_names)}"
+            said += f", expected a motion of {', '.join(expected)}"
+            raise ProblemError(said, "trajectory")
+
     @property
     def duration(self) -> float:
         """Duration T [s]."""

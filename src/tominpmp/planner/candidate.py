@@ -118,8 +118,7 @@ class Candidate:
     @property
     def confirmed(self) -> bool:
         """Whether the program and the replay of the motion keep all limits."""
-        confirmed = self.verification is not None and self.verification.ok
-        return self.feasible and confirmed
+        return self.feasible and bool(self.verification)
 
     @property
     def refuted(self) -> bool:

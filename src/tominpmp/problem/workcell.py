@@ -263,12 +263,7 @@ class Workcell(Record):
             ProblemError: If the motion does not have the joints of these robots.
         """
         instance(trajectory, Trajectory, "trajectory")
-        if trajectory.joint_names != self.robot.joint_names:
-            raise ProblemError(
-                f"trajectory is a motion of {', '.join(trajectory.joint_names)}; "
-                f"expected a motion of {', '.join(self.robot.joint_names)}",
-                "trajectory",
-            )
+        trajectory._check_joints(self.robot.joint_names)
         motions = {}
         for name, (robot, _) in self.robots.items():
             own = [f"{name}/{joint}" for joint in robot.joint_names]

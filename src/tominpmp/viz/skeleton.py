@@ -109,13 +109,7 @@ def check_motions(problem: Problem, trajectories: Iterable[Trajectory]) -> None:
     trajectory = None
     for trajectory in trajectories:
         instance(trajectory, Trajectory, "trajectory")
-        if trajectory.joint_names != problem.robot.joint_names:
-            names, expected = trajectory.joint_names, problem.robot.joint_names
-            raise ProblemError(
-                f"the trajectory moves {', '.join(names)}, but the robot "
-                f"{problem.robot.name!r} has {', '.join(expected)}",
-                "trajectory",
-            )
+        trajectory._check_joints(problem.robot.joint_names)
     if trajectory is None:
         raise ProblemError("there is no trajectory to plot", "trajectories")
 

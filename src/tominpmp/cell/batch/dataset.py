@@ -111,7 +111,6 @@ class Outcome(Record):
         began_with: int | None = None,
     ) -> Outcome:
         """Make the outcome of a solution."""
-        replay = solution.verification
         return cls(
             index=index,
             name=name,
@@ -121,7 +120,7 @@ class Outcome(Record):
             message=solution.message,
             T=solution.T,
             gap=solution.gap,
-            verified=replay is not None and replay.ok,
+            verified=bool(solution.verification),
             seconds=solution.planning_time,
             began_with=began_with,
             solution=solution,

@@ -118,10 +118,7 @@ class Tour:
     @property
     def verified(self) -> bool:
         """Whether the replay of every motion passed."""
-        return self.success and all(
-            item.verification is not None and item.verification.ok
-            for item in self.motions
-        )
+        return self.success and all(item.verification for item in self.motions)
 
     @cached_property
     def trajectory(self) -> Trajectory | None:
