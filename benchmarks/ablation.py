@@ -113,7 +113,7 @@ VARIANTS: dict[str, Variant] = {
         parts={f"{SOLVERS}.exchange.RowExchange.due": _false}
     ),
     "no torque starts": Variant(
-        parts={f"{PLANNER}.coarse_search.random_torque_starts": _nothing}
+        parts={f"{PLANNER}.coarse_search.torque_starts": _nothing}
     ),
     "quick": QUICK,
     "quick, no finer grid and no certificate": QUICK | NEITHER,

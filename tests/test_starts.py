@@ -15,7 +15,7 @@ from tominpmp.planner import starts
 from tominpmp.planner.alternatives import candidates_of_alternatives
 from tominpmp.planner.automatic_options import resolve_options
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.planner.torque_starts import random_torque_starts
+from tominpmp.planner.torque_starts import torque_starts
 from tominpmp.planner.work import Work
 from tominpmp.stopping import Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -34,8 +34,8 @@ def test_no_torque_start_of_a_plan_is_made_twice():
     problem = reach()
     state = PlanState(problem, resolve_options(problem, tm.Options()))
     system = ProblemFunctions.of(problem)
-    assert len([*random_torque_starts(system, state, 5)]) == 5
-    assert len([*random_torque_starts(system, state, 7)]) == 2
+    assert len([*torque_starts(system, state, 5)]) == 5
+    assert len([*torque_starts(system, state, 7)]) == 2
 
 
 class Table:
@@ -51,7 +51,7 @@ class Table:
         self.tried = []
         monkeypatch.setattr(starts, "guesses_of", self.guesses)
         monkeypatch.setattr(starts, "descent_work", self.descent)
-        monkeypatch.setattr(starts, "random_torque_starts", self.random_torque_starts)
+        monkeypatch.setattr(starts, "torque_starts", self.torque_starts)
         # Nothing is judged on coarse grids before.
         monkeypatch.setattr(starts, "coarse_grids_apply", lambda system, options: False)
 
@@ -68,7 +68,7 @@ class Table:
 
         return Work(system, guess.name, make)
 
-    def random_torque_starts(self, system, state):
+    def torque_starts(self, system, state):
         def make(*_):
             self.tried.append("shot")
             return Made(self.shot)

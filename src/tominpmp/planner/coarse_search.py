@@ -35,11 +35,7 @@ from tominpmp.planner.descent import (
     torques_rule,
 )
 from tominpmp.planner.plan_state import PROMISE, PlanState, start_key
-from tominpmp.planner.torque_starts import (
-    FEW_JOINTS,
-    random_torque_starts,
-    torques_may_lead,
-)
+from tominpmp.planner.torque_starts import FEW_JOINTS, torque_starts, torques_may_lead
 from tominpmp.planner.work import Schedule, Work
 from tominpmp.solvers.loop import Loop, Rule
 from tominpmp.solvers.objective import RESTORABLE
@@ -139,7 +135,7 @@ def search(
     yield from coarse.probes(further, coarse.patience)
     if torques_may_lead(system) and not first.timed:
         # An arm that is too weak to hold its weight along the path may have to swing.
-        yield from random_torque_starts(system, state, TORQUE_STARTS)
+        yield from torque_starts(system, state, TORQUE_STARTS)
 
 
 def _paths_first(

@@ -49,8 +49,8 @@ from tominpmp.planner.improvements import improvements
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.segment_by_segment import can_be_joined, segments_joined
 from tominpmp.planner.torque_starts import (
-    random_torque_starts,
     shooting_work,
+    torque_starts,
     torques_may_lead,
 )
 from tominpmp.planner.work import Schedule, Work, run, use_fallback
@@ -120,7 +120,7 @@ def starts(
         if solved and (options.starts or 1) == 1 and not _beatable(system, state):
             return
     if options.method in SHOOTING:
-        yield from random_torque_starts(system, state)
+        yield from torque_starts(system, state)
         return
     rng = np.random.default_rng(options.seed)
     usual, rescues = usual_starts(system, options), RESCUE_STARTS
@@ -206,7 +206,7 @@ def _descents(
             if number >= rescues and swings and state.best_duration == np.inf:
                 # A plan with fewer starts would try torques at this point, too.
                 swings = False
-                yield from random_torque_starts(system, state)
+                yield from torque_starts(system, state)
             enough = state.best_duration < np.inf or number >= rescues
             if number >= wanted and enough:
                 return
@@ -214,7 +214,8 @@ def _descents(
             rest = max(wanted - number, 0)
             guess = ahead.next(rest) if ahead else next(guesses, None)
             if guess is None:
-                break
+                wanted = rescues = 0  # torques remain to be tried
+                continue
             # The last guess is not dropped early: no other one would follow. Nor is the
             # first one: with times of arrival it may stagnate, and is still the best.
             stop = None
@@ -224,8 +225,6 @@ def _descents(
             if ahead is not None:
                 work = replace(work, make=partial(ahead.result, number), repairs=0)
             yield work
-        if swings and state.best_duration == np.inf:
-            yield from random_torque_starts(system, state)
     finally:
         if ahead is not None and state.cut_short:
             state.candidates += ahead.unclaimed()

@@ -21,7 +21,7 @@ from tominpmp.planner.coarse_search import CoarseSearch, coarse_grids_apply
 from tominpmp.planner.descent import torques_rule
 from tominpmp.planner.improvements import improvements
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.planner.torque_starts import random_torque_starts, torques_may_lead
+from tominpmp.planner.torque_starts import torque_starts, torques_may_lead
 from tominpmp.planner.work import Schedule, Work
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -86,7 +86,7 @@ def _waves(system: ProblemFunctions, state: PlanState) -> Iterator[Schedule[None
     ]
     shooting: Iterator[Work] = iter(())
     if torques_may_lead(system):
-        shooting = random_torque_starts(system, state, MOST_WAVES)
+        shooting = torque_starts(system, state, MOST_WAVES)
     while True:
         yield _wave(coarse, sources, shooting)
 

@@ -37,10 +37,10 @@ PIECES = 4
 LONGER = 2.0
 
 
-def random_torque_starts(
+def torque_starts(
     system: ProblemFunctions, state: PlanState, least: int = 1
 ) -> Schedule[None]:
-    """Descend from the initial torques of the options, then from random torques.
+    """Descend from the given torques of the options, then from random torques.
 
     Starts that the plan has made before are left out.
 
