@@ -10,7 +10,8 @@ import numpy as np
 from tominpmp.app.planning import LEAST_GAIN, BindingLimit, Outcome, ShownMotion
 from tominpmp.arrays import Array
 from tominpmp.bounds.result import USELESS
-from tominpmp.viz.shares import AT_LIMIT, SPEED_COLOR, TORQUE_COLOR
+from tominpmp.problem.controls import SATURATED
+from tominpmp.viz.shares import SPEED_COLOR, TORQUE_COLOR
 
 HOT = "#e11d48"
 INK, FAINT, TRACK = "#1f2937", "#6b7280", "#e5e7eb"
@@ -76,7 +77,7 @@ def _bar(share: float, color: str) -> str:
     """A bar from the middle to the left or right; its full length is the limit."""
     length = 50.0 * min(abs(share), 1.0)
     begin = 50.0 if share >= 0.0 else 50.0 - length
-    color = HOT if abs(share) >= AT_LIMIT else color
+    color = HOT if abs(share) >= SATURATED else color
     full = f"position:absolute;left:{begin:.1f}%;width:{length:.1f}%;top:0;bottom:0"
     middle = "position:absolute;left:calc(50% - .5px);width:1px;top:0;bottom:0"
     return _div(
@@ -106,14 +107,12 @@ def curves(shown: ShownMotion) -> str:
 
 def _curve(shares: Array, color: str) -> str:
     """A curve of shares, with its saturated parts drawn over it in red."""
-    y = np.clip(-shares, -1.1, 1.1)
-    line = "M" + "L".join(f"{x} {value:.3f}" for x, value in enumerate(y.tolist()))
-    hot, at = [], np.abs(shares) >= AT_LIMIT
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], at, [False]]).astype(int)))
-    for begin, end in edges.reshape(-1, 2).tolist():
-        points = [f"{x} {y[x]:.3f}" for x in range(begin, end)]
-        if len(points) > 1:
-            hot.append("M" + "L".join(points))
+    y = np.clip(-shares, -1.1, 1.1).tolist()
+    points = [f"{x} {value:.3f}" for x, value in enumerate(y)]
+    at = np.abs(shares) >= SATURATED
+    edges = np.flatnonzero(np.diff(at.astype(int), prepend=0, append=0))
+    runs = [points[i:k] for i, k in edges.reshape(-1, 2).tolist() if k > i + 1]
+    line, *hot = ("M" + "L".join(run) for run in (points, *runs))
     style = 'fill="none" stroke-linejoin="round" vector-effect="non-scaling-stroke"'
     drawn = f'<path d="{line}" stroke="{color}" stroke-width="1.6" {style}/>'
     if hot:

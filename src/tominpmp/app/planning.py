@@ -18,10 +18,11 @@ from tominpmp.bounds.result import LowerBound
 from tominpmp.exceptions import ProblemError, TominpmpError, quiet
 from tominpmp.kinematics import FrameMotions
 from tominpmp.planner.planning import plan
+from tominpmp.problem.controls import SATURATED
 from tominpmp.problem.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import IterationRecord
-from tominpmp.viz.shares import AT_LIMIT, Shares, shares_of_limits
+from tominpmp.viz.shares import Shares, shares_of_limits
 
 # Time limit of a plan [s].
 MOST_SECONDS = 20.0
@@ -246,7 +247,7 @@ def _sampled(shares: Shares) -> list[BindingLimit]:
     """Saturated speeds and torques of samples, by decreasing share of the time."""
     active = []
     for kind, values in (("speed", shares.speed), (shares.control, shares.torque)):
-        saturated = np.mean(np.abs(values) >= AT_LIMIT, axis=0).tolist()
+        saturated = np.mean(np.abs(values) >= SATURATED, axis=0).tolist()
         active += [
             BindingLimit(f"{kind} of {name}", share)
             for name, share in zip(shares.joint_names, saturated, strict=True)

@@ -16,6 +16,7 @@ from rich.console import Console
 from tominpmp.bounds.result import LowerBound
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits, kinds_of
+from tominpmp.problem.controls import SATURATED
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import Robot
 from tominpmp.solution import Solution
@@ -24,9 +25,6 @@ from tominpmp.viz.shares import shares_of_limits
 if TYPE_CHECKING:
     from tominpmp.files.export_check import ExportCheck
 
-# Distance from its limit, as a share of the limit, at which a torque or speed counts as
-# saturated.
-CLOSE = 0.01
 # Largest numbers of sensitivities, and of reasons to refuse a message, in a report.
 SHOWN, REFUSALS = 8, 5
 # Width of the labels of the rows below the table of joints.
@@ -41,7 +39,7 @@ def limit_shares(problem: Problem, trajectory: Trajectory) -> tuple[float, float
     middles = 0.5 * (trajectory.t[1:] + trajectory.t[:-1])
     shares = shares_of_limits(problem, trajectory, middles)
     parts = np.abs([shares.torque, shares.speed])
-    torque, speed = np.any(parts >= 1.0 - CLOSE, axis=2)
+    torque, speed = np.any(parts >= SATURATED, axis=2)
     weights = np.diff(trajectory.t) / (trajectory.duration or 1.0)
     return float(weights @ torque), float(weights @ (torque | speed))
 

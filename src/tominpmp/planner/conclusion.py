@@ -18,7 +18,7 @@ from tominpmp.options import Options
 from tominpmp.planner.automatic_options import SHOOTING
 from tominpmp.planner.candidate import Candidate, best_of
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.problem.controls import effort_range
+from tominpmp.problem.controls import SATURATED, effort_range
 from tominpmp.problem.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
@@ -30,7 +30,7 @@ from tominpmp.verification.verification import LONGEST, verify
 ACCELERATIONS = {2: "constant", 3: "linear", 5: "cubic"}
 # The message names a joint as saturated if its effort is at the share SATURATED of its
 # limit for the share MOSTLY of the motion, and dry friction takes MOST_FRICTION of it.
-SATURATED, MOSTLY, MOST_FRICTION = 0.98, 0.5, 0.5
+MOSTLY, MOST_FRICTION = 0.5, 0.5
 # Sentence on motions of arms that stand at their goals already.
 STANDS = "The start already satisfies the goal: nothing has to move."
 # Shorter durations are printed with significant digits instead of decimals [s].

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 # Accelerations and jerks beyond this count as unlimited, and accelerations below its
 # inverse as this inverse [rad/s^2, rad/s^3].
 MOST = 1e9
+# Share of its limit from which a torque or speed of a motion counts as saturated.
+SATURATED = 0.99
 
 
 def control_kind(robot: Robot) -> LimitKind:

@@ -26,15 +26,10 @@ from tominpmp.description.paths import checked_ending
 from tominpmp.exceptions import MissingDependency, OptionsError, warn_caller
 from tominpmp.files.writing import write_file
 from tominpmp.motion.trajectory import Trajectory
+from tominpmp.problem.controls import SATURATED
 from tominpmp.problem.problem import Problem
 from tominpmp.viz import meshcat_scene
-from tominpmp.viz.shares import (
-    AT_LIMIT,
-    SPEED_COLOR,
-    TORQUE_COLOR,
-    Shares,
-    shares_of_limits,
-)
+from tominpmp.viz.shares import SPEED_COLOR, TORQUE_COLOR, Shares, shares_of_limits
 from tominpmp.viz.skeleton import check_motions
 
 PAGE_ENDINGS = (".html", ".htm")
@@ -191,7 +186,7 @@ def build_page(
         "TITLE": html.escape(title),
         "CAPTION": html.escape(caption),
         "RATE": json.dumps(float(rate)),
-        "AT_LIMIT": json.dumps(AT_LIMIT),
+        "AT_LIMIT": json.dumps(SATURATED),
         "SPEED_COLOR": SPEED_COLOR,
         "TORQUE_COLOR": TORQUE_COLOR,
         "CONTROL": shares.control,

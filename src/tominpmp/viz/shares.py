@@ -13,8 +13,6 @@ from tominpmp.problem.problem import Problem
 
 # Number of sampled instants of a motion, in addition to both sides of its nodes.
 INSTANTS = 160
-# Share of its limit from which a quantity is shown as saturated.
-AT_LIMIT = 0.985
 # Colours of torques and speeds, on pages of motions and on the live page.
 TORQUE_COLOR, SPEED_COLOR = "#12375f", "#d98200"
 
