@@ -15,10 +15,10 @@ from motion_samples import END, START, quintic, speed_up_and_brake
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, ScenarioError, TominpmpWarning
 from tominpmp.files.export import export, load_motion
-from tominpmp.files.ros import accelerations_continue
 from tominpmp.motion.joining import join
 from tominpmp.motion.samples import Samples, clock
 from tominpmp.motion.trajectory import Trajectory
+from tominpmp.problem.controls import accelerations_continue
 from tominpmp.robot.robot import Robot
 
 ROS_ENDINGS = ("yaml", "json", "mcap")
@@ -200,10 +200,10 @@ def test_late_first_point_is_reached_from_the_start(planar3r: Robot) -> None:
     samples = Samples(planar3r.joint_names, t, q, v, nothing, nothing, "controller")
     speed = np.array([0.1, 0.0, 0.0])
     start = np.array(START)
-    found = join(samples, planar3r, start=start, start_velocity=speed).trajectory
+    found = join(samples, planar3r, start=(start, speed)).trajectory
     np.testing.assert_array_equal(found.q[0], start)
     np.testing.assert_array_equal(found.v, [speed, *v])
-    at_rest = join(samples, planar3r, start=start).trajectory
+    at_rest = join(samples, planar3r, start=(start, 0.0 * start)).trajectory
     np.testing.assert_array_equal(at_rest.v[0], np.zeros(3))
 
 

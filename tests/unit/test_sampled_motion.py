@@ -110,7 +110,7 @@ def test_first_point_after_the_start(planar3r: Robot) -> None:
         NAMES, *(getattr(whole, key)[4:] for key in ("t", "q", "v", "a", "u"))
     )
     start = smooth(t[:1])[0][0]
-    motion = join(late, planar3r, HERE, start=start).trajectory
+    motion = join(late, planar3r, HERE, (start, np.zeros(3))).trajectory
     assert motion.t[0] == 0.0
     np.testing.assert_array_equal(motion.q[0], start)
     np.testing.assert_allclose(motion.v[1:], whole.v[4:], atol=5e-3)
@@ -119,7 +119,7 @@ def test_first_point_after_the_start(planar3r: Robot) -> None:
     assert caught.value.key == "time"
     early = Samples(NAMES, whole.t - 1.0, whole.q, whole.v, whole.a, whole.u)
     with pytest.raises(ScenarioError, match="the time begins at -1 s"):
-        join(early, planar3r, HERE, start=start)
+        join(early, planar3r, HERE, (start, np.zeros(3)))
 
 
 @pytest.mark.parametrize("interpolation", ["auto", "controller"])

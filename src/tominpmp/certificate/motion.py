@@ -26,6 +26,7 @@ from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.constraints.base import Partials, States
 from tominpmp.linear_programs.sparse import rows_of_table
 from tominpmp.motion.trajectory import Trajectory
+from tominpmp.problem.controls import accelerations_continue
 from tominpmp.transcription.controls import driven_joints
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -49,8 +50,6 @@ JUMP = 0.2
 JUST_INSIDE = 1e-9
 # Number of instants over which the mean torque of an interval is taken.
 SAMPLES = 8
-# Jump of accelerations below which they are continuous, as a share of the largest.
-SAME = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -323,12 +322,7 @@ def _profile(system: ProblemFunctions, trajectory: Trajectory, merged: bool) -> 
         return "ramps"
     if trajectory.inverse_dynamics is None or merged:
         return "torques"
-    t, h = trajectory.t, np.diff(trajectory.t)
-    before = trajectory(t[1:] - JUST_INSIDE * h).a[:-1]
-    after = trajectory(t[:-1] + JUST_INSIDE * h).a
-    jump = float(np.max(np.abs(after[1:] - before), initial=0.0))
-    largest = float(np.max(np.abs(after), initial=0.0))
-    return "ramps" if jump <= SAME * largest else "steps"
+    return "ramps" if accelerations_continue(trajectory) else "steps"
 
 
 # -- the grid --------------------------------------------------------------------------

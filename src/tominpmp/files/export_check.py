@@ -29,7 +29,7 @@ from tominpmp.motion.joining import Joined, join, with_controls
 from tominpmp.motion.samples import Interpolation, Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import LONGEST_PERIOD, Tolerances
-from tominpmp.problem.controls import control_bounds
+from tominpmp.problem.joint_limits import joint_limits
 from tominpmp.problem.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.verification.limit_violations import LimitViolation, planned_violations
@@ -47,8 +47,8 @@ EVIDENT = 2.0
 # Intervals shorter than this are rounding of times [s].
 MIN_INTERVAL = 1e-7
 # Two curves count as equal up to these differences, in positions [rad or m], velocities
-# [rad/s or m/s] and torques, the last relative to their range.
-SAME_Q, SAME_V, SAME_U = 1e-7, 1e-5, 2e-4
+# [rad/s or m/s] and torques, the last relative to half of their range.
+SAME_Q, SAME_V, SAME_U = 1e-7, 1e-5, 4e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,8 +254,7 @@ def _check(
 
 def joined_samples(samples: Samples, problem: Problem, path: Path) -> Joined:
     """The motion that the reader of a file makes of its samples for a problem."""
-    start, velocity = problem.q_start, problem.v_start
-    return join(samples, problem.robot, path, start=start, start_velocity=velocity)
+    return join(samples, problem.robot, path, (problem.q_start, problem.v_start))
 
 
 def _replan(solution: Solution, path: Path, dt: float | None) -> float | None:
@@ -301,13 +300,11 @@ def _is_planned(problem: Problem, planned: Trajectory, motion: Trajectory) -> bo
         return False
     times = _inner_instants(np.union1d(planned.t, motion.t))
     expected, actual = planned(times), motion(times)
-    lower, upper = control_bounds(problem.robot, problem.motion_limits)
-    span = upper - lower
-    span = np.where(span > 0.0, span, max(float(np.max(span)), 1e-12))
+    _, _, control, *_ = joint_limits(problem.robot, problem.motion_limits)
     differences = (
         (expected.q - actual.q) / SAME_Q,
         (expected.v - actual.v) / SAME_V,
-        (expected.u - actual.u) / (SAME_U * span),
+        (expected.u - actual.u) / (SAME_U * control.scale),
     )
     return all(bool(np.all(np.abs(part) <= 1.0)) for part in differences)
 

@@ -50,6 +50,7 @@ from tominpmp.exceptions import (
 from tominpmp.files.tables import filled_samples, known_quantities
 from tominpmp.motion.samples import BILLION, Samples
 from tominpmp.motion.trajectory import Trajectory
+from tominpmp.problem.controls import accelerations_continue
 
 # Fields of a point by the quantities of samples.
 POINT_FIELDS = {
@@ -72,8 +73,6 @@ MIN_STEP = 100
 # Final velocities up to this are rounding and written as zero [rad/s or m/s]:
 # controllers refuse motions that do not end at rest.
 AT_REST = 1e-6
-# Jumps of accelerations up to this are rounding, relative to the largest acceleration.
-CONTINUOUS = 1e-6
 # Keys under which an outer message contains the trajectory, from the outside in.
 OUTER_KEYS = ("goal", "trajectory", "joint_trajectory")
 # Further keys of outer messages, which do not affect the motion.
@@ -131,16 +130,6 @@ def _times_of_points(times: Array, duration: float) -> IntArray:
         if tick - spread[-1] >= MIN_STEP and last - tick >= MIN_STEP:
             spread.append(tick)
     return np.array([*spread, last], dtype=np.int64)
-
-
-def accelerations_continue(trajectory: Trajectory) -> bool:
-    """Whether the accelerations of a motion do not jump at its nodes."""
-    if trajectory.a is not None and trajectory.a.shape == trajectory.q.shape:
-        return True
-    nodes = trajectory.t[1:-1]
-    before, after = (trajectory(t).a for t in (np.nextafter(nodes, 0.0), nodes))
-    largest = np.max(np.abs([before, after]), initial=0.0)
-    return bool(np.all(np.abs(after - before) <= CONTINUOUS * largest))
 
 
 def message_data(samples: Samples) -> dict[str, Any]:

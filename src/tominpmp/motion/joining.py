@@ -74,9 +74,7 @@ def join(
     samples: Samples,
     robot: Robot,
     path: str | Path | None = None,
-    *,
-    start: Array | None = None,
-    start_velocity: Array | None = None,
+    start: tuple[Array, Array] | None = None,
 ) -> Joined:
     """Make a trajectory of a robot from samples.
 
@@ -91,10 +89,8 @@ def join(
         samples: The samples.
         robot: The robot that moves.
         path: File from which the samples were read, if any, for messages.
-        start: Positions at time 0 if the first sample comes later, as ROS allows, shape
-            (n,) [rad or m].
-        start_velocity: Velocities at time 0, shape (n,) [rad/s or m/s]; None for a
-            start at rest.
+        start: Positions [rad or m] and velocities [rad/s or m/s] at time 0, shape (n,)
+            each, if the first sample comes later, as ROS allows.
 
     Returns:
         The trajectory, from time 0, and its interpolation.
@@ -122,7 +118,7 @@ def join(
         # robot; they are computed later, from the movement.
         rows = rows._replace(u=np.full_like(rows.q, np.nan))
     if rows.t[0] > 0.0 and start is not None:
-        rows = _from_start(rows, start, start_velocity)
+        rows = _from_start(rows, *start)
     elif rows.t[0] != 0.0:
         raise ScenarioError(
             f"{_named(path)}: the time begins at {rows.t[0]:g} s, expected 0",
@@ -136,7 +132,7 @@ def join(
     else:
         manner = _by_rule(chosen, rows, path)
         if manner == "linear":
-            joined = _by_lines(rows, start_velocity)
+            joined = _by_lines(rows, None if start is None else start[1])
         else:
             steps = rows.a if manner == "quintic" else None
             joined = Joined(rows.motion(rows.v, steps), manner)
@@ -192,10 +188,9 @@ class _Rows(NamedTuple):
         return Joined(replace(motion, u=self.u) if self.known("u") else motion, manner)
 
 
-def _from_start(rows: _Rows, start: Array, velocity: Array | None) -> _Rows:
-    """Rows with an additional row at time 0, at rest unless a velocity is given."""
-    rest = np.zeros(len(start))
-    first = (start, rest if velocity is None else velocity, rest, rest * np.nan)
+def _from_start(rows: _Rows, q: Array, v: Array) -> _Rows:
+    """Rows with an additional row at time 0, with zero acceleration."""
+    first = (q, v, 0.0 * q, np.nan * q)
     parts = [np.vstack([row, part]) for row, part in zip(first, rows[2:], strict=True)]
     return _Rows(rows.robot, np.concatenate([[0.0], rows.t]), *parts)
 
@@ -265,10 +260,9 @@ def checked_motion(motion: Trajectory | Samples, problem: Problem) -> Trajectory
             not finite, or is neither a trajectory nor samples.
         ScenarioError: As raised by :func:`join`.
     """
-    robot, start, velocity = problem.robot, problem.q_start, problem.v_start
+    robot, start = problem.robot, (problem.q_start, problem.v_start)
     if isinstance(motion, Samples):
-        joined = join(motion, robot, start=start, start_velocity=velocity)
-        motion = joined.trajectory
+        motion = join(motion, robot, start=start).trajectory
     instance(motion, Trajectory, "trajectory", "a Trajectory or Samples")
     motion._check_joints(robot.joint_names)
     motion = with_controls(motion, robot)

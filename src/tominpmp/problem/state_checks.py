@@ -49,16 +49,6 @@ class StateChecks:
     margin: float
     constraints: tuple[PathConstraint, ...]
 
-    @property
-    def margins(self) -> Array:
-        """Margin of each collision pair of the checker [m].
-
-        The checker decomposes meshes into convex pieces for the margins. A start or
-        goal at which the convex hulls of an arm without obstacles are clear is accepted
-        before.
-        """
-        return self.checker.margins(self.margin)
-
     def start(self, q: Array, v: Array) -> None:
         """Check a start: positions and velocities, shape (n,) each."""
         self.clear(q, "start")
@@ -152,9 +142,11 @@ class StateChecks:
         moves = time is None and self.checker.moving
         if self.checker.hulls_clear(q):
             return
-        if not moves and self.checker.is_free(q, self.margins, time or 0.0):
+        # The checker decomposes meshes into convex pieces for the margins of the pairs.
+        margins = self.checker.margins(self.margin)
+        if not moves and self.checker.is_free(q, margins, time or 0.0):
             return
-        contact = self.checker.closest(q, self.margins, time)
+        contact = self.checker.closest(q, margins, time)
         if contact is None or contact.distance >= contact.margin - ROUNDING:
             return
         depth, advice = f"overlap by {-contact.distance:.4g} m", ""
@@ -255,12 +247,11 @@ class StateChecks:
         ball, frame = goal.ball, goal.frame_name
         if ball is None or frame is None or not len(self.checker.scene):
             return
-        point = ball.centre
-        found = enclosure(self.checker, frame, point, ball.radius)
+        found = enclosure(self.checker, frame, ball.centre, ball.radius)
         if found is not None:
             raise ProblemError(
-                f"goal: {np.round(point, 4).tolist()} is {found.lack:.4g} m deep in "
-                f"obstacle {found.obstacle!r}, and link {found.link!r} with frame "
+                f"goal: {np.round(ball.centre, 4).tolist()} is {found.lack:.4g} m deep "
+                f"in obstacle {found.obstacle!r}, and link {found.link!r} with frame "
                 f"{frame!r} there overlaps it in every orientation",
                 "goal",
             )
@@ -372,8 +363,7 @@ def joint_vector(robot: Robot, value: object, name: str) -> Array:
     named = by_joint(value, speeds=speed)
     if named is not None:
         at = robot.locked_joints
-        others = dict.fromkeys(at, 0.0) if speed else dict(at)
-        missing = 0.0 if speed else None
+        others, missing = (dict.fromkeys(at, 0.0), 0.0) if speed else (at, None)
         value = in_order(named, joints, name, others=others, missing=missing)
     expected = f"{len(joints)} numbers, one for each of: {', '.join(joints)}"
     if isinstance(value, str) and robot.srdf is not None:
