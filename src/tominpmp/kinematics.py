@@ -118,9 +118,9 @@ def prismatic_joints(robot: Robot) -> BoolArray:
     return np.array([_prismatic(model, model.getJointId(j)) for j in robot.joint_names])
 
 
-def unit_of(robot: Robot, joint: int, kind: LimitKind = POSITION) -> str:
-    """Unit of the bounds of a joint: of its positions, or of another kind of limit."""
-    return kind.units[int(prismatic_joints(robot)[joint])]
+def units_of(robot: Robot, kind: LimitKind = POSITION) -> list[str]:
+    """Units of the joints of a robot: of positions, or of another kind of limit."""
+    return [kind.units[int(slides)] for slides in prismatic_joints(robot)]
 
 
 def endless_joints(robot: Robot) -> BoolArray:

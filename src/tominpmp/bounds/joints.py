@@ -21,7 +21,7 @@ from tominpmp.bounds.least_time import Drive, Ramp, SpeedLaw
 from tominpmp.bounds.result import LowerBound
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.goals.turns import TURN
-from tominpmp.kinematics import prismatic_joints, unit_of
+from tominpmp.kinematics import prismatic_joints, units_of
 from tominpmp.problem.joint_limits import joint_limits
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import Robot
@@ -57,7 +57,7 @@ def joints_of(problem: Problem, smooth_ends: bool) -> list[Joint]:
     """
     tightest, joints = tightest_limits(problem), []
     for i, name in enumerate(problem.robot.joint_names):
-        unit = unit_of(problem.robot, i)
+        unit = units_of(problem.robot)[i]
         top, acceleration, jerk, _ = (float(most[i]) for most in tightest.values())
         ramp = Ramp(acceleration, jerk if smooth_ends else math.inf)
         limits = _in_words((top, ramp.acceleration, ramp.jerk), unit)

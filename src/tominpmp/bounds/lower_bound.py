@@ -34,7 +34,7 @@ from tominpmp.bounds.result import LowerBound
 from tominpmp.checks import instance, number
 from tominpmp.exceptions import warn_caller
 from tominpmp.goals.base import Goal
-from tominpmp.kinematics import unit_of
+from tominpmp.kinematics import units_of
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import arrival_window
 
@@ -157,7 +157,7 @@ def _without_room(problem: Problem) -> str:
             needed = 0.5 * np.where(returns, speed, 0.0) ** 2 / np.maximum(most, 1e-9)
             lacking = needed * (1.0 - SHARE) > room + TOLERANCE
             for i in np.flatnonzero(lacking).tolist():
-                unit = unit_of(phase.robot, i)
+                unit = units_of(phase.robot)[i]
                 return (
                     f"joint {phase.robot.joint_names[i]!r} has {abs(speed[i]):.4g} "
                     f"{unit}/s at the {end}{f' of segment {k}' * many}, {room[i]:.4g} "

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray
-from tominpmp.kinematics import RobotKinematics, prismatic_joints
+from tominpmp.kinematics import RobotKinematics, prismatic_joints, units_of
 
 if TYPE_CHECKING:
     from tominpmp.robot.robot import Robot
@@ -186,8 +186,7 @@ class Ball(NamedTuple):
 
 def joint_labels(robot: Robot, per: str = "") -> tuple[Label, ...]:
     """Labels of values of all joints; "/s" is appended to the units of rates."""
-    slides = prismatic_joints(robot)
     return tuple(
-        Label(f"joint {name}", ("m" if slide else "rad") + per)
-        for name, slide in zip(robot.joint_names, slides.tolist(), strict=True)
+        Label(f"joint {name}", unit + per)
+        for name, unit in zip(robot.joint_names, units_of(robot), strict=True)
     )

@@ -20,7 +20,7 @@ from tominpmp.goals.place import Scales
 from tominpmp.goals.turns import TURN
 from tominpmp.initial_guess.path import speed_weights
 from tominpmp.initial_guess.rrt import is_free
-from tominpmp.kinematics import unit_of
+from tominpmp.kinematics import units_of
 from tominpmp.least_squares import damped_step, least_squares, padded
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -105,7 +105,7 @@ class GoalVelocity:
         robot, ((v,), (missing,)) = self.system.problem.robot, self.nearest(q[None])
         said = [f"the {self.name} is {np.linalg.norm(missing):.4g} m/s off"]
         for i in np.flatnonzero(np.abs(v) >= robot.limits.velocity).tolist()[:1]:
-            top = f"its limit of {abs(v[i]):.4g} {unit_of(robot, i)}/s"
+            top = f"its limit of {abs(v[i]):.4g} {units_of(robot)[i]}/s"
             said.append(f"with joint {robot.joint_names[i]!r} at {top}")
         return " ".join(said)
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.exceptions import ProblemError
-from tominpmp.kinematics import unit_of
+from tominpmp.kinematics import units_of
 from tominpmp.problem.controls import control_bounds, control_kind
 from tominpmp.problem.joint_limits import joint_limits
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -60,7 +60,7 @@ def time_scale(system: ProblemFunctions, q: Array, duration: float) -> float:
     joint = int(np.argmax(speed))
     if speed[joint] > FASTEST:
         robot = system.problem.robot
-        unit = unit_of(robot, joint)
+        unit = units_of(robot)[joint]
         bounds = control_bounds(robot, system.problem.motion_limits)
         effort = max(abs(bound[joint]) for bound in bounds)
         raise ProblemError(

@@ -21,7 +21,7 @@ from itertools import takewhile
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.kinematics import unit_of
+from tominpmp.kinematics import units_of
 from tominpmp.stopping import check
 from tominpmp.transcription.problem_functions import PADDING, ProblemFunctions
 
@@ -324,7 +324,7 @@ def _impasse(system: ProblemFunctions, trees: Sequence[Array]) -> str:
         if len(free) < BATCH and hit is not None:
             pairs[hit.pair] += 1
     here, there = ("start", "goal")[:: 1 - 2 * root]
-    unit = unit_of(robot, j)
+    unit = units_of(robot)[j]
     bodies = " or ".join(pair for pair, _ in pairs.most_common(2))
     before = f" before {bodies} collide; room there may open a way" if pairs else ""
     return (

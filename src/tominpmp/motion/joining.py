@@ -20,7 +20,7 @@ from tominpmp.arrays import Array, BoolArray
 from tominpmp.checks import instance
 from tominpmp.dynamics import STANDSTILL, RobotDynamics, torques_of
 from tominpmp.exceptions import ProblemError, ScenarioError
-from tominpmp.kinematics import prismatic_joints
+from tominpmp.kinematics import units_of
 from tominpmp.motion.samples import Interpolation, Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.robot.robot import Robot
@@ -222,9 +222,9 @@ def _by_lines(rows: _Rows, velocity: Array | None) -> Joined:
     before = np.zeros(robot.n) if velocity is None else velocity
     jumps = np.abs(np.diff(np.vstack([before, slopes]), axis=0))
     k, joint = np.unravel_index(int(np.argmax(jumps)), jumps.shape)
-    unit = "m/s" if prismatic_joints(robot)[joint] else "rad/s"
+    unit = units_of(robot)[int(joint)]
     note = (
-        f"velocities jump, by {jumps[k, joint]:.3g} {unit} of joint "
+        f"velocities jump, by {jumps[k, joint]:.3g} {unit}/s of joint "
         f"{robot.joint_names[int(joint)]} at {t[k]:.4g} s: the points need velocities"
     )
     return Joined(motion, "linear", note if jumps[k, joint] > 0.0 else "")

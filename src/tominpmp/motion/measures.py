@@ -10,7 +10,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.description.joint_table import JointLimits
-from tominpmp.kinematics import unit_of
+from tominpmp.kinematics import units_of
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import ACCELERATION, MotionLimits
 from tominpmp.robot.robot import datasheet_hint
@@ -126,7 +126,7 @@ def peak_acceleration(problem: Problem, trajectory: Trajectory) -> PeakAccelerat
     bounded = np.isfinite(limits.by_joint("acceleration", names))
     considered = sizes if np.all(bounded) else np.where(bounded, -1.0, sizes)
     row, joint = np.unravel_index(int(np.argmax(considered)), sizes.shape)
-    unit = unit_of(problem.robot, int(joint), ACCELERATION)
+    unit = units_of(problem.robot, ACCELERATION)[joint]
     value, time = float(sizes[row, joint]), float(times[row])
     return PeakAcceleration(names[joint], value, time, unit, bool(bounded[joint]))
 

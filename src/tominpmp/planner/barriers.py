@@ -16,7 +16,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.collision.checker import Contact
 from tominpmp.goals.turns import TURN
-from tominpmp.kinematics import unit_of
+from tominpmp.kinematics import units_of
 from tominpmp.problem.problem import Problem
 
 # Positions of a joint that are checked between start and goal.
@@ -150,7 +150,7 @@ def _between(
     return Barrier(
         robot.joint_names[j],
         float(q[instants[index], j]),
-        unit_of(robot, j),
+        units_of(robot)[j],
         contact,
         segment,
     )

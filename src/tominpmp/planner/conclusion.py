@@ -10,7 +10,7 @@ import numpy as np
 
 from tominpmp.bounds.result import LowerBound
 from tominpmp.initial_guess.unreachable import hindrance
-from tominpmp.kinematics import unit_of
+from tominpmp.kinematics import units_of
 from tominpmp.motion.measures import acceleration_remark
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import EFFORT
@@ -229,7 +229,7 @@ def _saturated(problem: Problem, motion: Trajectory) -> str:
     if often[most] < MOSTLY:
         return ""
     name = robot.joint_names[most]
-    unit = unit_of(robot, most, EFFORT)
+    unit = units_of(robot, EFFORT)[most]
     return (
         f" Joint {name} is at its effort limit of {strength[most]:.3g} {unit} for "
         f"{often[most]:.0%} of the motion, {robot.friction[most]:.3g} {unit} of which "

@@ -20,7 +20,7 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals.base import Goal
 from tominpmp.goals.sets import restricted
-from tominpmp.kinematics import RobotKinematics, unit_of
+from tominpmp.kinematics import RobotKinematics, units_of
 from tominpmp.motion_limits import EFFORT, joint_kinds
 from tominpmp.robot.robot import Robot
 from tominpmp.scene.scene import Scene
@@ -195,7 +195,7 @@ class StateChecks:
         wrong = outward if which == "start" else np.abs(outward)
         # A slower joint stops within rounding of its limit.
         for i in np.flatnonzero(wrong > math.sqrt(SNAP)).tolist():
-            unit = unit_of(robot, i)
+            unit = units_of(robot)[i]
             way = "leaves" if outward[i] > 0.0 else "enters"
             raise ProblemError(
                 f"{which}: joint {robot.joint_names[i]!r} {way} its range there: "
@@ -301,7 +301,7 @@ def unheld(robot: Robot, q: Array) -> str:
         dry = " (its dry friction is not counted on)" if robot.friction[i] else ""
         return (
             f"joint {robot.joint_names[i]!r} cannot hold the arm against gravity "
-            f"there: {tau[0, i]:.4g} {unit_of(robot, i, EFFORT)} needed, "
+            f"there: {tau[0, i]:.4g} {units_of(robot, EFFORT)[i]} needed, "
             f"[{low:.4g}, {high:.4g}] allowed{dry}"
         )
     return ""
@@ -332,7 +332,7 @@ def onto_limits(
     clipped = np.clip(values, lower, upper)
     excess = np.abs(clipped - values)
     for i in np.flatnonzero(excess > 0.0).tolist():
-        unit = unit_of(robot, i, joint_kinds()[quantity])
+        unit = units_of(robot, joint_kinds()[quantity])[i]
         beyond = (
             f"{name}: joint {robot.joint_names[i]!r} is {values[i]:.10g} {unit}, "
             f"outside its {quantity} limits [{lower[i]:.10g}, {upper[i]:.10g}] {unit}"

@@ -35,11 +35,11 @@ from tominpmp.certificate.motion import GridMotion
 from tominpmp.checks import instance
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.place import joint_labels
-from tominpmp.kinematics import RobotKinematics, prismatic_joints
+from tominpmp.kinematics import RobotKinematics, units_of
 from tominpmp.motion.joining import checked_motion
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.motion_limits import EFFORT, POSITION, LimitKind
+from tominpmp.motion_limits import EFFORT, LimitKind
 from tominpmp.options import Tolerances
 from tominpmp.problem.controls import control_bounds, control_kind
 from tominpmp.problem.joint_limits import joint_limits
@@ -165,10 +165,6 @@ class SegmentRows:
         """The robot of the segment, with its payload."""
         return self._problem.robot
 
-    def _units(self, kind: LimitKind) -> list[str]:
-        """Units of a kind of joint limit, by joint."""
-        return [kind.units[int(slides)] for slides in prismatic_joints(self._robot)]
-
     def _sums(self, kind: str, values: Array, count: int) -> Array:
         """Sums of values over the rows of a kind, by subject.
 
@@ -213,7 +209,7 @@ class SegmentRows:
         gain, upper = rows.value, rows.upper_active
         for item in joint_limits(*of_arm):
             kind, most = item.kind, efforts if item.kind.quantity == "u" else item.upper
-            units = self._units(kind)
+            units = units_of(self._robot, kind)
             sides = [(kind.name, most, gain * used)]
             if kind.quantity == "q":
                 sides = [("upper position", most, gain * upper)]
@@ -239,7 +235,7 @@ class SegmentRows:
         v, u = motion.states(rows.at).v, motion.torques(rows.at)
         each = rows.y / kind.scale(bound, float(motion.system.effort_half[joint]))
         shifts = kind.shifts(bound, u[:, joint], v[:, joint])
-        limit = (bound, self._units(kind)[joint]) if kind.numbers else ()
+        limit = (bound, units_of(self._robot, kind)[joint]) if kind.numbers else ()
         for parameter, by in shifts.items():
             yield self._of_joint(parameter, joint, -float(each @ by), *limit)
 
@@ -298,10 +294,10 @@ class SegmentRows:
             more = self._cost(_loaded(robot, item)) - self._cost(robot)
             value, unit = _by_share(more, item.mass, "kg")
             yield Sensitivity("payload", None, item.name, value, unit, item.mass, "kg")
-        viscous = ["N s/m" if u == "m" else "N m s/rad" for u in self._units(POSITION)]
+        viscous = ["N s/m" if u == "m" else "N m s/rad" for u in units_of(robot)]
         for kind, coefficient, factor, units in (
             ("damping", robot.damping, torques.v, viscous),
-            ("friction", robot.friction, torques.way, self._units(EFFORT)),
+            ("friction", robot.friction, torques.way, units_of(robot, EFFORT)),
         ):
             value = np.sum(torques.weight * coefficient * factor, axis=0)
             for j in np.flatnonzero(coefficient).tolist():

@@ -10,7 +10,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.kinematics import prismatic_joints
+from tominpmp.kinematics import units_of
 from tominpmp.motion_limits import LimitKind, joint_kinds
 from tominpmp.problem.joint_limits import JointBounds, joint_limits
 from tominpmp.robot.robot import Robot
@@ -222,8 +222,7 @@ def worst_of_joints(
     Returns:
         The violation; None where no joint has a limit.
     """
-    units = [kind.units[int(slides)] for slides in prismatic_joints(robot)]
-    joints = [*zip(robot.joint_names, units, strict=True)]
+    joints = [*zip(robot.joint_names, units_of(robot, kind), strict=True)]
     return _worst(kind.name, joints, t, excess, scale, tolerance)
 
 
