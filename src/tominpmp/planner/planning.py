@@ -116,7 +116,7 @@ def plan(
             )
             if proof:
                 return without_motion(state, requested, Status.INFEASIBLE, str(proof))
-            schedule = full_schedule(state, former)
+            schedule = _full_schedule(state, former)
             while status is None and not state.satisfied:
                 candidate = run(state, schedule.send(candidate))
                 status = state.ended
@@ -160,7 +160,7 @@ def _finish(state: PlanState, options: Options, status: Status | None) -> Soluti
     return _interrupted(solution) if state.deadline.requested else solution
 
 
-def full_schedule(
+def _full_schedule(
     state: PlanState, former: Trajectory | Samples | None = None
 ) -> Schedule[None]:
     """The schedule of a plan: starts, improvements, thorough search.

@@ -86,7 +86,8 @@ def rounds_of(
         groups[key].append(index)
     for members in groups.values():
         table = np.array([places[index] for index in members])
-        order = _spread(table)
+        from_middle = np.linalg.norm(table - table.mean(axis=0), axis=1)
+        order = spread_out(table, int(np.argmin(from_middle)), len(table), 2)
         size = max(int(np.ceil(COLD_SHARE * len(order))), 1)
         for place, k in enumerate(order.tolist()):
             # Each round is as large as all before it, from the second one on.
@@ -105,15 +106,25 @@ def _nearest(table: Array, index: int, before: IntArray, members: list[int]) -> 
     return [item for item in nearest if item[1] <= FAR]
 
 
-def _spread(table: Array) -> IntArray:
-    """An order in which each row is as far as possible from all rows before it."""
-    order = [int(np.argmin(np.linalg.norm(table - table.mean(axis=0), axis=1)))]
-    away = np.full(len(table), np.inf)
-    for _ in table[1:]:
-        away = np.minimum(away, np.linalg.norm(table - table[order[-1]], axis=1))
-        away[order] = -1.0
-        order.append(int(np.argmax(away)))
-    return np.array(order)
+def spread_out(rows: Array, first: int, count: int, norm: float) -> IntArray:
+    """Farthest-point sampling: each row is as far as possible from all before it.
+
+    Args:
+        rows: The rows, shape (m, n).
+        first: Index of the first one.
+        count: Number of rows to choose, m at most.
+        norm: Order of the norm that measures distances.
+
+    Returns:
+        Indices of the chosen rows, in the order of the choice.
+    """
+    chosen, away = [first], np.full(len(rows), np.inf)
+    while len(chosen) < count:
+        apart = np.linalg.norm(rows - rows[chosen[-1]], norm, axis=1)
+        away = np.minimum(away, apart)
+        away[chosen] = -1.0
+        chosen.append(int(np.argmax(away)))
+    return np.array(chosen)
 
 
 def _place(problem: Problem | None) -> tuple[Any, Array]:

@@ -20,6 +20,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.cell.batch.neighbours import spread_out
 from tominpmp.cell.tours.legs import JointTimes, LegTable, carrying
 from tominpmp.cell.tours.station import TourTask
 from tominpmp.goals.base import Goal
@@ -335,13 +336,8 @@ class Configurations:
             return rows
         scaled = rows * self.weights
         nearest = np.max(np.abs(scaled - self.problem.q_start * self.weights), axis=1)
-        chosen = [int(np.argmin(nearest))]
-        apart = np.full(len(rows), np.inf)
-        while len(chosen) < count:
-            away = np.max(np.abs(scaled - scaled[chosen[-1]]), axis=1)
-            apart = np.minimum(apart, away)
-            chosen.append(int(np.argmax(apart)))
-        return np.asarray(rows[sorted(chosen)])
+        chosen = spread_out(scaled, int(np.argmin(nearest)), count, np.inf)
+        return np.asarray(rows[np.sort(chosen)])
 
     def refined(
         self, table: LegTable, places: Sequence[tuple[int, int]]
