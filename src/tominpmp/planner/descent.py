@@ -137,8 +137,7 @@ def descend(
     """
     if guess.blocked:
         # The goal seems to be out of reach: the descent is dropped as soon as possible.
-        hopeless = stop_if_hopeless()
-        stop = hopeless if stop is None else first_of(stop, hopeless)
+        stop = first_of(stop, stop_if_hopeless())
     if former is not None:
         guess, stop = guess_of(system, former), None
     if doublings:
@@ -158,7 +157,7 @@ def descend(
         objective,
         z,
         step,
-        usual if stop is None else first_of(usual, stop),
+        first_of(usual, stop),
         exchange=exchange,
         callback=state,
         keep=state.keep,

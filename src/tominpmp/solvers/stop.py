@@ -9,11 +9,11 @@ from tominpmp.solvers.loop import Loop, Rule
 from tominpmp.status import Status
 
 
-def first_of(*rules: Rule) -> Rule:
-    """Combine stop rules: the first rule that applies determines the status."""
+def first_of(*rules: Rule | None) -> Rule:
+    """Combine stop rules, if any: the first one that applies determines the status."""
 
     def rule(loop: Loop) -> Status | None:
-        verdicts = (each(loop) for each in rules)
+        verdicts = (each(loop) for each in filter(None, rules))
         return next((status for status in verdicts if status is not None), None)
 
     return rule
