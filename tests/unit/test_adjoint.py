@@ -107,11 +107,11 @@ def test_the_papers_box_is_in_newton_metres_and_seconds(rng):
     nlp = build(POSITION)
     z = throw(nlp, rng)
     steps = nlp.transcription.fixed_steps(z, 0.05, 0.01)
-    u, h = nlp.transcription.split(z)
+    of = nlp.transcription
+    u, T = of.torques(z), of.lengths(z).sum()
     for bound, sign in ((steps.lower, -1.0), (steps.upper, 1.0)):
-        torque, lengths = nlp.transcription.split(z + bound)
-        np.testing.assert_allclose(torque - u, sign * 0.05)
-        assert lengths.sum() - h.sum() == pytest.approx(sign * 0.01)
+        np.testing.assert_allclose(of.torques(z + bound) - u, sign * 0.05)
+        assert of.lengths(z + bound).sum() - T == pytest.approx(sign * 0.01)
     full = nlp.transcription.pack(
         np.tile(POSITION.robot.limits.effort_upper, (10, 1)), z[-1:]
     )
@@ -126,7 +126,8 @@ def test_steps_stay_within_the_torque_limits(rng, radius):
     z = throw(nlp, rng)
     steps = nlp.step_bounds(z, radius)
     for bound in (steps.lower, steps.upper):
-        torque, h = nlp.transcription.split(z + bound)
+        of = nlp.transcription
+        torque, h = of.torques(z + bound), of.lengths(z + bound)
         assert np.all(np.abs(torque) <= POSITION.robot.limits.effort_upper + 1e-12)
         assert np.all(h > 0)
     # A share of the whole range, which is 2 in these units.

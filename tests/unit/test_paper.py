@@ -58,7 +58,7 @@ def test_at_a_speed_limit_fixed_steps_go_to_and_fro():
         solved(nlp, z, max_iterations=count).iterate.z for count in (79, 80)
     )
     moved = np.abs(
-        nlp.transcription.split(after)[0] - nlp.transcription.split(before)[0]
+        nlp.transcription.torques(after) - nlp.transcription.torques(before)
     ).max()
     assert moved == pytest.approx(0.2)
 
@@ -66,14 +66,14 @@ def test_at_a_speed_limit_fixed_steps_go_to_and_fro():
 def test_steps_are_fixed_and_all_are_taken():
     nlp, z = on_a_rail()
     missed = nlp.rows.largest_violation(nlp.evaluate(z))
-    torque, duration = nlp.transcription.split(z)[0], nlp.cost @ z
+    torque, duration = nlp.transcription.torques(z), nlp.cost @ z
     # The violation is driven down first, whatever becomes of the duration.
     records = solved(nlp, z, max_iterations=30).history
     assert all(record.accepted for record in records)
     assert records[5].violation < missed
     for count in (1, 2, 3):
         one = solved(nlp, z, max_iterations=count).iterate
-        now = nlp.transcription.split(one.z)[0]
+        now = nlp.transcription.torques(one.z)
         assert np.abs(now - torque).max() == pytest.approx(0.2)
         assert abs(one.duration - duration) <= 0.02 + 1e-12
         torque, duration = now, one.duration

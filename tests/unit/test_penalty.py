@@ -47,7 +47,7 @@ def test_it_ends_near_the_least_time():
     q, v = float(motion.q[-1, 0]), float(motion.v[-1, 0])
     least = np.sqrt(2.0 * q + 0.5 * v**2) - 0.5 * v
     assert least * (1 - 1e-9) <= result.best.duration <= 1.02 * LEAST
-    torque, _ = nlp.transcription.split(result.best.z)
+    torque = nlp.transcription.torques(result.best.z)
     assert np.abs(torque).max() <= 4.0 * (1 + 1e-12)
 
 

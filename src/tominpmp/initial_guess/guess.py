@@ -209,11 +209,11 @@ def _moving_guess(system: ProblemFunctions, q_end: Array) -> Guess | None:
     excess below 100 % counts as an interval; without one, the duration of least excess
     is taken. None if both ends rest, or the motion hits an obstacle.
     """
-    q, v, v_end = system.problem.q_start, system.v_start, end_velocity(system, q_end)
+    problem, v_end = system.problem, end_velocity(system, q_end)
+    q, v, top = problem.q_start, problem.v_start, problem.robot.limits.velocity
     if not (np.any(v) or np.any(v_end)):
         return None
-    ends, top = (q, v, q_end, v_end), system.problem.robot.limits.velocity
-    way, mean = q_end - q, 0.5 * (v + v_end)
+    ends, way, mean = (q, v, q_end, v_end), q_end - q, 0.5 * (v + v_end)
     least = max(float(np.max(np.abs(way) / top)), 1e-3)
     # The short intervals are near the durations of constant accelerations.
     direct = np.divide(way, mean, out=np.zeros_like(way), where=mean != 0.0)
@@ -239,10 +239,10 @@ def end_velocity(system: ProblemFunctions, q_end: Array) -> Array:
         system: Functions of the problem.
         q_end: Final configuration, shape (n,).
     """
-    goal, v, fixed = system.problem.goal, system.v_start, system.final_velocity
-    if fixed is None and goal.speed_count(v.size):
+    goal, fixed = system.problem.goal, system.final_velocity
+    if fixed is None and goal.speed_count(system.n):
         return np.asarray(GoalVelocity(system, goal).nearest(q_end[None])[0][0])
-    return v if fixed is None else fixed
+    return system.problem.v_start if fixed is None else fixed
 
 
 def path_guess(system: ProblemFunctions, corners: Array) -> Guess:

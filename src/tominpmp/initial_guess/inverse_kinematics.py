@@ -83,10 +83,10 @@ class GoalVelocity:
         def missing(v: Array, rows: IntArray) -> tuple[Array, Array]:
             return value[rows] + (slope[rows] @ v[:, :, None])[:, :, 0], slope[rows]
 
-        v, scale = np.tile(self.system.v_start, (len(q), 1)), 1.0 / speed_weights(top)
-        ends, far = (-top, top), 2.0 * scale
+        v = np.tile(self.system.problem.v_start, (len(q), 1))
+        ends, scale = (-top, top), 1.0 / speed_weights(top)
         v, _ = least_squares(
-            missing, v, ends, scale, far, reached=TOLERANCE, steps=STEPS
+            missing, v, ends, scale, 2.0 * scale, reached=TOLERANCE, steps=STEPS
         )
         return v, missing(v, np.arange(len(q)))[0]
 

@@ -60,7 +60,7 @@ def segmented_guesses(
 
     for number in range(request.count):
         pieces: list[Guess] = []
-        q, v = system.problem.q_start, system.v_start
+        q, v = system.problem.q_start, system.problem.v_start
         for place in range(len(system.parts)):
             single, guesses = from_state(place, tuple(q), tuple(v))
             first = [*itertools.islice(guesses.since(0), number + 1)]

@@ -209,7 +209,7 @@ def warm_start(system: ProblemFunctions, motion: Trajectory | Samples) -> WarmSt
     plain = replace(trajectory, inverse_dynamics=None)
     begins, arrivals, _ = np.array(spans_of(trajectory, problem.segments)).T
     entry = _entry(
-        plain, arrivals[0], problem.q_start, system.v_start, system.step_scale
+        plain, arrivals[0], problem.q_start, problem.v_start, system.step_scale
     )
     begins[0] = entry
     # A segment whose goal is met from its beginning has zero duration.
@@ -219,7 +219,7 @@ def warm_start(system: ProblemFunctions, motion: Trajectory | Samples) -> WarmSt
     goals = [part.final_configuration for part in system.segments]
     speeds = [part.final_velocity for part in system.segments]
     p = _missing([problem.q_start, *goals], former.q)
-    s = _missing([system.v_start, *speeds], former.v)
+    s = _missing([problem.v_start, *speeds], former.v)
     # Smaller differences are rounding.
     same = np.all(np.abs([p, s * durations.max()]) <= 1e-9)
     times = np.linspace(0.0, ends[-1], SAMPLES)

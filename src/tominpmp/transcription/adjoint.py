@@ -70,7 +70,7 @@ class AdjointTranscription(TorqueTranscription):
         self.size = self.intervals * self._n + self._m
         self.substeps = substeps
         self.centre: tuple[Array, SteppedMotion] | None = None
-        self._start = np.concatenate([system.problem.q_start, system.v_start])
+        self._start = np.concatenate([system.problem.q_start, system.problem.v_start])
         # Cache of the last motion, which is requested many times.
         self._last: tuple[Array, SteppedMotion] | None = None
 
@@ -86,10 +86,6 @@ class AdjointTranscription(TorqueTranscription):
         """
         return np.concatenate([torque_shares(self.system, u).ravel(), eta])
 
-    def split(self, z: Array) -> tuple[Array, Array]:
-        """Torques [N m or N] and lengths [s], shapes (N, n) and (N,)."""
-        return self.torques(z), self.lengths(z)
-
     def motion(self, z: Array) -> SteppedMotion:
         """The motion of an iterate, integrated forward.
 
@@ -98,7 +94,7 @@ class AdjointTranscription(TorqueTranscription):
         for known in (self.centre, self._last):
             if known is not None and np.array_equal(known[0], z):
                 return known[1]
-        u, h = self.split(z)
+        u, h = self.torques(z), self.lengths(z)
         guess = None if self.centre is None else self.centre[1]
         dynamics = self.system.dynamics
         motion = rollout(dynamics, self._start, u, h, self.substeps, guess)

@@ -148,7 +148,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
         column: IntArray = np.full(M, -1)
         offset, slopes = np.zeros((M, self._n)), np.zeros((M, self._n, self._m))
         column[known : known + inner] = np.arange(inner)
-        slopes[:known] = system.v_start[:, None] * _reach(t, p, known)
+        slopes[:known] = system.problem.v_start[:, None] * _reach(t, p, known)
         if last and goal is not None:
             offset[M - last :] = goal - self._base
         elif last:

@@ -69,7 +69,7 @@ class CollocationTranscription(TorqueTranscription):
         self._high = np.concatenate([limits.position_upper, limits.velocity])
         # States that the problem fixes at the ends; NaN for unknown states.
         self._given = np.full((self.intervals + 1, 2 * self._n), np.nan)
-        self._given[0] = np.concatenate([system.problem.q_start, system.v_start])
+        self._given[0] = np.hstack([system.problem.q_start, system.problem.v_start])
         if system.final_configuration is not None:
             self._given[-1, : self._n] = system.final_configuration
         if system.final_velocity is not None:
@@ -115,7 +115,7 @@ class CollocationTranscription(TorqueTranscription):
         inner = (h[1:] * slope[:-1] + h[:-1] * slope[1:]) / (h[1:] + h[:-1])
         end = system.final_velocity
         last = 2.0 * slope[-1] - inner[-1] if end is None else end
-        v = np.concatenate([system.v_start[None], inner, last[None]])
+        v = np.concatenate([system.problem.v_start[None], inner, last[None]])
         return self.pack(np.hstack([q, v]), driving_torque(system, q, v, lengths), eta)
 
     def split(self, z: Array) -> tuple[Array, Array, Array]:

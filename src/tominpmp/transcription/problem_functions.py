@@ -287,11 +287,6 @@ class ProblemFunctions:
         scale[: place.lengths.size][place.lengths] = min(self.reach, 1.0)
         return scale
 
-    @property
-    def v_start(self) -> Array:
-        """Velocities at the start, shape (n,)."""
-        return self.problem.v_start
-
     @cached_property
     def final_velocity(self) -> Array | None:
         """Joint velocity at the end, shape (n,); None if the goal does not fix it."""

@@ -154,8 +154,7 @@ def draw(
 
 def _poses(robot: Robot, trajectory: Trajectory, times: Array, frame: str) -> Skeleton:
     """Poses of the arm at times [s], shape (m,); after its end the motion holds."""
-    q = trajectory(np.minimum(times, trajectory.duration)).q
-    return skeleton(robot, q, frame)
+    return skeleton(robot, trajectory(times, hold=True).q, frame)
 
 
 def frame_times(duration: float, fps: float) -> Array:
