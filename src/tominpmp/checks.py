@@ -52,6 +52,9 @@ MakeError = Callable[[str, str | None], TominpmpError]
 # Largest size of a finite number, and smallest limit: their squares and reciprocals are
 # numbers that are neither infinite nor zero.
 HUGE, TINY = 1e150, 1e-150
+# Largest coordinate, and largest position of a locked joint: inertias that it moves
+# would overflow; larger ones are taken for a mistake [m or rad].
+FARTHEST = 1e6
 # Integers from here on exceed NumPy's 64 bits.
 INT64_END = 2**63
 FLAG = "True or False"

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record, array_or_nan, number_or_nan, real_array
-from tominpmp.checks import FLAG, TINY, by_joint, in_order, wrong
+from tominpmp.checks import FARTHEST, FLAG, TINY, by_joint, in_order, wrong
 from tominpmp.description.tree import JointDescription, Mimic
 from tominpmp.exceptions import (
     JointNotFound,
@@ -22,10 +22,6 @@ from tominpmp.exceptions import (
     brief,
     warn_caller,
 )
-
-# Largest position of a locked joint; a larger one is a mistake, and inertias that it
-# moves would overflow [rad or m].
-FARTHEST = 1e6
 
 
 @dataclass(frozen=True)

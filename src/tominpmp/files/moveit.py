@@ -23,7 +23,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array
-from tominpmp.checks import instance
+from tominpmp.checks import FARTHEST, instance
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.description.fields import Field
 from tominpmp.description.files import missing_resource, resolve_resource
@@ -115,8 +115,6 @@ PLURALS = {"primitive": "primitives", "mesh": "meshes", "plane": "planes"}
 BOARD = (50.0, 50.0, 0.1)
 # Keys of the message, at least one of which must be present.
 SCENE_KEYS = ("world", "robot_state", "fixed_frame_transforms", "robot_model_name")
-# Largest coordinate; beyond it a position is taken for a mistake [m].
-FARTHEST = 1e6
 # Keys under which tools write the path of a mesh file.
 MESH_FILES = ("resource", "mesh_path", "filename", "path")
 

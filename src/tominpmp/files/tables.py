@@ -23,6 +23,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.exceptions import ScenarioError, brief, shortened
 from tominpmp.motion.samples import Samples
+from tominpmp.problem.segments import MOST_SEGMENTS
 
 QUANTITIES = ("q", "v", "a", "u")
 # Most rows, more than a motion of an hour at 1 kHz has. A small archive may unpack to
@@ -36,8 +37,6 @@ MAX_MEMBERS, MAX_NAMES = 100, 2**20
 LONGEST_LINE = 2**20
 # Column with the number of the segment.
 SEGMENT = "segment"
-# Most consecutive segments without a row of their own; more are taken for a mistake.
-MOST_SEGMENTS = 100
 
 
 def _columns(joint_names: tuple[str, ...], quantities: tuple[str, ...]) -> list[str]:

@@ -18,14 +18,11 @@ from tominpmp.arrays import (
     frozen_array,
     real_array,
 )
-from tominpmp.checks import choice, optional, wrong
+from tominpmp.checks import FARTHEST, choice, optional, wrong
 from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import ProblemError, SceneError, brief, naming
 from tominpmp.scene.mesh_files import read_mesh
 from tominpmp.scene.obstacles import Obstacle, obstacle
-
-# Largest coordinate; larger ones are rejected as a mistake [m].
-FARTHEST = 1e6
 
 
 def _scale(value: Any, name: str) -> Array:
