@@ -53,6 +53,10 @@ BAD = {
         "--sensitivities held.svg",
         "--sensitivities apply to the minimum time",
     ),
+    "one file for two plots": (
+        "plan planar3r --start start --goal 1,1,1 --plot a.svg --certificate ./a.svg",
+        "two options write 'a.svg'",
+    ),
     "unknown frame": (
         "plan planar3r --start start --goal-position nose 1 1 0",
         "no frame 'nose'; the robot has: base,",

@@ -77,8 +77,11 @@ def motion_file(options: PlanOptions) -> Path | None:
             "output",
         )
     check_target(options.save_scenario, "--save-scenario", (".toml",))
-    for field, (_, endings, _) in FILES.items():
-        check_target(getattr(options, field), f"--{field}", endings)
+    paths = [getattr(options, field) for field in FILES]
+    for path, (field, (_, endings, _)) in zip(paths, FILES.items(), strict=True):
+        check_target(path, f"--{field}", endings)
+        if path is not None and paths.count(path) > 1:
+            raise OptionsError(f"two options write {str(path)!r}", field)
     return motion
 
 

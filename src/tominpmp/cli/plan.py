@@ -69,23 +69,22 @@ def run_plan(
     with logged(args.verbose, console), progress:
         progress.phase(f"loading {robot}")
         problem, chosen = load_problem(robot, problem_args, options)
-        if args.sensitivities is not None and chosen.energy_weight > 0.0:
-            raise OptionsError(
-                "--sensitivities apply to the minimum time, but the energy has a "
-                f"weight of {chosen.energy_weight:g}; expected only one of the two",
-                "sensitivities",
-            )
         if args.sensitivities is not None:
             from tominpmp.sensitivities.analysis import refuse_arrival_times
 
+            if chosen.energy_weight > 0.0:
+                raise OptionsError(
+                    "--sensitivities apply to the minimum time, but the energy has a "
+                    f"weight of {chosen.energy_weight:g}; expected only one of the two",
+                    "sensitivities",
+                )
             refuse_arrival_times(problem)
         if args.save_scenario is not None:
             save_scenario(args.save_scenario, problem, chosen)
-        chosen = replace(chosen, callback=progress)
         former = None if args.start_from is None else load_motion(args.start_from)
         progress.phase("planning")
         signals.check()
-        solution = plan(problem, chosen, former)
+        solution = plan(problem, replace(chosen, callback=progress), former)
     signals.writing()
     sound = _write(solution, args, motion)
     if signals.number is not None or solution.status is Status.INTERRUPTED:
@@ -129,8 +128,7 @@ class Progress:
 
     def __init__(self, console: Console, *, quiet: bool, verbose: bool) -> None:
         self._console, self._shown = console, ExitStack()
-        alive = console.is_terminal and not quiet
-        self._status = console.status("") if alive else None
+        self._status = console.status("") if console.is_terminal and not quiet else None
         self._lines = verbose and not quiet and not console.is_terminal
         self._last = time.monotonic()
 

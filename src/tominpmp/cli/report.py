@@ -189,8 +189,7 @@ def report_text(data: Mapping[str, Any]) -> str:
     rows += data["files"].items()
     if "file_holds" in data:
         verdict = "passes" if data["file_holds"] else "does not pass"
-        how = data["file_joined"]
-        rows.append(("as read", f"{verdict}, interpolated by {how}"))
+        rows.append(("as read", f"{verdict}, interpolated by {data['file_joined']}"))
         rows += [("note", note) for note in data["file_notes"]]
     return rows_text(data["message"], rows)
 
