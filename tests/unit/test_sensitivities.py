@@ -13,6 +13,7 @@ import pytest
 from command_line import invoke
 
 import tominpmp as tm
+from tominpmp.exceptions import ProblemError
 from tominpmp.sensitivities.analysis import analyse
 from tominpmp.sensitivities.records import Sensitivities, Sensitivity
 
@@ -118,6 +119,24 @@ def test_a_margin_of_nothing_is_by_its_unit() -> None:
     problem = replace(planned("obstacle").problem, margin=0.0)
     found = analyse(problem, planned("obstacle").trajectory)
     assert [s.unit for s in found.of("margin")] == ["1/m"]
+
+
+def test_records_of_no_text_are_refused() -> None:
+    wrong: Any = np.zeros(3)
+    found = planned("obstacle").sensitivities
+    with pytest.raises(ProblemError, match=r"^kind is .*, expected a text or None$"):
+        found.of(wrong)
+    with pytest.raises(ProblemError, match=r"^subject is .*, expected a text or None$"):
+        found.of("goal", wrong)
+
+
+def test_the_vector_of_a_record_is_a_copy_that_cannot_be_written() -> None:
+    vector = np.ones(3)
+    item = Sensitivity("goal", None, "goal", 1.0, vector=vector)
+    vector[0] = 5.0
+    assert item.vector is not None
+    assert item.vector.tolist() == [1.0, 1.0, 1.0]
+    assert not item.vector.flags.writeable
 
 
 def test_moving_the_base_moves_all_else_the_other_way() -> None:

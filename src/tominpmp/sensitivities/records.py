@@ -6,12 +6,12 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import numpy as np
 
 from tominpmp.arrays import Array, FrozenArray, Record, frozen_array, number_or_nan
-from tominpmp.checks import instance, whole, wrong
+from tominpmp.checks import instance, optional, whole, wrong
 from tominpmp.motion_limits import joint_kinds
 
 if TYPE_CHECKING:
@@ -27,6 +27,8 @@ SHOWN = {"payload": "mass", "obstacle": "position"}
 # Effect, as a share of T, from which a record appears in tables and pictures.
 LEAST = 1e-6
 SMALL_NAMES = {"1/m": "1 mm", "1/rad": "1 mrad", "1/kg": "1 g"}
+# A vector, of which a record stores a read-only copy; or None.
+Vector: TypeAlias = Annotated[Array | None, optional(lambda x, _: frozen_array(x))]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,12 +62,7 @@ class Sensitivity(Record):
     unit: str = ""
     limit: float | None = None
     limit_unit: str = ""
-    vector: Array | None = None
-
-    def __post_init__(self) -> None:
-        """Make the vector read-only."""
-        if self.vector is not None:
-            self._keep(vector=frozen_array(self.vector))
+    vector: Vector = None
 
     @property
     def step(self) -> float:
@@ -148,7 +145,12 @@ class Sensitivities(Record):
         Args:
             kind: Kind of the records; None for all kinds.
             subject: Name of a joint, an obstacle, ...; None for all subjects.
+
+        Raises:
+            ProblemError: If kind or subject is neither a text nor None.
         """
+        for name, value in (("kind", kind), ("subject", subject)):
+            instance(value, (str, type(None)), name, "a text or None")
         return tuple(
             item
             for item in self.records
