@@ -294,3 +294,23 @@ def test_a_start_slightly_beyond_a_limit_of_speed_is_slowed_down(ur5):
     ).v_start == pytest.approx(v)
     with pytest.raises(ProblemError, match=r"0\.0015 m/s more than its limit 0\.5"):
         tm.Problem(ur5, q, goal, v_start=1.003 * v, constraints=[limit])
+
+
+def test_a_start_slightly_beyond_a_cone_or_a_box_is_accepted(ur5):
+    """States of planned motions exceed them between the rows of their programs."""
+    q, goal = np.array([0.0, -1.5, 1.0, 0.0, 0.5, 0.0]), tm.JointGoal([0.5] * 6)
+    height = tm.WithinRegion("tool0", [-9.0] * 3, [9.0] * 3).on(ur5)
+    point = height.motions.placements(q[None]).origin[0]
+    tilt = tm.KeepUpright("tool0").on(ur5).measure(q, 0.0 * q, 0.0 * q)
+
+    def start(excess: float) -> None:
+        top, early = point[2] - excess * height.scale, (0.0, 0.1)
+        box = tm.WithinRegion("tool0", [-9.0] * 3, [9.0, 9.0, top], during=early)
+        share = 1.0 - excess
+        cone = tm.KeepUpright("tool0", tolerance=share * tilt, during=early)
+        tm.Problem(ur5, q, goal, constraints=[cone])
+        tm.Problem(ur5, q, goal, constraints=[box])
+
+    start(0.0015)
+    with pytest.raises(ProblemError, match=r"start: the tilt of frame tool0"):
+        start(0.0025)

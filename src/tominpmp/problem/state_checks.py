@@ -13,7 +13,7 @@ from tominpmp.collision.checker import CollisionChecker
 from tominpmp.collision.enclosure import enclosure
 from tominpmp.collision.query import ROUNDING
 from tominpmp.constraints.contradiction import contradiction
-from tominpmp.constraints.path import PathConstraint
+from tominpmp.constraints.path import USABLE, PathConstraint
 from tominpmp.description.inertials import singular_directions
 from tominpmp.description.joint_table import example_values
 from tominpmp.dynamics import RobotDynamics
@@ -186,7 +186,8 @@ class StateChecks:
                 then only constraints on the configuration are checked.
 
         Raises:
-            ProblemError: If a constraint is violated by more than rounding.
+            ProblemError: If a constraint is violated by more than rounding, or, at a
+                start, by more than a motion may violate it between two rows.
         """
         robot = self.checker.robot
         limits = robot.limits
@@ -210,7 +211,9 @@ class StateChecks:
                 continue
             if window is not None and np.isfinite(window.end) and which == "goal":
                 continue  # the arrival time is not known yet
-            if lack := item.lack(q, v, ROUNDING):
+            # A state of a planned motion may exceed it between two rows.
+            slack = USABLE * min(item.scale, 1.0) if which == "start" else ROUNDING
+            if lack := item.lack(q, v, slack):
                 why = contradiction(item, self.constraints, robot, q)
                 raise ProblemError(f"{which}: {lack}{why}", FIELDS[which])
 
