@@ -101,7 +101,8 @@ def _dwell(part: Trajectory, row: int, seconds: float) -> list[Trajectory]:
     # Accelerations have a row for each node, or for each interval.
     of_nodes = part.a is not None and len(part.a) == part.t.size
     a = None if part.a is None else rest[: 2 if of_nodes else 1]
-    return [Trajectory(part.joint_names, np.array([0.0, seconds]), q, rest, u, a=a)]
+    t = np.array([0.0, seconds])
+    return [Trajectory(part.joint_names, t, q, rest, u, a=a)]
 
 
 def _cubic(part: Trajectory) -> Trajectory:
