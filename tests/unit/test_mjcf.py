@@ -484,6 +484,17 @@ def test_meshes_may_have_a_reference_of_their_own(tmp_path: Path) -> None:
         assert np.allclose(found.max(axis=0), expected.max(axis=0), atol=1e-6)
 
 
+def test_warnings_of_mujoco_are_no_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """MuJoCo writes them to a file in the working folder."""
+    monkeypatch.chdir(tmp_path)
+    text = changed(('name="turn"', 'name="turn" range="NaN 90"'))
+    with pytest.warns(tm.TominpmpWarning, match="contains a 'NaN'"):
+        tm.load_robot(text, velocity=2)
+    assert not list(tmp_path.iterdir())
+
+
 def test_generated_bodies_are_read() -> None:
     """Files with <replicate> or <frame> were refused."""
     fingers = (

@@ -6,6 +6,7 @@ computes the masses that shapes give; its model holds the bodies and joints.
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -44,6 +45,24 @@ UNCOLOURED = (0.5, 0.5, 0.5, 1.0)
 
 Range = tuple[float, float]
 
+logger = logging.getLogger(__name__)
+
+
+def imported_mujoco(purpose: str) -> Any:
+    """Import MuJoCo; its warnings are logged, instead of in the working folder.
+
+    Args:
+        purpose: What it is needed for, in the message if it is missing.
+
+    Raises:
+        MissingDependency: If it is not installed.
+    """
+    with optional("mujoco", "mujoco", purpose):
+        import mujoco
+    if mujoco.get_mju_user_warning() is None:
+        mujoco.set_mju_user_warning(logger.warning)
+    return mujoco
+
 
 def describe_mjcf(
     path: Path, text: bytes | None, package_dirs: Sequence[Path]
@@ -63,9 +82,10 @@ def describe_mjcf(
             freedom, or a mesh is missing.
         MissingDependency: If MuJoCo is not installed.
     """
-    with optional("mujoco", "mujoco", "robots of MJCF files"):
-        import mujoco
-    context = XmlContext(path, tuple(package_dirs))
+    mujoco = imported_mujoco("robots of MJCF files")
+    context, said = XmlContext(path, tuple(package_dirs)), list[str]()
+    former = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(said.append)
     try:
         if text is None:
             spec = mujoco.MjSpec.from_file(str(path))
@@ -76,7 +96,9 @@ def describe_mjcf(
         reader = _MjcfReader(mujoco, spec.compile(), files)
     except (ValueError, mujoco.FatalError) as error:
         context.fail(f"cannot be read: {shortened(one_line(error), 300)}")
-    warn_of({UNREAD: reader.unread}, path)
+    finally:
+        mujoco.set_mju_user_warning(former)
+    warn_of({UNREAD: reader.unread, "{}": said}, path)
     description = UrdfDescription(
         name=spec.modelname or path.stem,
         bodies=tuple(reader.links),

@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from tominpmp.arrays import Array
 from tominpmp.collision.placements import JointPlacements
-from tominpmp.exceptions import ProblemError, optional
+from tominpmp.description.mjcf import imported_mujoco
+from tominpmp.exceptions import ProblemError
 from tominpmp.robot.robot import Robot
 
 # Ratio of damping times step to inertia beyond which the integration is implicit.
@@ -45,10 +46,7 @@ class MujocoArm:
     """
 
     def __init__(self, robot: Robot) -> None:
-        with optional("mujoco", "mujoco", "replay in MuJoCo"):
-            import mujoco
-
-            self.mujoco: Any = mujoco
+        self.mujoco = imported_mujoco("replay in MuJoCo")
         if robot.model.nv != robot.n:
             raise ProblemError(
                 "robot has joints that follow others (mimic), expected a robot whose "
