@@ -192,7 +192,7 @@ class RobotDynamics:
         out = np.empty((len(q), model.nv, model.nv))
         for i, row in enumerate(_interruptible(robot.expand(q))):
             out[i] = pin.crba(model, data, row)
-        return self._reduced(from_upper(out))
+        return self._reduced(_from_upper(out))
 
     def _reduced(self, matrices: Array) -> Array:
         """Project matrices of all joints onto the free joints, shape (..., n, n)."""
@@ -221,7 +221,7 @@ class RobotDynamics:
             derivatives(model, data, *row)
             tau[i] = data.tau
             parts[0, i], parts[1, i], parts[2, i] = data.dtau_dq, data.dtau_dv, data.M
-        parts[2] = from_upper(parts[2])
+        parts[2] = _from_upper(parts[2])
         parts = self._reduced(parts)
         parts[1] += np.diag(robot.damping)
         tau = robot.reduce_tangent(tau) + robot.damping * v
@@ -315,7 +315,7 @@ class RobotDynamics:
             derivatives(model, data, *row)
             acceleration[i] = data.ddq
             by[0, i], by[1, i], by[2, i] = data.ddq_dq, data.ddq_dv, data.Minv
-        by[2] = from_upper(by[2])
+        by[2] = _from_upper(by[2])
         # The friction is a torque -D v: its derivative passes through the inverse mass.
         by[1] -= by[2] * robot.damping
         return acceleration, by
@@ -372,7 +372,7 @@ def directions(v: Array, a: Array) -> Array:
     return np.where(resting, 0.0, signs)
 
 
-def from_upper(matrices: Array) -> Array:
+def _from_upper(matrices: Array) -> Array:
     """Symmetric matrices from Pinocchio's, whose upper triangle is set, (..., n, n)."""
     below = np.tri(matrices.shape[-1], k=-1, dtype=bool)
     return np.where(below, np.swapaxes(matrices, -1, -2), matrices)

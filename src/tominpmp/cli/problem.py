@@ -93,7 +93,7 @@ def vector(items: Sequence[str], name: str) -> list[float]:
     return numbers
 
 
-def joint_pairs(items: Sequence[str], name: str) -> dict[str, float]:
+def _joint_pairs(items: Sequence[str], name: str) -> dict[str, float]:
     """Read ``JOINT=VALUE`` of several joints.
 
     Raises:
@@ -113,14 +113,14 @@ def joint_pairs(items: Sequence[str], name: str) -> dict[str, float]:
     return result
 
 
-def joint_numbers(items: Sequence[str], name: str) -> list[float] | dict[str, float]:
+def _joint_numbers(items: Sequence[str], name: str) -> list[float] | dict[str, float]:
     """Read numbers, one for each joint, or ``JOINT=VALUE`` of some joints.
 
     Raises:
         OptionsError: If a word is not a number or a joint is named twice.
     """
     named = any("=" in item for item in items)
-    return joint_pairs(items, name) if named else vector(items, name)
+    return _joint_pairs(items, name) if named else vector(items, name)
 
 
 def joint_values(text: str, name: str) -> float | list[float] | dict[str, float]:
@@ -129,7 +129,7 @@ def joint_values(text: str, name: str) -> float | list[float] | dict[str, float]
     Raises:
         OptionsError: If a word is not a number or a joint is named twice.
     """
-    values = joint_numbers(words(text), name)
+    values = _joint_numbers(words(text), name)
     return values[0] if isinstance(values, list) and len(values) == 1 else values
 
 
@@ -137,7 +137,7 @@ def _in_si(
     args: ProblemOptions, name: str, items: Sequence[str], robot: Robot
 ) -> list[float] | dict[str, float]:
     """Values of joints in words of an option, from degrees for revolute joints."""
-    values, degrees = joint_numbers(items, _flag(name)), args.degrees
+    values, degrees = _joint_numbers(items, _flag(name)), args.degrees
     revolute = {j.name for j in robot.description.joints if j.kind != "prismatic"}
 
     def converted(name: str, value: float) -> float:
@@ -340,7 +340,7 @@ def load_changed_robot(
         "package_dirs": [str(folder) for folder in args.package_dir or ()],
         "group": args.group,
         "limits": args.limits,
-        "locked_joints": {**(resting or {}), **joint_pairs(args.lock or (), "--lock")},
+        "locked_joints": {**(resting or {}), **_joint_pairs(args.lock or (), "--lock")},
         "kinematic": args.kinematic,
         "xacro_args": _xacro_args(args),
     }

@@ -45,7 +45,7 @@ def warn_of_inertia(model: pin.Model, description: UrdfDescription) -> None:
     bodies = description.bodies
     shaped = {link.name for link in bodies if link.collisions or link.visuals}
     faults = [
-        f"{named_body(model, joint)} {fault}"
+        f"{_named_body(model, joint)} {fault}"
         for joint in range(1, model.njoints)
         if (fault := _missing(model, joint, shaped) or _impossible(model, joint))
     ]
@@ -103,13 +103,13 @@ def _is_point(inertia: pin.Inertia) -> bool:
 def _virtual(model: pin.Model, joint: int, shaped: set[str]) -> bool:
     """Whether links have no shape and only connect coincident joints."""
     carried = [k for k in range(1, model.njoints) if int(model.parents[k]) == joint]
-    if not carried or shaped.intersection(link_names(model, joint)):
+    if not carried or shaped.intersection(_link_names(model, joint)):
         return False
     apart = [np.linalg.norm(model.jointPlacements[k].translation) for k in carried]
     return bool(np.max(apart) <= COINCIDENT)
 
 
-def link_names(model: pin.Model, joint: int) -> list[str]:
+def _link_names(model: pin.Model, joint: int) -> list[str]:
     """Names of the links of the body behind a joint."""
     return [
         str(frame.name)
@@ -118,9 +118,9 @@ def link_names(model: pin.Model, joint: int) -> list[str]:
     ]
 
 
-def named_body(model: pin.Model, joint: int) -> str:
+def _named_body(model: pin.Model, joint: int) -> str:
     """Description of the body behind a joint, with the links fixed to each other."""
-    first, *others = link_names(model, joint) or [""]
+    first, *others = _link_names(model, joint) or [""]
     fixed = f" with what is fixed to it ({', '.join(others[:2])})" if others else ""
     return f"link {first}{fixed} behind joint {model.names[joint]}"
 
@@ -156,7 +156,7 @@ def check_inertia(
     wrong = {joint: fault for joint in bare if (fault := _impossible(model, joint))}
     if wrong:
         leaders = np.unique([ratios[joint - 1].argmax() for joint in wrong])
-        faults = [f"{named_body(model, joint)} {wrong[joint]}" for joint in wrong]
+        faults = [f"{_named_body(model, joint)} {wrong[joint]}" for joint in wrong]
         rotors = example_values([names[leader] for leader in leaders.tolist()])
         raise RobotLoadError(
             f"{path}: {listed(faults)}: correct the <inertial> elements, or "
@@ -176,9 +176,9 @@ def check_inertia(
             joints = [names[i] for i in singular]
             given = {link.name for link in description.bodies if link.mass is not None}
             lacking = [
-                f"{named_body(model, k)} has no <inertial>"
+                f"{_named_body(model, k)} has no <inertial>"
                 for k in map(int, map(model.getJointId, joints))
-                if not given.intersection(link_names(model, k))
+                if not given.intersection(_link_names(model, k))
             ]
             least = float(np.diag(mass)[singular].min())
             why = f"what the <inertial> elements give is {least:.2g} kg m^2 or kg"

@@ -143,7 +143,7 @@ FORMS = {
 }
 
 
-def misspellings(element: Element, where: str) -> list[str]:
+def _misspellings(element: Element, where: str) -> list[str]:
     """Names of children and attributes that look like misspellings of known ones.
 
     Other names belong to other programs.
@@ -278,7 +278,7 @@ class _UrdfReader:
             context.fail(f"is not a URDF file: its root is <{root.tag}>, not <robot>")
         if root.find("link") is None:
             context.fail("is not a URDF file: it has no <link>")
-        self.remarks[UNREAD] += misspellings(root, "robot")
+        self.remarks[UNREAD] += _misspellings(root, "robot")
         name = root.get("name", "").strip() or context.path.stem
         robot = Element("robot", name=name)
         for where, link in self._named("link").items():
@@ -327,7 +327,7 @@ class _UrdfReader:
             values[name] = numbers
         values |= {name: context.limit(element, name, where) for name in form.limits}
         if tag in ("link", "joint", "inertial"):
-            self.remarks[UNREAD] += misspellings(element, where)
+            self.remarks[UNREAD] += _misspellings(element, where)
         copy = add(parent, tag, **values)
         for child_tag in (*form.needs, *form.parts, *form.optional):
             child = element.find(child_tag)

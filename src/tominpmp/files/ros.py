@@ -132,7 +132,7 @@ def _times_of_points(times: Array, duration: float) -> IntArray:
     return np.array([*spread, last], dtype=np.int64)
 
 
-def message_data(samples: Samples) -> dict[str, Any]:
+def _message_data(samples: Samples) -> dict[str, Any]:
     """A JointTrajectory as plain values; its points come last."""
     data: dict[str, Any] = {
         "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""},
@@ -159,7 +159,7 @@ def _json(value: Any) -> str:
 
 def write_json(samples: Samples, file: BinaryIO, message: str = MESSAGE) -> None:
     """Write samples as a JSON message, one line per point."""
-    data, keys = message_data(samples), MESSAGES[message]
+    data, keys = _message_data(samples), MESSAGES[message]
     lines = ",\n".join(map(_json, data.pop("points")))
     begin = "".join(f'{{"{key}": ' for key in keys) + json.dumps(data).removesuffix("}")
     end = "}" * (1 + len(keys))
@@ -171,7 +171,7 @@ def write_yaml(samples: Samples, file: BinaryIO, message: str = MESSAGE) -> None
     keys = MESSAGES[message]
     for depth, key in enumerate(keys):
         file.write(f"{'  ' * depth}{key}:\n".encode())
-    for line in _yaml_lines(message_data(samples)):
+    for line in _yaml_lines(_message_data(samples)):
         file.write(f"{'  ' * len(keys)}{line}\n".encode())
 
 
@@ -219,7 +219,7 @@ def _table(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
     return table
 
 
-def find_trajectory(message: Field, *, mention: bool = True) -> Field:
+def _find_trajectory(message: Field, *, mention: bool = True) -> Field:
     """JointTrajectory in a message: itself, or inside a goal or a RobotTrajectory.
 
     Args:
@@ -267,7 +267,7 @@ def read_message(message: Field) -> Samples:
     Raises:
         ScenarioError: If it is not such a message; names the key.
     """
-    message = find_trajectory(message)
+    message = _find_trajectory(message)
     names = tuple(item.text() for item in message.need("joint_names").items())
     points = list(message.need("points").items())
     message.only("header", "joint_names", "points")
@@ -351,7 +351,7 @@ def _typed(samples: Samples, types: dict[str, Any]) -> Any:
     names = ("Time", "Duration")
     time, duration = (types[f"builtin_interfaces/msg/{name}"] for name in names)
     point = types["trajectory_msgs/msg/JointTrajectoryPoint"]
-    data = message_data(samples)
+    data = _message_data(samples)
     points = [
         point(*map(np.array, rows), duration(**since))
         for *rows, since in (item.values() for item in data["points"])
@@ -512,7 +512,7 @@ def controller_refusals(
             instance(name, str, "joint_names", "a list of names")
     outer = dict(message)
     field = Field(outer, Path("the message"))
-    trajectory = find_trajectory(field, mention=False).value
+    trajectory = _find_trajectory(field, mention=False).value
     if not isinstance(trajectory, Mapping):
         raise ProblemError("the message holds no JointTrajectory", "message")
     names, points = trajectory.get("joint_names"), trajectory.get("points")

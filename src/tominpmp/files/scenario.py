@@ -181,7 +181,7 @@ def _limit(name: str, item: Field, before: Mapping[str, Any]) -> Any:
     return {**before, **own}
 
 
-def read_scene(table: Field) -> Scene:
+def _read_scene(table: Field) -> Scene:
     """Read a scene from its table, whose key ``obstacles`` is a list of tables.
 
     Raises:
@@ -420,7 +420,7 @@ def key_of(
 
 # Readers of the keys that scenarios and segments have in common.
 READERS: dict[str, Callable[[Field], Any]] = {
-    "scene": read_scene,
+    "scene": _read_scene,
     "margin": Field.number,
     "self_collision": Field.flag,
     "constraints": lambda items: _read_each(items, PathConstraint, "constraint"),

@@ -222,7 +222,7 @@ class PoseGoal(FrameGoal):
         offset = place.translation - self.pose.translation
         by_q = place.rotation @ jacobian[:3]
         position = Place.within(offset, by_q, self.tolerance, self.label("m"))
-        turn, by_turn = rotation_vector(self.pose.rotation.T @ place.rotation)
+        turn, by_turn = _rotation_vector(self.pose.rotation.T @ place.rotation)
         by_q = by_turn @ jacobian[3:]
         return position.joined(
             Place.within(turn, by_q, self.angle_tolerance, self.label("rad"))
@@ -395,7 +395,7 @@ class RegionGoal(FrameGoal, BoxRegion):
         bounded = self._angles < np.pi
         if not np.any(bounded):
             return position
-        turn, by_turn = rotation_vector(np.asarray(place.rotation))
+        turn, by_turn = _rotation_vector(np.asarray(place.rotation))
         by_q, labels = by_turn @ jacobian[3:], (self.label("rad"),) * 3
         rotation = Place(turn, by_q, -self._angles, self._angles, labels)
         return position.joined(rotation.selected(bounded))
@@ -411,7 +411,7 @@ def _matrix(rotation: Array) -> Array:
     return array(rotation, "rotation", (3, 3), "numbers a row of a matrix")
 
 
-def rotation_vector(rotation: Array) -> tuple[Array, Array]:
+def _rotation_vector(rotation: Array) -> tuple[Array, Array]:
     """Rotation vector, (3,) [rad], and its Jacobian about the rotated axes, (3, 3)."""
     return np.asarray(pin.log3(rotation)), np.asarray(pin.Jlog3(rotation))
 

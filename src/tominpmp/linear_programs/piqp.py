@@ -84,7 +84,7 @@ def factorisation(program: LinearProgram, fragile: bool) -> Any:
     return STAGED if staged and _staged_works() else piqp.KKTSolver.sparse_ldlt
 
 
-def with_sorted_columns(matrix: sp.csc_matrix) -> sp.csc_matrix:
+def _with_sorted_columns(matrix: sp.csc_matrix) -> sp.csc_matrix:
     """A matrix with the entries of each column in the order of rows.
 
     Products of sparse matrices have unsorted entries, with which PIQP would write
@@ -172,11 +172,11 @@ class PiqpSolver(LpSolver):
         settings.kkt_solver = factorisation(program, fragile)
         settings.eps_duality_gap_abs = program.accuracy
         self._solver.setup(
-            with_sorted_columns(program.curved),
+            _with_sorted_columns(program.curved),
             program.cost,
-            None if equations is None else with_sorted_columns(equations),
+            None if equations is None else _with_sorted_columns(equations),
             None if equations is None else self._scale * program.row_lower[equal],
-            with_sorted_columns(others),
+            _with_sorted_columns(others),
             np.maximum(program.row_lower[~equal], -NO_BOUND),
             np.minimum(program.row_upper[~equal], NO_BOUND),
             np.maximum(program.lower, -NO_BOUND),

@@ -88,7 +88,7 @@ WARM_FAR = 0.05
 BEATABLE = 0.95
 
 
-def usual_starts(system: ProblemFunctions, options: Options) -> int:
+def _usual_starts(system: ProblemFunctions, options: Options) -> int:
     """Number of guesses that are tried if ``options.starts`` is None."""
     if options.objective != "time" or system.parts:
         return 1
@@ -123,7 +123,7 @@ def starts(
         yield from torque_starts(system, state)
         return
     rng = np.random.default_rng(options.seed)
-    usual, rescues = usual_starts(system, options), RESCUE_STARTS
+    usual, rescues = _usual_starts(system, options), RESCUE_STARTS
     wanted = options.starts or usual
     searched = coarse_grids_apply(system, options)
     most = max(wanted, rescues)

@@ -122,7 +122,7 @@ class Problem(Record):
         self._keep(motion_limits=limits)
         check_names(self.may_touch, self.robot, self.scene)
         if not self.segments:
-            check_controls(self.robot, limits)
+            _check_controls(self.robot, limits)
             self.goal.validate(self.robot)
         several = bool(self.segments)
         self._keep(constraints=checked(self.constraints, self.robot, several))
@@ -210,7 +210,7 @@ class Problem(Record):
         limits = self.motion_limits
         if segment.motion_limits is not None:
             limits = segment.motion_limits.over(limits, robot.joint_names)
-        check_controls(robot, limits)
+        _check_controls(robot, limits)
         scene = self.scene if segment.scene is None else segment.scene
         constraints = checked(segment.constraints, robot, several=True)
         same = robot is self.robot and scene is self.scene and not segment.may_touch
@@ -467,7 +467,7 @@ class Problem(Record):
         )
 
 
-def check_controls(robot: Robot, limits: MotionLimits | None) -> None:
+def _check_controls(robot: Robot, limits: MotionLimits | None) -> None:
     """Check that a kinematic robot has acceleration limits, and no torque limits.
 
     Args:

@@ -51,7 +51,7 @@ Mass: TypeAlias = Annotated[
 Name: TypeAlias = Annotated[str, partial(text, expected="a name")]
 
 
-def checked_inertia(value: object, name: str) -> Array:
+def _checked_inertia(value: object, name: str) -> Array:
     """Check that a rigid body can have an inertia, and symmetrise it, shape (3, 3).
 
     Raises:
@@ -68,7 +68,7 @@ def checked_inertia(value: object, name: str) -> Array:
 
 
 InertiaOrNone: TypeAlias = Annotated[
-    Converted[ArrayLike | None, Array | None], optional(checked_inertia)
+    Converted[ArrayLike | None, Array | None], optional(_checked_inertia)
 ]
 
 

@@ -145,7 +145,7 @@ class Motion(Record, ABC):
         """
 
 
-def agreed_start(given: Placement, begins: Placement) -> Placement:
+def _agreed_start(given: Placement, begins: Placement) -> Placement:
     """Check that a caller's placement agrees with the first placement of a motion.
 
     Args:
@@ -411,7 +411,7 @@ class Waypoints(Motion):
         given = instance(given, Placement, "given")
         R = given.R if self.rotations is None else self.rotations[0]
         p = given.p if self.positions is None else self.positions[0]
-        return agreed_start(given, Placement(R, p))
+        return _agreed_start(given, Placement(R, p))
 
     @property
     def kinks(self) -> Array:
@@ -533,7 +533,7 @@ class PoseFunction(Motion):
     def start(self, given: Placement) -> Placement:
         """Placement at time 0."""
         given = instance(given, Placement, "given")
-        return agreed_start(given, self._pose(0.0))
+        return _agreed_start(given, self._pose(0.0))
 
     def _pose(self, time: float) -> Placement:
         """Placement at a time [s], checked."""

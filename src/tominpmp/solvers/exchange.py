@@ -40,7 +40,7 @@ SETTLED = 1e-4
 Revise = Callable[[NonlinearProgram, Array], tuple[NonlinearProgram, Array] | None]
 
 
-def with_missing_rows(
+def _with_missing_rows(
     program: NonlinearProgram, z: Array
 ) -> tuple[NonlinearProgram, Array] | None:
     """Add missing rows to a program, and update its directions of friction.
@@ -85,7 +85,7 @@ class RowExchange:
     radius: float = LEAST_RADIUS
     longest: float = LONGEST
     small_violation: float = 0.0
-    revise: Revise = with_missing_rows
+    revise: Revise = _with_missing_rows
 
     def due(self, loop: Loop, status: Status | None) -> bool:
         """Whether an exchange is due.

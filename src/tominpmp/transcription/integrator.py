@@ -84,7 +84,7 @@ def stage_weights(share: Array) -> Array:
     return np.stack(parts, axis=1)
 
 
-def stage_weights_by_share(share: Array) -> Array:
+def _stage_weights_by_share(share: Array) -> Array:
     """Derivatives of :func:`stage_weights` by the share of the step, shape (m, 3).
 
     Args:
@@ -95,7 +95,7 @@ def stage_weights_by_share(share: Array) -> Array:
     return np.stack(parts, axis=1)
 
 
-def solve_systems(matrix: Array, right: Array) -> Array:
+def _solve_systems(matrix: Array, right: Array) -> Array:
     """Solutions of linear systems; NaN for all if a matrix is singular."""
     try:
         return np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
@@ -201,7 +201,7 @@ class SteppedMotion:
                 by = dynamics.forward_jacobians(x, u)
                 residual = x - known - h * WEIGHTS[0, 0] * by.f
                 matrix = eye - (WEIGHTS[0, 0] * h)[..., None] * by.f_x
-                change = solve_systems(matrix, residual[..., None])[..., 0]
+                change = _solve_systems(matrix, residual[..., None])[..., 0]
                 x = x - change
                 if progress.reached(change, x):
                     break
@@ -237,7 +237,7 @@ class SteppedMotion:
         by_control = step * (a11 * B1 + a12 * B2)
         by_length = (a11 * f1 + a12 * f2)[..., None]
         right = np.concatenate([eye, step * a12 * F2, by_control, by_length], axis=2)
-        inner = solve_systems(eye - step * a11 * F1, right)
+        inner = _solve_systems(eye - step * a11 * F1, right)
         by_control = -step * (a21 * B1 + a22 * B2)
         by_length = -(a21 * f1 + a22 * f2)[..., None]
         direct = np.concatenate(
@@ -251,7 +251,7 @@ class SteppedMotion:
         size = self.ends.shape[1]
         starts, ends, others = np.split(self.derivatives.defects, [size, 2 * size], 2)
         # The end of each step is defined implicitly by a zero defect.
-        parts = -solve_systems(ends, np.concatenate([starts, others], axis=2))
+        parts = -_solve_systems(ends, np.concatenate([starts, others], axis=2))
         by_length = parts[..., -1] / self.substeps
         return StepJacobians(parts[..., :size], parts[..., size:-1], by_length)
 
@@ -269,7 +269,7 @@ class SteppedMotion:
     def rates(self, at: Instants) -> Array:
         """Time derivatives of the states at instants, shape (m, 2n)."""
         step, share = self.steps(at)
-        by_share = self._weighted(stage_weights_by_share(share), step)
+        by_share = self._weighted(_stage_weights_by_share(share), step)
         return by_share * self.substeps / self.h[at.interval, None]
 
     def _weighted(self, weights: Array, step: IntArray) -> Array:
@@ -361,10 +361,10 @@ def solve_steps(
         matrix = np.eye(k * size) - coupling.reshape(count, k * size, k * size)
         residual = residual.reshape(count, k * size, 1)
         if count == 1:
-            change = -solve_systems(matrix, residual).reshape(1, k * size)
+            change = -_solve_systems(matrix, residual).reshape(1, k * size)
         else:
             right = np.concatenate([-residual, by_start], axis=2)
-            change = _forward_sweep(solve_systems(matrix, right))
+            change = _forward_sweep(_solve_systems(matrix, right))
         stages = stages + change.reshape(stages.shape)
         if progress.reached(change.reshape(1, -1), stages.reshape(1, -1)):
             break
