@@ -214,8 +214,7 @@ def _descents(
             rest = max(wanted - number, 0)
             guess = ahead.next(rest) if ahead else next(guesses, None)
             if guess is None:
-                wanted = rescues = 0  # torques remain to be tried
-                continue
+                break
             # The last guess is not dropped early: no other one would follow. Nor is the
             # first one: with times of arrival it may stagnate, and is still the best.
             stop = None
@@ -225,6 +224,8 @@ def _descents(
             if ahead is not None:
                 work = replace(work, make=partial(ahead.result, number), repairs=0)
             yield work
+        if swings and state.best_duration == np.inf:
+            yield from torque_starts(system, state)
     finally:
         if ahead is not None and state.cut_short:
             state.candidates += ahead.unclaimed()
