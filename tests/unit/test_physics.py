@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -107,6 +108,18 @@ def test_stiff_friction_is_integrated_implicitly() -> None:
     assert arm.choose_integrator(1e-3, np.zeros(2)) == "implicit"
     robot = tm.load_robot(chain("", ""), damping=1.0)
     assert MujocoArm(robot).choose_integrator(1e-3, np.zeros(2)) == "Runge-Kutta 4"
+
+
+def test_warnings_of_mujoco_are_logged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """They went to the file MUJOCO_LOG.TXT in the working folder."""
+    monkeypatch.chdir(tmp_path)
+    arm = MujocoArm(tm.load_robot("planar3r"))
+    arm.data.qvel[0] = np.nan
+    arm.mujoco.mj_step(arm.model, arm.data)
+    assert "Nan" in caplog.text
+    assert not list(tmp_path.iterdir())
 
 
 def test_what_cannot_be_replayed(solution: tm.Solution) -> None:
