@@ -400,6 +400,29 @@ def test_excluded_pairs_are_not_watched() -> None:
     assert ("tool", "upper") in tm.load_robot(text, velocity=2).srdf.disabled_pairs
 
 
+def test_the_world_is_watched_beside_excluded_pairs() -> None:
+    """Bodies in the world are its children, but may collide with it."""
+    exclude = '<contact><exclude body1="base" body2="tool"/></contact></mujoco>'
+    text = changed(("</mujoco>", exclude))
+    pairs = tm.load_robot(text, velocity=2).srdf.disabled_pairs
+    assert ("base", "upper") in pairs
+    assert not any("world" in pair for pair in pairs)
+
+
+def test_dampers_limit_no_effort() -> None:
+    """Their force does not follow from the control alone."""
+    damper = '<damper joint="turn" kv="3" ctrlrange="0 1"/></actuator>'
+    arm = tm.load_robot(
+        changed(
+            ('<motor joint="turn" class="bigger"/>', ""),
+            ('<joint name="turn"/>', '<joint name="turn" actuatorfrcrange="-9 9"/>'),
+            ("</actuator>", damper),
+        ),
+        velocity=2,
+    )
+    assert arm.limits.effort_upper[0] == pytest.approx(9.0)
+
+
 def test_excluded_pairs_are_excluded_in_addition_to_neighbours() -> None:
     """Links that overlap where they are joined, beside a pair that is excluded."""
     text = changed(

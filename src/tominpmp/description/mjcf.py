@@ -318,12 +318,13 @@ class _MjcfReader:
     def semantics(self, path: Path) -> SemanticDescription:
         """Link pairs that are not checked, and configurations by name.
 
-        Excluded pairs replace neighbours, which MuJoCo does not check either.
+        Excluded pairs replace neighbours, which MuJoCo does not check either, but for
+        the world and the bodies in it.
         """
         model = self.model
         pairs = {divmod(both, 2**16) for both in model.exclude_signature.tolist()}
         if pairs:
-            pairs |= {(k, i) for i, k in enumerate(model.body_parentid.tolist()) if i}
+            pairs |= {(k, i) for i, k in enumerate(model.body_parentid.tolist()) if k}
         named = {tuple(sorted((self.bodies[i], self.bodies[k]))) for i, k in pairs}
         states = {
             key.name: dict(zip(self.names, key.qpos.tolist(), strict=True))
@@ -336,7 +337,7 @@ class _MjcfReader:
         model, sums = self.model, dict[int, Array]()
         for own in map(model.actuator, range(model.nu)):
             ends = np.array(_range(own.forcelimited, own.forcerange))
-            if own.biastype[0] == 0:  # forces follow from controls
+            if own.gaintype[0] == own.biastype[0] == 0:  # forces follow from controls
                 control = np.array(_range(own.ctrllimited, own.ctrlrange))
                 ends = np.clip(ends, *np.sort(own.gainprm[0] * control))
             if own.trntype[0] <= 1:  # of a joint
@@ -358,6 +359,7 @@ class _MjcfReader:
             "equality": model.neq,
             "gravcomp": np.any(model.body_gravcomp),
             "hfield": int(field) in model.geom_type,
+            "pair": model.npair,
             "stiffness": np.any(model.jnt_stiffness),
             "tendon": model.ntendon,
         }
