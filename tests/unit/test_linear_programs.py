@@ -175,16 +175,14 @@ def test_many_columns_without_a_basis_are_no_work_for_pivots(monkeypatch):
 
 
 @pytest.mark.parametrize("curvature", [None, 1e-3 * sp.identity(40, format="csc")])
-def test_programs_of_many_columns_are_not_left_to_the_simplex_method(
-    curvature, monkeypatch
-):
+def test_programs_of_many_columns_are_not_left_to_the_simplex_method(curvature):
     """A Panda had 4 to 17 s of pivots for one step on a finer grid."""
     p = random_program(np.random.default_rng(6), rows=60, columns=40)
     p = replace(p, curvature=curvature)
     unfinished = Termination(iterations=5)
     assert PiqpSolver(unfinished).solve(p).optimal  # after few pivots
-    monkeypatch.setattr(piqp_module, "MANY_COLUMNS", 30)
-    assert not PiqpSolver(unfinished).solve(p).optimal
+    few_columns = replace(unfinished, most_columns=30)
+    assert not PiqpSolver(few_columns).solve(p).optimal
 
 
 def test_a_share_of_the_objective_may_be_near_enough():

@@ -18,7 +18,6 @@ from tominpmp.arrays import Array
 from tominpmp.certificate.dwells import rest_nodes
 from tominpmp.certificate.limits import PASSIVE, TRUST, LimitRows, limits_of
 from tominpmp.certificate.motion import GridMotion
-from tominpmp.linear_programs.highs import HighsSolver
 from tominpmp.linear_programs.piqp import PiqpSolver, Termination
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.problem.controls import control_kind
@@ -35,9 +34,12 @@ DISPLACEMENTS = 100.0
 # sets of multipliers this selects a set whose Hamiltonian is constant.
 SHIFT = 1e-3
 # Accuracy of the predicted gain, as a share of the duration or of the objective, and
-# largest number of iterations: where limits overlap, interior points converge slowly,
-# and simplex methods take tens of seconds.
-ACCURACY = Termination(gap=2e-5, share=0.01, iterations=100, residual=1e-7)
+# largest number of iterations: where limits overlap, interior points converge slowly.
+# There is no shorter step to fall back on, so that the simplex method, which may take
+# tens of seconds, has the last word.
+ACCURACY = Termination(
+    gap=2e-5, share=0.01, iterations=100, residual=1e-7, most_columns=np.inf
+)
 # Positions in an interval at which costates may jump; an even number includes the
 # middle.
 PLACES = 4
@@ -264,8 +266,6 @@ def _solve(program: LinearProgram) -> LpSolution | None:
     numbers = (program.matrix.data, program.row_lower, program.row_upper)
     if any(np.any(np.isnan(values)) for values in numbers):
         return None
-    for solver in (PiqpSolver(ACCURACY), HighsSolver()):
-        solution = solver.solve(program)
-        if solution.optimal and np.all(np.isfinite(solution.row_duals)):
-            return solution
-    return None
+    solution = PiqpSolver(ACCURACY).solve(program)
+    valid = solution.optimal and bool(np.all(np.isfinite(solution.row_duals)))
+    return solution if valid else None

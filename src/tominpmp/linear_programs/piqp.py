@@ -56,12 +56,14 @@ class Termination:
         residual: Requested residual. Rows are satisfied much better once the gap has
             closed. Multipliers of overlapping limits are not, and more than half of all
             iterations would be spent on their last digits.
+        most_columns: Programs with more columns are not left to the simplex method.
     """
 
     gap: float = 2e-5
     share: float = 0.0
     iterations: int = PIQP_ITERATIONS
     residual: float = 1e-4
+    most_columns: float = MANY_COLUMNS
 
 
 USUAL_TERMINATION = Termination()
@@ -150,9 +152,8 @@ class PiqpSolver(LpSolver):
         self._simplex = None
         self._set_up(program)
         solution = self._run(program)
-        # With many columns the simplex method takes seconds: the program of a shorter
-        # step takes less.
-        if solution.optimal or program.cost.size > MANY_COLUMNS:
+        # The program of a shorter step takes less time than the simplex method.
+        if solution.optimal or program.cost.size > self._termination.most_columns:
             return solution
         # Later changes of its bounds are solved by the simplex method, too.
         self._simplex = HighsSolver()
