@@ -16,9 +16,9 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, ScenarioError, TominpmpWarning
 from tominpmp.files.export import export, load_motion
 from tominpmp.motion.joining import join
+from tominpmp.motion.measures import accelerations_continue
 from tominpmp.motion.samples import Samples, clock
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.problem.controls import accelerations_continue
 from tominpmp.robot.robot import Robot
 
 ROS_ENDINGS = ("yaml", "json", "mcap")

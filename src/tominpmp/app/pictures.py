@@ -10,7 +10,7 @@ import numpy as np
 from tominpmp.app.planning import LEAST_GAIN, BindingLimit, Outcome, ShownMotion
 from tominpmp.arrays import Array
 from tominpmp.bounds.result import USELESS
-from tominpmp.problem.controls import SATURATED
+from tominpmp.motion.measures import SATURATED
 from tominpmp.viz.shares import SPEED_COLOR, TORQUE_COLOR
 
 HOT = "#e11d48"

@@ -17,8 +17,8 @@ from tominpmp.arrays import Array, Record
 from tominpmp.bounds.result import LowerBound
 from tominpmp.exceptions import ProblemError, TominpmpError, quiet
 from tominpmp.kinematics import FrameMotions
+from tominpmp.motion.measures import SATURATED
 from tominpmp.planner.planning import plan
-from tominpmp.problem.controls import SATURATED
 from tominpmp.problem.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import IterationRecord

@@ -55,9 +55,9 @@ def joints_of(problem: Problem, smooth_ends: bool) -> list[Joint]:
         problem: The problem.
         smooth_ends: Whether accelerations that may not jump are zero at both ends.
     """
-    tightest, joints = tightest_limits(problem), []
-    for i, name in enumerate(problem.robot.joint_names):
-        unit = units_of(problem.robot)[i]
+    tightest, joints, robot = tightest_limits(problem), [], problem.robot
+    units = zip(robot.joint_names, units_of(robot), strict=True)
+    for i, (name, unit) in enumerate(units):
         top, acceleration, jerk, _ = (float(most[i]) for most in tightest.values())
         ramp = Ramp(acceleration, jerk if smooth_ends else math.inf)
         limits = _in_words((top, ramp.acceleration, ramp.jerk), unit)

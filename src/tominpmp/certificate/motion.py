@@ -25,8 +25,8 @@ import scipy.sparse as sp
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.constraints.base import Partials, States
 from tominpmp.linear_programs.sparse import rows_of_table
+from tominpmp.motion.measures import accelerations_continue
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.problem.controls import accelerations_continue
 from tominpmp.transcription.controls import driven_joints
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions

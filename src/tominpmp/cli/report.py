@@ -14,9 +14,9 @@ import numpy as np
 from rich.console import Console
 
 from tominpmp.bounds.result import LowerBound
+from tominpmp.motion.measures import SATURATED
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits, kinds_of
-from tominpmp.problem.controls import SATURATED
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import Robot
 from tominpmp.solution import Solution

@@ -48,9 +48,9 @@ from tominpmp.exceptions import (
     warn_caller,
 )
 from tominpmp.files.tables import filled_samples, known_quantities
+from tominpmp.motion.measures import accelerations_continue
 from tominpmp.motion.samples import BILLION, Samples
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.problem.controls import accelerations_continue
 
 # Fields of a point by the quantities of samples.
 POINT_FIELDS = {

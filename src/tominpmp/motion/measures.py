@@ -1,4 +1,8 @@
-"""Measures of a motion: torque roughness, path length, energy, peak acceleration."""
+"""Measures of a motion: torque roughness, path length, energy, peak acceleration.
+
+Whether its accelerations are continuous, and its torques and speeds saturated, is
+judged by the same rules everywhere.
+"""
 
 from __future__ import annotations
 
@@ -23,6 +27,20 @@ ROUGHNESS_INSTANTS = 100
 # Quadrature points of each interval for energies, some of which have kinks where a
 # motor begins to brake.
 GAUSS_POINTS = 12
+# Share of its limit from which a torque or speed counts as saturated.
+SATURATED = 0.99
+# Jumps of accelerations up to this are rounding, relative to the largest acceleration.
+CONTINUOUS = 1e-6
+
+
+def accelerations_continue(trajectory: Trajectory) -> bool:
+    """Whether the accelerations of a motion do not jump at its nodes."""
+    if trajectory.degree == 5:
+        return True
+    nodes = trajectory.t[1:-1]
+    before, after = (trajectory(t, 2) for t in (np.nextafter(nodes, 0.0), nodes))
+    largest = np.max(np.abs([before, after]), initial=0.0)
+    return bool(np.all(np.abs(after - before) <= CONTINUOUS * largest))
 
 
 def roughness(trajectory: Trajectory, limits: JointLimits) -> float:

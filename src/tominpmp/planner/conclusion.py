@@ -11,14 +11,14 @@ import numpy as np
 from tominpmp.bounds.result import LowerBound
 from tominpmp.initial_guess.unreachable import hindrance
 from tominpmp.kinematics import units_of
-from tominpmp.motion.measures import acceleration_remark
+from tominpmp.motion.measures import SATURATED, acceleration_remark
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import EFFORT
 from tominpmp.options import Options
 from tominpmp.planner.automatic_options import SHOOTING
 from tominpmp.planner.candidate import Candidate, best_of
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.problem.controls import SATURATED, effort_range
+from tominpmp.problem.controls import effort_range
 from tominpmp.problem.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status

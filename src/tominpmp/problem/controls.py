@@ -21,16 +21,12 @@ from tominpmp.motion_limits import (
 )
 
 if TYPE_CHECKING:
-    from tominpmp.motion.trajectory import State, Trajectory
+    from tominpmp.motion.trajectory import State
     from tominpmp.robot.robot import Robot
 
 # Accelerations and jerks beyond this count as unlimited, and accelerations below its
 # inverse as this inverse [rad/s^2, rad/s^3].
 MOST = 1e9
-# Share of its limit from which a torque or speed of a motion counts as saturated.
-SATURATED = 0.99
-# Jumps of accelerations up to this are rounding, relative to the largest acceleration.
-CONTINUOUS = 1e-6
 
 
 def control_kind(robot: Robot) -> LimitKind:
@@ -131,13 +127,3 @@ def need_smooth(robot: Robot, limits: MotionLimits | None) -> bool:
     """
     bounded = [] if limits is None else limits._bounded
     return bool(bounded) and not (robot.kinematic and bounded == [ACCELERATION])
-
-
-def accelerations_continue(trajectory: Trajectory) -> bool:
-    """Whether the accelerations of a motion do not jump at its nodes."""
-    if trajectory.degree == 5:
-        return True
-    nodes = trajectory.t[1:-1]
-    before, after = (trajectory(t).a for t in (np.nextafter(nodes, 0.0), nodes))
-    largest = np.max(np.abs([before, after]), initial=0.0)
-    return bool(np.all(np.abs(after - before) <= CONTINUOUS * largest))

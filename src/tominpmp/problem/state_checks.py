@@ -211,7 +211,8 @@ class StateChecks:
                 continue
             if window is not None and np.isfinite(window.end) and which == "goal":
                 continue  # the arrival time is not known yet
-            # A state of a planned motion may exceed it between two rows.
+            # A state of a planned motion may exceed it between two rows, by a share of
+            # its scale; a slack counts in units of the scale, and at least of 1.
             slack = USABLE * min(item.scale, 1.0) if which == "start" else ROUNDING
             if lack := item.lack(q, v, slack):
                 why = contradiction(item, self.constraints, robot, q)

@@ -25,8 +25,8 @@ from tominpmp.checks import instance, positive, raised_as, whole
 from tominpmp.description.paths import checked_ending
 from tominpmp.exceptions import MissingDependency, OptionsError, warn_caller
 from tominpmp.files.writing import write_file
+from tominpmp.motion.measures import SATURATED
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.problem.controls import SATURATED
 from tominpmp.problem.problem import Problem
 from tominpmp.viz import meshcat_scene
 from tominpmp.viz.shares import SPEED_COLOR, TORQUE_COLOR, Shares, shares_of_limits
