@@ -220,6 +220,17 @@ def test_speeds_have_to_be_given() -> None:
             ),
             120.0,
         ),
+        # The force of an integrator follows from its activation, not from its control.
+        (
+            (
+                (
+                    '<motor joint="turn" class="bigger"/>',
+                    '<general joint="turn" class="bigger" dyntype="integrator" '
+                    'ctrlrange="-1 1" actlimited="true" actrange="-0.4 0.4"/>',
+                ),
+            ),
+            24.0,
+        ),
     ],
 )
 def test_actuators_limit_efforts(
@@ -407,6 +418,28 @@ def test_the_world_is_watched_beside_excluded_pairs() -> None:
     pairs = tm.load_robot(text, velocity=2).srdf.disabled_pairs
     assert ("base", "upper") in pairs
     assert not any("world" in pair for pair in pairs)
+
+
+def test_masks_and_bodies_fixed_to_each_other_are_those_of_mujoco() -> None:
+    """A flange fixed to the tool, and a sensor that may not collide with the tool."""
+    box = '<geom type="box" size="0.03 0.03 0.05"'
+    flange = f'<body name="flange">{box} contype="3"/></body>'
+    sensor = f'<body name="sensor">{box} contype="2" conaffinity="2"/></body>'
+    last = '<geom type="box" pos="0 0 0.1" size="0.03 0.03 0.05"/>'
+    text = changed(
+        (last, last + flange), ('<body name="tool"', sensor + '<body name="tool"')
+    )
+    pairs = tm.load_robot(text, velocity=2).srdf.disabled_pairs
+    assert ("sensor", "tool") in pairs
+    assert ("flange", "upper") in pairs
+    assert ("base", "tool") not in pairs
+
+
+def test_keyframes_need_no_names() -> None:
+    keys = '<keyframe><key qpos="0.1 0.2"/><key qpos="0.3 0.1"/></keyframe></mujoco>'
+    text = changed(("</mujoco>", keys))
+    states = tm.load_robot(text, velocity=2).srdf.group_states
+    assert [states[name]["turn"] for name in ("key 1", "key 2")] == [0.1, 0.3]
 
 
 def test_dampers_limit_no_effort() -> None:

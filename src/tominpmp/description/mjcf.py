@@ -318,16 +318,24 @@ class _MjcfReader:
     def semantics(self, path: Path) -> SemanticDescription:
         """Link pairs that are not checked, and configurations by name.
 
-        Excluded pairs replace neighbours, which MuJoCo does not check either, but for
-        the world and the bodies in it.
+        Pairs that are excluded, or that no mask lets collide, replace neighbours, which
+        MuJoCo does not check either, but for the world.
         """
         model = self.model
+        masks, others = model.body_contype, model.body_conaffinity
+        solid, met = masks | others > 0, masks[:, None] & others > 0
+        unmet = np.triu(solid[:, None] & solid & ~(met | met.T), 1)
         pairs = {divmod(both, 2**16) for both in model.exclude_signature.tolist()}
+        pairs |= set(zip(*np.nonzero(unmet), strict=True))
         if pairs:
-            pairs |= {(k, i) for i, k in enumerate(model.body_parentid.tolist()) if k}
+            parents, fixed = model.body_parentid, model.body_weldid
+            # Bodies fixed to each other have the number of the first one.
+            near = (fixed[parents[fixed]][:, None] == fixed) & (fixed > 0)
+            pairs |= {(k, i) for i, k in enumerate(parents.tolist()) if k}
+            pairs |= set(zip(*np.nonzero(near), strict=True))
         named = {tuple(sorted((self.bodies[i], self.bodies[k]))) for i, k in pairs}
         states = {
-            key.name: dict(zip(self.names, key.qpos.tolist(), strict=True))
+            key.name or f"key {key.id}": dict(zip(self.names, key.qpos, strict=True))
             for key in map(model.key, range(model.nkey))
         }
         return SemanticDescription(tuple(sorted(named)), states, path)
@@ -338,7 +346,9 @@ class _MjcfReader:
         for own in map(model.actuator, range(model.nu)):
             ends = np.array(_range(own.forcelimited, own.forcerange))
             if own.gaintype[0] == own.biastype[0] == 0:  # forces follow from controls
-                control = np.array(_range(own.ctrllimited, own.ctrlrange))
+                integrates = own.dyntype[0] == self.mujoco.mjtDyn.mjDYN_INTEGRATOR
+                control = _range(own.ctrllimited and not integrates, own.ctrlrange)
+                control = np.clip(control, *_range(own.actlimited, own.actrange))
                 ends = np.clip(ends, *np.sort(own.gainprm[0] * control))
             if own.trntype[0] <= 1:  # of a joint
                 joint = int(own.trnid[0])
