@@ -222,7 +222,7 @@ def test_rounds_that_run_out_are_no_convergence(around, monkeypatch):
     of, z = Layout.of_motion(around.trajectory).represented(
         ProblemFunctions.of(around.problem), around.trajectory
     )
-    looks = exchange.RowExchange(level=0.0, revise=lambda program, z: (program, z))
+    looks = exchange.RowExchange(revise=lambda program, z: (program, z))
     result = solve(
         NonlinearProgram.of(of).at(z),
         MinimumTime.of(options, 1e-4),

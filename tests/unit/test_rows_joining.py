@@ -135,7 +135,7 @@ def test_programs_that_are_hard_for_interior_points_go_to_the_simplex_method(
 
 def test_a_motion_that_ends_is_looked_at_between_the_rows():
     """However it has ended: its rows are not all that it needs."""
-    result = solve(RowExchange(level=0.0, revise=worst_angle), max_iterations=3)
+    result = solve(RowExchange(revise=worst_angle), max_iterations=3)
     assert result.best is not None
     assert result.best.duration == pytest.approx(2.0**0.5, rel=1e-4)
 
@@ -154,7 +154,7 @@ def test_who_gives_a_motion_up_has_it_looked_at_no_more():
             [2.0, 0.7, 2.5],
             "highs",
             options,
-            exchange=RowExchange(level=0.0, revise=revise),
+            exchange=RowExchange(revise=revise),
             callback=lambda _, status=status: status,
         )
         assert len(looks) >= count if count else not looks

@@ -395,7 +395,7 @@ class ClockTrial:
             z,
             step,
             first_of(reaches_tick(T, feasibility), stop),
-            exchange=RowExchange(level=0.0, longest=(1.0 + TRACE) * T),
+            exchange=RowExchange(longest=(1.0 + TRACE) * T),
             callback=shown,
         )
         best = result.best

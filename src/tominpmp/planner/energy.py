@@ -81,7 +81,7 @@ def reoptimised(
         program = NonlinearProgram.of(transcription).at(z)
         start = program, *objective(program, z)
         steps = trust_regions(options, make_solver("piqp"))
-        exchange = RowExchange(level=0.0)
+        exchange = RowExchange()
         result = solve(*start, *steps, exchange=exchange, callback=stop_in_time)
         candidate = Candidate.of("former motion", former, result)
         if options.control_period is not None:

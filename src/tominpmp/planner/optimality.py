@@ -168,7 +168,7 @@ class CertifiedDescent:
             MinimumTime.of(warm, warm.smoothing or 0.0),
             z,
             *trust_regions(warm),
-            exchange=RowExchange(level=0.0),
+            exchange=RowExchange(),
             callback=self.state,
             keep=self.state.keep,
         )
