@@ -100,12 +100,6 @@ VARIANTS: dict[str, Variant] = {
         parts={"tominpmp.linear_programs.piqp.PiqpSolver.curved": False}
     ),
     "no correction": Variant(parts={f"{SOLVERS}.trust_region_step.CORRECTIONS": 0}),
-    "no small violations": Variant(
-        parts={
-            f"{PLANNER}.descent.SMALL_VIOLATION": 0.0,
-            f"{PLANNER}.finer_grid.SMALL_VIOLATION": 0.0,
-        }
-    ),
     "starts not judged": Variant(
         parts={f"{PLANNER}.coarse_search.CoarseSearch._drop_early": lambda _: _none}
     ),

@@ -32,6 +32,7 @@ from tominpmp.planner.descent import (
     descend,
     descent_work,
     guess_of,
+    stop_if_hopeless,
     torques_rule,
 )
 from tominpmp.planner.plan_state import PROMISE, PlanState, start_key
@@ -39,6 +40,7 @@ from tominpmp.planner.torque_starts import FEW_JOINTS, torque_starts, torques_ma
 from tominpmp.planner.work import Schedule, Work
 from tominpmp.solvers.loop import Loop, Rule
 from tominpmp.solvers.objective import RESTORABLE
+from tominpmp.solvers.stop import first_of
 from tominpmp.status import Status
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -121,7 +123,9 @@ def search(
     if system.final_configuration is not None and not torques:
         # Where speed limits rule and there are few obstacles, a descent on the
         # requested grid takes a few iterations, and ends near the lower bound.
-        stop = None if system.in_free_space else partial(_gap_rule, state, system)
+        stop = None
+        if not system.in_free_space:
+            stop = first_of(partial(_gap_rule, state, system), stop_if_hopeless())
         yield descent_work(system, state.options, first, state, stop)
         if state.best_duration < np.inf and (
             system.in_free_space or not coarse.promising

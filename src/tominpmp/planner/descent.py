@@ -20,7 +20,6 @@ from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import REPAIRS, Work
 from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.loop import Loop, Rule, solve
-from tominpmp.solvers.objective import SMALL_VIOLATION
 from tominpmp.solvers.stop import first_of
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import Status
@@ -150,15 +149,13 @@ def descend(
     initial = program.trajectory(z)
     step, usual = trust_regions(options)
     # Slowing down for small violations costs less time than refinement gains.
-    small = SMALL_VIOLATION if options.refine == "auto" else 0.0
-    exchange = RowExchange(small_violation=small)
     result = solve(
         program,
         objective,
         z,
         step,
         first_of(usual, stop),
-        exchange=exchange,
+        exchange=RowExchange(),
         callback=state,
         keep=state.keep,
     )

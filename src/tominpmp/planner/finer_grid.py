@@ -94,7 +94,7 @@ def on_finer_grids(result: Descended, state: PlanState) -> Descended:
             z,
             step,
             first_of(round_ends(worth * best.duration), stop),
-            exchange=RowExchange(small_violation=SMALL_VIOLATION),
+            exchange=RowExchange(),
             callback=state,
             keep=state.keep,
         )

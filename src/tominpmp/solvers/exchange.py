@@ -70,8 +70,6 @@ class RowExchange:
         radius: Least trust-region radius after rows have joined, or the largest one for
             a nearly optimal motion.
         longest: Motions with a longer duration are not checked [s].
-        small_violation: At the end of the iteration, violations of missing rows up to
-            this are removed by slowing the motion down instead; 0 for never.
         revise: Gives the program with the rows that are missing at an iterate, and the
             iterate within its bounds; None if no rows are missing.
     """
@@ -80,7 +78,6 @@ class RowExchange:
     joined_at: float = math.inf
     radius: float = LEAST_RADIUS
     longest: float = LONGEST
-    small_violation: float = 0.0
     revise: Revise = _with_missing_rows
 
     def due(self, loop: Loop, status: Status | None) -> bool:
@@ -134,13 +131,9 @@ class RowExchange:
         if status is None:
             return exchange, None
         exchange = replace(exchange, extensions=self.extensions + 1)
-        # Slowing down replaces further iterations if violations are small, or if any
-        # feasible motion will do.
-        slower, objective = None, loop.objective
-        if objective.any_will_do:
-            slower = objective.better(loop.program, loop.state, None)
-        elif self.small_violation > 0.0:
-            slower = objective.cured(loop.program, loop.state, self.small_violation)
+        if not loop.objective.any_will_do:
+            return exchange, None
+        slower = loop.objective.better(loop.program, loop.state, None)
         if slower is None:
             return exchange, None
         loop.state = loop.best = slower
