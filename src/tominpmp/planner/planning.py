@@ -106,7 +106,7 @@ def plan(
             effort="quick",
             max_planning_time=requested.time_limit,
         )
-    former = None if start is None else motion_of(problem, start)
+    former = None if start is None else _motion_of(problem, start)
     state = PlanState(problem, search_options(options))
     status, candidate = None, None
     with state.deadline.in_force():
@@ -187,7 +187,7 @@ def _interrupted(solution: Solution) -> Solution:
     return replace(solution, status=Status.INTERRUPTED, message=message)
 
 
-def motion_of(
+def _motion_of(
     problem: Problem, start: Solution | Trajectory | Samples
 ) -> Trajectory | Samples | None:
     """The motion to warm-start from; None if its duration is zero.

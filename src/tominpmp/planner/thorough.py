@@ -4,7 +4,8 @@ A plan with effort "thorough" first completes all stages of a plan with less eff
 Waves of new starts on coarse grids follow: detours, paths around obstacles, other final
 configurations, and random torques. A coarse motion that predicts a gain over the
 incumbent is finished; if it is faster, the improvements are repeated for it. A longer
-search therefore never ends with a slower motion.
+search therefore never ends with a slower motion. Motions of several segments have no
+coarse grids: each wave is a descent from a further guess.
 """
 
 from __future__ import annotations
@@ -17,8 +18,9 @@ import numpy as np
 from tominpmp.initial_guess.bumps import SPREADS, bumped, bumps
 from tominpmp.initial_guess.guess import Guess, GuessRequest
 from tominpmp.initial_guess.path_velocity import guesses_of
+from tominpmp.initial_guess.segments import segmented_guesses
 from tominpmp.planner.coarse_search import CoarseSearch, coarse_grids_apply
-from tominpmp.planner.descent import torques_rule
+from tominpmp.planner.descent import descent_work, stop_if_hopeless, torques_rule
 from tominpmp.planner.improvements import improvements
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.torque_starts import torque_starts, torques_may_lead
@@ -42,14 +44,11 @@ def thorough_search(state: PlanState) -> Schedule[None]:
     options, problem = state.options, state.problem
     if options.effort != "thorough":
         return
-    systems = [ProblemFunctions.of(part) for part in problem.alternatives]
     searches = [
         _waves(system, state)
-        for system in systems
-        if coarse_grids_apply(system, options)
+        for system in map(ProblemFunctions.of, problem.alternatives)
+        if system.parts or coarse_grids_apply(system, options)
     ]
-    if not searches:
-        return
     state.complete = True
     most = WAVES if options.max_planning_time is None else MOST_WAVES
     for _, waves in itertools.product(range(most), searches):
@@ -62,7 +61,7 @@ def thorough_search(state: PlanState) -> Schedule[None]:
 
 
 def _waves(system: ProblemFunctions, state: PlanState) -> Iterator[Schedule[None]]:
-    """Waves of starts for a problem with one goal, without end; none without a guess.
+    """Waves of starts for a problem, without end; none without a guess.
 
     Args:
         system: Functions of the problem.
@@ -72,7 +71,7 @@ def _waves(system: ProblemFunctions, state: PlanState) -> Iterator[Schedule[None
     rngs = (np.random.default_rng([seed, k]) for k in (DETOUR, GUESS, AROUND_BEST))
     of_detours, of_guesses, around_best = rngs
     request = GuessRequest(MOST_WAVES * WAVE, of_guesses, duration)
-    guesses = guesses_of(system, request)
+    guesses = (segmented_guesses if system.parts else guesses_of)(system, request)
     first = next(guesses, None)
     if first is None:
         return
@@ -84,29 +83,32 @@ def _waves(system: ProblemFunctions, state: PlanState) -> Iterator[Schedule[None
         filter(coarse.untried, itertools.chain(straight, guesses)),
         _around_best(system, state, around_best),
     ]
-    shooting: Iterator[Work] = iter(())
+    single: Iterator[Work] = iter(())
     if torques_may_lead(system):
-        shooting = torque_starts(system, state, MOST_WAVES)
+        single = torque_starts(system, state, MOST_WAVES)
+    if system.parts:
+        own, stop, sources = state.options, stop_if_hopeless(), []
+        single = (descent_work(system, own, guess, state, stop) for guess in guesses)
     while True:
-        yield _wave(coarse, sources, shooting)
+        yield _wave(coarse, sources, single)
 
 
 def _wave(
     coarse: CoarseSearch,
     sources: Sequence[Iterator[Guess | None]],
-    shooting: Iterator[Work],
+    single: Iterator[Work],
 ) -> Schedule[None]:
-    """The candidates of a wave: from guesses of all sources in turn, and from torques.
+    """The candidates of a wave: from guesses of all sources in turn, and a single one.
 
     Args:
         coarse: The search on coarse grids.
         sources: Guesses of each kind; None where a source has none yet.
-        shooting: Work from random torques, one of which belongs to each wave.
+        single: Work from random torques, or from guesses of several segments, one of
+            which belongs to each wave.
     """
     turns = itertools.islice(itertools.cycle(sources), WAVE)
-    guesses = (next(source, None) for source in turns)
-    yield from coarse.probes(guess for guess in guesses if guess is not None)
-    work = next(shooting, None)
+    yield from coarse.probes(filter(None, (next(source, None) for source in turns)))
+    work = next(single, None)
     if work is not None:
         yield work
 
