@@ -73,6 +73,21 @@ def test_a_robot_that_no_file_holds_comes_back(make: Any, tmp_path: Path) -> Non
     assert saved_and_loaded(found.robot, again)[1].robot == found.robot
 
 
+def test_a_robot_beside_the_folder_of_its_scenario_comes_back(tmp_path: Path) -> None:
+    """The names of its files were written without "..", which is another path.
+
+    Behind a link to a folder it is another file, too.
+    """
+    (tmp_path / "arms" / "cells").mkdir(parents=True)
+    (tmp_path / "linked").symlink_to(tmp_path / "arms" / "cells")
+    (tmp_path / "arms" / "arm.urdf").write_text(URDF.read_text("utf-8"))
+    for folder in ("arms/cells", "linked"):
+        robot = tm.load_robot(tmp_path / folder / "../arm.urdf")
+        for place in (tmp_path, tmp_path / folder, tmp_path / folder / ".."):
+            problem, loaded = saved_and_loaded(robot, place)
+            assert loaded.robot == problem.robot
+
+
 def test_semantics_of_a_text_come_back(tmp_path: Path) -> None:
     problem, found = saved_and_loaded(from_text(), tmp_path)
     mine, theirs = found.robot.srdf, problem.robot.srdf

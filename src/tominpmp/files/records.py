@@ -206,7 +206,7 @@ def _placement_table(placement: pin.SE3) -> dict[str, Any]:
 
 def file_name(path: Path, folder: Path) -> str:
     """Write a path: relative to the folder if it is inside or is it, else absolute."""
-    path, folder = Path(os.path.abspath(path)), Path(os.path.abspath(folder))
+    path, folder = path.absolute(), folder.absolute()  # ".." may follow a link
     inside = path.is_relative_to(folder)
     return path.relative_to(folder).as_posix() if inside else str(path)
 
