@@ -57,6 +57,17 @@ def test_a_former_motion_goes_to_the_goal_that_it_is_nearest_to(former):
     assert abs(found.segments[0].trajectory.q[-1, 0] - 0.5) < 1e-6
 
 
+@pytest.mark.parametrize("goals", [[1.0], [0.2, 0.5, 1.0]])
+def test_a_former_motion_of_another_number_of_segments_is_the_start(former, goals):
+    """The torques of the former segments were taken for those of the new ones."""
+    segments = [tm.Segment(tm.JointGoal([goal])) for goal in goals]
+    changed = tm.Problem(former.problem.robot, [0.0], segments=segments)
+    verdict = tm.verify(changed, former.trajectory)
+    assert verdict.ok, verdict.message
+    found = tm.plan(changed, start=former, **OPTIONS)
+    assert found.T <= 1.005 * tm.plan(changed, **OPTIONS).T
+
+
 def test_a_former_motion_of_other_joints_is_refused(former):
     other = tm.Trajectory(("a",), [0.0, 1.0], np.zeros((2, 1)), *[np.zeros((2, 1))] * 2)
     with pytest.raises(tm.ProblemError, match="start"):

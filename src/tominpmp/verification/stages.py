@@ -138,32 +138,30 @@ def with_segments(
         trajectory: The motion.
         tolerances: Tolerances of the goals.
     """
-    phases = problem.phases
-    if not problem.segments:
-        return replace(trajectory, segment_ends=None, segment_dynamics=())
-    recorded = trajectory.segment_ends
-    known = recorded is not None and len(recorded) == len(phases)
-    if known and trajectory.segment_dynamics:
+    segments, recorded = problem.segments, trajectory.segment_ends
+    if recorded is None or len(recorded) != len(segments):
+        trajectory = replace(trajectory, segment_ends=None, segment_dynamics=())
+    if trajectory.segment_dynamics or not segments:
         return trajectory
-    ends = _segment_ends(problem, trajectory, tolerances, recorded if known else None)
+    ends = _segment_ends(problem, trajectory, tolerances)
     motion = replace(_with_nodes(trajectory, ends), segment_ends=ends)
     if trajectory.inverse_dynamics is None:
         return motion
-    dynamics = tuple(RobotDynamics(phase.robot).inverse for phase in phases)
+    dynamics = tuple(RobotDynamics(phase.robot).inverse for phase in problem.phases)
     return motion.with_torques(dynamics[0], dynamics)
 
 
 def _segment_ends(
-    problem: Problem, motion: Trajectory, tolerances: Tolerances, recorded: Array | None
+    problem: Problem, motion: Trajectory, tolerances: Tolerances
 ) -> Array:
     """Times at which the segments of a recorded motion end [s], shape (k,).
 
     Args:
         problem: The problem.
-        motion: The motion.
+        motion: The motion, with the recorded end times, or without any.
         tolerances: Tolerances of the goals.
-        recorded: Recorded end times, at nodes [s], shape (k,); None if not recorded.
     """
+    recorded = motion.segment_ends
     plain, T = replace(motion, inverse_dynamics=None), motion.duration
     step = max(TIME_STEP, T / MOST_SAMPLES)
     times = np.unique(np.concatenate([np.arange(0.0, T, step), motion.t]))
