@@ -113,6 +113,18 @@ def test_nodes_that_almost_coincide_are_left_out(tmp_path: Path) -> None:
     assert back.t.tolist() == [0.0, 0.5, 12.345678901]
 
 
+def test_a_motion_that_ends_moving_goes_on_to_the_time_of_the_last_point(
+    tmp_path: Path,
+) -> None:
+    """Its position was that of the end, half a nanosecond before: a jump of torque."""
+    t = np.array([0.0, 1.0, 1.0000200004])
+    v, a = np.full((3, 1), 2.0), np.zeros((2, 1))
+    motion = Trajectory(("a",), t, 2.0 * t[:, None], v, 0.0 * v, a)
+    back = load_motion(export(motion, tmp_path / "m.yaml"))
+    speeds = np.diff(back.q[:, 0]) / np.diff(back.t)
+    np.testing.assert_allclose(speeds, 2.0, rtol=0.0, atol=1e-9)
+
+
 @pytest.mark.parametrize(
     "wrap",
     [

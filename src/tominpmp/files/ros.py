@@ -105,15 +105,15 @@ def message_samples(
     times = trajectory.t if dt is None else trajectory.sample(dt).t
     ticks = _times_of_points(times, trajectory.duration)
     q, v, a, u = (part.copy() for part in trajectory(ticks / BILLION))
-    # Rounding may place the last tick half a nanosecond early.
-    end = trajectory.v[-1]
-    q[-1], v[-1] = trajectory.q[-1], np.where(np.abs(end) <= AT_REST, 0.0, end)
+    # The last tick is up to a nanosecond late, or half a nanosecond early by rounding.
+    late = ticks[-1] / BILLION - trajectory.duration
+    end = np.where(np.abs(trajectory.v[-1]) <= AT_REST, 0.0, trajectory.v[-1])
+    q[-1], v[-1] = trajectory.q[-1] + late * end, end
     if not accelerations_continue(trajectory):
         a[:] = np.nan
     if not with_effort:
         u[:] = np.nan
-    names = trajectory.joint_names
-    return Samples(names, ticks / BILLION, q, v, a, u, "controller")
+    return Samples(trajectory.joint_names, ticks / BILLION, q, v, a, u, "controller")
 
 
 def _times_of_points(times: Array, duration: float) -> IntArray:
