@@ -65,6 +65,19 @@ def test_a_recorded_end_is_not_the_local_minimum_before_it():
     assert read.segment_ends.tolist() == ends
 
 
+def test_a_goal_that_is_met_too_early_and_again_is_met_in_time(tmp_path):
+    """The arm begins at the goal; in a file without ends this was its arrival."""
+    segments = [
+        tm.Segment(tm.JointGoal([0.0]), arrival=(0.5, 1.0)),
+        tm.Segment(tm.JointGoal([1.0])),
+    ]
+    problem = tm.Problem(make_arm(slide(2.0), effort=10.0), [0.0], segments=segments)
+    found = tm.plan(problem, control="constant", refine=None)
+    assert np.ptp(found.segments[0].trajectory.q) > 1e-3
+    verdict = tm.verify(problem, tm.load_motion(found.export(tmp_path / "m.yaml")))
+    assert verdict.ok, verdict.message
+
+
 def test_a_file_of_one_segment_has_no_such_column(tmp_path):
     robot = make_arm(slide(2.0), effort=10.0)
     problem = tm.Problem(robot, [0.0], tm.JointGoal([1.0]))

@@ -19,7 +19,7 @@ from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion.extrema import least_between
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Tolerances
-from tominpmp.problem.segments import SAME, spans_of
+from tominpmp.problem.segments import SAME, arrival_window, spans_of
 from tominpmp.verification.limit_violations import LimitViolation
 from tominpmp.verification.polynomials import Pieces
 from tominpmp.verification.replay import TIME_STEP, Replay
@@ -180,11 +180,12 @@ def _segment_ends(
         # Of a dwell all times are equally near, and the first one counts.
         nearest = recorded is not None and segment.dwell == 0.0
         met = _first_met(residuals, times[begin:behind], nearest=nearest)
-        if segment.stop and segment.arrival is not None:
-            # An arm that stops may reach the goal early and wait for the earliest time.
-            allowed = segment.arrival[0]
-            if met < allowed <= T and next(residuals(np.array([allowed]))) <= MET:
-                met = allowed
+        allowed, _ = arrival_window(segment)
+        if met < allowed <= T:
+            # An arm may meet the goal early, and wait there or meet it again.
+            after = np.append(allowed, times[begin:behind])
+            again = _first_met(residuals, after[after >= allowed], nearest=nearest)
+            met = again if next(residuals(np.array([again]))) <= 1.0 else met
         end = met
         if segment.dwell > 0.0:
             later = np.searchsorted(times, met + segment.dwell - SAME)
