@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import fields
+from inspect import signature
 
 import pytest
 from cli_samples import Run
+
+from tominpmp.physics.options import ReplayOptions
 
 pytest.importorskip("mujoco")
 
@@ -66,3 +70,19 @@ def test_what_is_tried_is_chosen_and_told(run: Run, files: None) -> None:
     wrong = run("replay", "s.toml", "--robustness", "--random-delay", "-1")
     assert wrong.exit_code == 2
     assert "delay is -1" in wrong.stderr
+
+
+def test_the_command_has_the_defaults_of_the_library() -> None:
+    """They are written twice, as the help of the command imports light modules only."""
+    from tominpmp.physics.replay import replay
+    from tominpmp.physics.robustness import Disturbances, robustness
+
+    parameters = [signature(function).parameters for function in (replay, robustness)]
+    motion, trials = ({k: p.default for k, p in each.items()} for each in parameters)
+    assert vars(ReplayOptions()) == vars(ReplayOptions()) | {
+        "step": motion["step"],
+        "goal_tolerance": motion["tolerance"],
+        "tracking_tolerance": trials["tolerance"],
+        **{name: trials[name] for name in ("samples", "seed", "bandwidth")},
+        **{f"random_{item.name}": item.default for item in fields(Disturbances)},
+    }

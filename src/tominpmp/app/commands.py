@@ -17,9 +17,9 @@ class AppOptions(GeneralOptions):
     """Address and robot of the live page.
 
     Attributes:
-        port (N): Port to serve the page at. Default: 8080.
+        port (N): Port to serve the page at.
         host (ADDRESS): Address to serve it at; 0.0.0.0 lets others on the network open
-            it. Default: 127.0.0.1.
+            it.
         no_browser: Do not open the page in the browser.
         kinematic: Leave out torques, so that the robot's file needs no inertias and no
             torque limits.

@@ -16,7 +16,7 @@ class BatchOptions(ReportOptions):
 
     Attributes:
         output (FOLDER): Folder for the results, an NPZ file each; problems whose
-            results a former run has left there are not planned again. Default: results.
+            results a former run has left there are not planned again.
         workers (N): Number of problems planned at once. Default: the number of cores.
         backend (NAME): loky (processes), threading, dask, ray, or any other of joblib.
             Default: loky.

@@ -392,14 +392,11 @@ class _Search:
             self.plans += 1
             with _of_task(number, count):
                 solution = plan(problem, self.options, start)
-            if solution.status is Status.INTERRUPTED:
-                raise KeyboardInterrupt
-            if not solution.success:
-                raise ProblemError(
-                    f"tasks: number {number + 1} of {count} has no motion at "
-                    f"the initial placement: {solution.message}",
-                    f"tasks[{number}]",
-                )
+                if solution.status is Status.INTERRUPTED:
+                    raise KeyboardInterrupt
+                if not solution.success:
+                    found = f"no motion at the initial placement: {solution.message}"
+                    raise ProblemError(found)
             solutions.append(solution)
         return solutions
 

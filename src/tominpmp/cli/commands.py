@@ -11,8 +11,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from tominpmp.cli.option_fields import GeneralOptions, supported, typed_values
-from tominpmp.cli.option_fields import robots as robot_names
+from tominpmp.cli.option_fields import GeneralOptions, sources, supported, typed_values
 from tominpmp.cli.options import (
     PlannerOptions,
     PlanOptions,
@@ -30,7 +29,7 @@ ROBOT = "Name of a robot (tominpmp robots lists them) or path of a URDF file"
 
 def _completed(text: str) -> Parameter:
     """An argument with completion of names of robots and of files that hold a robot."""
-    return Parameter(help=text, **supported(completer=robot_names))
+    return Parameter(help=text, **supported(completer=sources))
 
 
 RobotName = Annotated[str, _completed(f"{ROBOT}.")]

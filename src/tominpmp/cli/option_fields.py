@@ -57,7 +57,7 @@ def supported(**marks: Any) -> dict[str, Any]:
     return {name: value for name, value in marks.items() if name in known}
 
 
-def robots(typed: CompletionContext) -> list[str]:
+def sources(typed: CompletionContext) -> list[str]:
     """Names of robots, and files and folders that begin with the typed text."""
     from tominpmp.description.files import robot_names
 
@@ -126,7 +126,7 @@ COMPLETIONS: dict[str, Completer] = {
     "goal_pose": named("urdf", "link", "joint"),
     "interpolation": words("auto", "controller", "linear", "cubic", "quintic"),
     "ros_message": words("JointTrajectory", "FollowJointTrajectory", "RobotTrajectory"),
-    "robot": robots,
+    "robot": sources,
 }
 
 
@@ -186,7 +186,8 @@ def options(panel: str) -> Callable[[type[Record]], type[Record]]:
     """Mark a dataclass: each field that it declares is an option.
 
     The metadata of a field may have ``alias``, another name of its option, and
-    ``panel``, a heading that replaces the heading of the class.
+    ``panel``, a heading that replaces the heading of the class. The default of a field
+    is added to its help text.
 
     Args:
         panel: Heading of the options in the help.
@@ -201,7 +202,7 @@ def _marked(
     declared = {item.name: item for item in fields(kind)}  # type: ignore[arg-type]
     for name, (metavar, text) in texts.items():
         item = declared[name]
-        hint = _hint(kind, item)
+        text, hint = _with_default(text, item), _hint(kind, item)
         more = item.metadata
         completer = more.get("completer", COMPLETIONS.get(name))
         kind.__annotations__[name] = Annotated[
@@ -218,6 +219,12 @@ def _marked(
             ),
         ]
     return Parameter(name="*")(kind)
+
+
+def _with_default(text: str, item: Field[Any]) -> str:
+    """A help text with the default of a field, unless that is None or False."""
+    stated = item.default not in (None, MISSING) and item.default is not False
+    return f"{text} Default: {item.default}." if stated else text
 
 
 def fields_of(
@@ -250,9 +257,7 @@ def fields_of(
             continue
         names, note = (further or {}).get(item.name, ({}, ""))
         text = described.get(item.name, ("", ""))[1].replace("None", NONE)
-        if item.default not in (None, MISSING):
-            text += f" Default: {item.default}."
-        texts[item.name] = metavar, f"{text} {note}".strip()
+        texts[item.name] = metavar, f"{_with_default(text, item)} {note}".strip()
         marks = {
             "also_none": NoneType in get_args(hint) and metavar not in ("", PER_JOINT),
             "completer": words(*choices) if choices else None,

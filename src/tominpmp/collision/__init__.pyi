@@ -3,7 +3,7 @@
 from .checker import (
     CollisionChecker as CollisionChecker,
     Contact as Contact,
+    enclosure as enclosure,
 )
-from .enclosure import enclosure as enclosure
 from .query import Derivatives as Derivatives
 from .bodies import obstacle_shape as obstacle_shape

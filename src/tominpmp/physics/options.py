@@ -14,25 +14,23 @@ class ReplayOptions(ReportOptions):
     """Options of the replay of a motion in MuJoCo.
 
     Attributes:
-        step (SECONDS): Longest step of the simulator. Default: 0.0002.
+        step (SECONDS): Longest step of the simulator.
         goal_tolerance (RAD): Largest error of a joint at the end (rad or m), with
-            feedback. Default: 0.01.
+            feedback.
         robustness: Instead of replaying a motion, plan with several torque reserves
             and report the least one with which 99 % of trials with random loads,
             friction, delays and noise stay near the motion.
-        samples (N): Number of trials for each reserve. Default: 100.
+        samples (N): Number of trials for each reserve.
         seed (N): Seed of the random numbers of the trials.
         random_payload (KG): Largest mass that a trial adds to the modelled load.
-            Default: 0.2.
         random_friction (SHARE): Largest dry friction that a trial adds to the modelled
-            friction, as a share of the torque limit of each joint. Default: 0.01.
+            friction, as a share of the torque limit of each joint.
         random_delay (SECONDS): Longest time from a measurement to the torque that
-            follows from it. Default: 0.002.
+            follows from it.
         random_noise (RAD): Standard deviation of measured positions (rad or m).
-            Default: 1e-05.
         tracking_tolerance (RAD): Largest distance of a joint from the motion in a trial
-            (rad or m). Default: 0.02.
-        bandwidth (NUMBER): Bandwidth of the feedback in a trial (1/s). Default: 100.
+            (rad or m).
+        bandwidth (NUMBER): Bandwidth of the feedback in a trial (1/s).
     """
 
     step: float = 2e-4

@@ -9,8 +9,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, real_array
 from tominpmp.checks import by_joint, in_order, wrong
-from tominpmp.collision.checker import CollisionChecker
-from tominpmp.collision.enclosure import enclosure
+from tominpmp.collision.checker import CollisionChecker, enclosure
 from tominpmp.collision.query import ROUNDING
 from tominpmp.constraints.contradiction import contradiction
 from tominpmp.constraints.path import USABLE, PathConstraint

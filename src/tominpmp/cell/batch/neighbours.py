@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
+from tominpmp.cell.farthest_points import spread_out
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
 
@@ -104,27 +105,6 @@ def _nearest(table: Array, index: int, before: IntArray, members: list[int]) -> 
     order = np.argsort(away, kind="stable")[:3]
     nearest = [(members[before[k]], float(away[k])) for k in order.tolist()]
     return [item for item in nearest if item[1] <= FAR]
-
-
-def spread_out(rows: Array, first: int, count: int, norm: float) -> IntArray:
-    """Farthest-point sampling: each row is as far as possible from all before it.
-
-    Args:
-        rows: The rows, shape (m, n).
-        first: Index of the first one.
-        count: Number of rows to choose, m at most.
-        norm: Order of the norm that measures distances.
-
-    Returns:
-        Indices of the chosen rows, in the order of the choice.
-    """
-    chosen, away = [first], np.full(len(rows), np.inf)
-    while len(chosen) < count:
-        apart = np.linalg.norm(rows - rows[chosen[-1]], norm, axis=1)
-        away = np.minimum(away, apart)
-        away[chosen] = -1.0
-        chosen.append(int(np.argmax(away)))
-    return np.array(chosen)
 
 
 def _place(problem: Problem | None) -> tuple[Any, Array]:

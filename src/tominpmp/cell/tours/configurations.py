@@ -20,7 +20,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.cell.batch.neighbours import spread_out
+from tominpmp.cell.farthest_points import spread_out
 from tominpmp.cell.tours.legs import JointTimes, LegTable, carrying
 from tominpmp.cell.tours.station import TourTask
 from tominpmp.goals.base import Goal
@@ -130,9 +130,7 @@ STARTS, MORE_STARTS = 24, 400
 NEIGHBOURS = 4
 # Rounds of the refinement, random trials of a station in each round, and the radius of
 # the trials in the first round [rad].
-ROUNDS = 24
-TRIALS = 4
-RADIUS = 0.4
+ROUNDS, TRIALS, RADIUS = 24, 4, 0.4
 # Factor by which the radius shrinks, and the gain of a round, as a share of the time,
 # below which it does.
 SHRINK, LEAST_GAIN = 0.6, 2e-3
