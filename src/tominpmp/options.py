@@ -157,13 +157,13 @@ class Options(Record):
         effort: How widely the planner searches for a global optimum: "quick" (one
             descent to the nearest local optimum), "standard" (a few more on coarse
             grids, where a faster motion may exist and they take little time), or
-            "thorough" (many more, of all kinds, and for as long as
-            ``max_planning_time`` lasts if that is given). A higher effort repeats the
-            attempts of a lower one, and then adds others.
+            "thorough" (many more, of all kinds, and until the time limit if one is
+            given). A higher effort repeats the attempts of a lower one, and then adds
+            others.
         energy_weight: Weight k of the energy, in 1/(N^2 m^2) or s/J according to
             ``energy``: the objective is T + k times the energy; 0 for time alone. The
             fastest motion, with which the search for the least objective begins, is
-            that of ``effort="quick"`` and ``refine=None``.
+            planned with quick effort and without refinement.
         energy: Definition of the energy: "torque_squared", the integral of the squared
             torques of all motors over time [N^2 m^2 s], including the forces of
             prismatic joints [N], which is proportional to the heat losses of motors; or
@@ -173,7 +173,7 @@ class Options(Record):
             to :func:`tominpmp.smooth`. None skips that step.
         refine: Stage after the first solve: "auto" (intervals of the best motion are
             halved where its controls bend, as long as that promises 0.3 % of T, or
-            0.03 % with effort "thorough"; not for "adjoint" and "penalty"); None, for a
+            0.03 % with thorough effort; not for "adjoint" and "penalty"); None, for a
             motion on the grid of the search; "grid" (the same as "auto", as long as
             that promises 0.03 % of T); "switching" (the instants at which torques
             switch become unknowns, for small arms, and other orders of the switches are
@@ -182,8 +182,8 @@ class Options(Record):
             per full range: it makes controls quiet where the minimum time leaves them
             free. None takes 1e-4 T for "inverse" and "collocation" in free space, but
             zero on fine grids, where it costs 0.1 % of T; among obstacles the same
-            weight, on the squares of the jumps unless ``lp_solver`` is "highs"; and 0
-            for "adjoint" and "penalty".
+            weight, on the squares of the jumps unless "highs" is the solver of the
+            linear programs; and 0 for "adjoint" and "penalty".
         starts: Number of initial guesses; None lets the planner choose. A larger number
             keeps the attempts of a smaller one and adds others; as long as no attempt
             has led to a motion, more are made in any case.
@@ -200,23 +200,25 @@ class Options(Record):
             within this distance of its goal takes no time.
         goal_tolerance: Distance from the goal [rad or m] at which the independent
             replay of a motion may end, see :class:`Tolerances`.
-        speed_tolerance: The same for the velocity at the end [rad/s or m/s].
-        limit_tolerance: Relative excess over limits that the replay may have.
+        speed_tolerance: Deviation from the velocity of the goal [rad/s or m/s] with
+            which the replay may end.
+        limit_tolerance: Relative excess of the replay over limits that is tolerated.
         contact_tolerance: Clearance that may be missing at a start or goal that is
             itself at the margin [m]; elsewhere the whole clearance is required.
         trust_region: Initial radius of the trust region [rad].
         step_rule: For "adjoint": "adaptive", or "paper" (fixed radii, every step
             accepted).
-        control_step: Largest torque change per iteration with step_rule="paper", the
-            paper's rho [N m].
-        time_step: Largest change of T per iteration with step_rule="paper", the paper's
-            epsilon [s].
+        control_step: Largest torque change per iteration with the step rule "paper",
+            the paper's rho [N m].
+        time_step: Largest change of T per iteration with the step rule "paper", the
+            paper's epsilon [s].
         initial_duration: Duration of the initial guess at rest [s], the paper's T^0,
             for "adjoint", "penalty" and goals on frames; None lets the planner choose.
         initial_control: Initial torques for "adjoint" and "penalty", the paper's u^0,
             shape (n,) or (N, n) [N m]; None for zero.
-        lp_solver: "highs" (dual simplex, warm started), "piqp" (interior point), the
-            name of any other solver that qpsolvers knows, or "auto".
+        lp_solver: Solver of the linear programs: "highs" (dual simplex, warm started),
+            "piqp" (interior point), the name of any other solver that qpsolvers knows,
+            or "auto".
         control_period: Period of the controller that executes the motion as samples
             [s]: all knots and the duration become multiples of it, so that the
             polynomials by which the controller interpolates the samples are the motion
