@@ -25,10 +25,7 @@ else:
         Options,
         "Planning",
         {
-            "max_planning_time": (
-                {"alias": "--max-time"},
-                "Loading the robot counts too.",
-            ),
+            "max_planning_time": ({"alias": "--max-time"}, ""),
             # The flag --effort gives torque limits.
             "effort": ({"name": "--planning-effort"}, "Torque limits are --effort."),
         },
