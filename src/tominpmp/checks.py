@@ -406,7 +406,7 @@ def vector(
     except ValueError as error:
         raise wrong(value, name, expected) from error
     if array.ndim != 1 or size not in (None, array.size):
-        raise ProblemError(f"{name} has shape {array.shape}, expected {expected}", name)
+        raise wrong(value, name, expected)
     if not np.all(np.abs(array) <= most):
         which = "none of them NaN" if most == math.inf else "all finite"
         raise wrong(array.tolist(), name, f"{expected}, {which}")

@@ -219,7 +219,7 @@ def test_scenario_files_hold_constraints(tmp_path):
         (lambda: tm.ToolSpeed("tip", "fast"), "limit is 'fast', expected a positive"),
         (lambda: tm.ToolSpeed(5, 1.0), "frame is 5, expected the name of a frame"),
         (lambda: tm.KeepUpright("tip", axis=(0, 0, 0)), "axis is"),
-        (lambda: tm.KeepUpright("tip", axis=(0, 1)), "axis has shape"),
+        (lambda: tm.KeepUpright("tip", axis=(0, 1)), r"axis is \(0, 1\), exp"),
         (lambda: tm.KeepUpright("tip", tolerance=4.0), "tolerance is 4.0"),
     ],
 )

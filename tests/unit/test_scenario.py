@@ -568,12 +568,12 @@ def test_wrong_scenario(
         (
             'type = "sphere"\nname = "a"\nradius = 1\nposition = [1, 2]',
             "position",
-            "three finite coordinates",
+            "three coordinates",
         ),
         (
             'type = "sphere"\nname = "a"\nradius = 1\nposition = {x = 1}',
             "position",
-            "three finite coordinates",
+            "three coordinates",
         ),
         (
             'type = "box"\nname = "a"\nsize = [1, 1, 1]\nrotation = [[1, 2, 3]]',

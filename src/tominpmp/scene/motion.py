@@ -21,7 +21,6 @@ from tominpmp.arrays import (
     Converted,
     IntArray,
     Record,
-    array_or_nan,
     default,
     frozen_array,
     real_array,
@@ -37,9 +36,8 @@ from tominpmp.checks import (
     of_type,
     optional,
     plain_rotation,
-    plain_vector,
     split_pose,
-    wrong,
+    vector,
 )
 from tominpmp.exceptions import ProblemError, SceneError, brief
 from tominpmp.scene.rotations import is_rotation, rotation_matrix
@@ -203,28 +201,13 @@ def finite_numbers(value: Any, name: str) -> Array:
     return numbers
 
 
-def triple(value: Any, name: str, content: str) -> Array:
-    """Check a caller's three finite numbers.
-
-    Args:
-        value: The numbers.
-        name: Name of the numbers in messages.
-        content: Kind of the numbers in messages: "coordinates [m]".
-
-    Raises:
-        ProblemError: If they are not three finite numbers.
-    """
-    numbers = array_or_nan(plain_vector(value))
-    if numbers.shape != (3,) or not np.all(np.isfinite(numbers)):
-        raise wrong(value, name, f"three finite {content}")
-    return numbers
-
-
 Velocity: TypeAlias = Annotated[
-    Converted[VectorLike, Array], partial(triple, content="numbers [m/s]")
+    Converted[VectorLike, Array],
+    partial(vector, expected="three numbers [m/s]", size=3),
 ]
 AngularVelocity: TypeAlias = Annotated[
-    Converted[VectorLike, Array], partial(triple, content="numbers [rad/s]")
+    Converted[VectorLike, Array],
+    partial(vector, expected="three numbers [rad/s]", size=3),
 ]
 Begin: TypeAlias = Annotated[
     float, partial(number, expected="a time >= 0 [s]", least=0.0)

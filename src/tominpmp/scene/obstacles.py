@@ -31,6 +31,7 @@ from tominpmp.checks import (
     plain_rotation,
     plain_vector,
     split_pose,
+    vector,
 )
 from tominpmp.exceptions import ProblemError, SceneError, brief
 from tominpmp.scene.motion import (
@@ -40,7 +41,6 @@ from tominpmp.scene.motion import (
     SpeedBounds,
     Twist,
     as_motion,
-    triple,
 )
 from tominpmp.scene.rotations import rotation_matrix
 
@@ -68,7 +68,7 @@ else:
 
 def _edges(value: Any, name: str) -> Array:
     """Check a caller's edge lengths, shape (3,) [m]."""
-    size = triple(value, name, "edge lengths [m]")
+    size = vector(value, name, "three edge lengths [m]", 3)
     for axis, edge in zip("xyz", size.tolist(), strict=True):
         _length(edge, f"{name} along {axis}")
     return size
@@ -76,7 +76,8 @@ def _edges(value: Any, name: str) -> Array:
 
 _length = partial(number, expected="a positive length [m]", above=0.0)
 Position: TypeAlias = Annotated[
-    Converted[VectorLike | PoseLike, Array], partial(triple, content="coordinates [m]")
+    Converted[VectorLike | PoseLike, Array],
+    partial(vector, expected="three coordinates [m]", size=3),
 ]
 Turn: TypeAlias = Annotated[Converted[RotationLike | None, Array], rotation_matrix]
 MotionOrNone: TypeAlias = Annotated[
