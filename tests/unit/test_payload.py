@@ -144,6 +144,18 @@ def test_mesh_as_a_payload(panda: Robot, tmp_path: Path) -> None:
         Payload(1.0, "panda_hand", geometry=[arrays])
 
 
+def test_shapes_of_a_callers_own_class(panda: Robot) -> None:
+    """They ended in a KeyError, although scenes take them."""
+
+    class Crate(Box):
+        pass
+
+    size = (0.1, 0.2, 0.3)
+    crate = Payload(1.0, "panda_hand", geometry=[Crate("crate", size=size)])
+    shapes = panda.with_payload(crate).collision_model.geometryObjects
+    assert (2.0 * shapes[len(shapes) - 1].geometry.halfSide).tolist() == list(size)
+
+
 def test_pairs(loaded: Robot) -> None:
     post = Sphere("post", radius=0.1, position=(0.8, 0, 0.3))
     checker = CollisionChecker(loaded, Scene([post]), self_collision=True)

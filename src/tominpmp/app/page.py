@@ -44,13 +44,7 @@ from tominpmp.app.request import (
 from tominpmp.description.files import robot_names
 from tominpmp.exceptions import OptionsError, TominpmpError, optional, quiet
 from tominpmp.viz.surfaces import obstacle_surface, robot_bodies
-from tominpmp.viz.surroundings import (
-    GOAL_RGB,
-    HAZARD_COLOR,
-    START_RGB,
-    VIA_RGB,
-    rgb,
-)
+from tominpmp.viz.surroundings import GOAL_RGB, HAZARD_COLOR, START_RGB, VIA_RGB, rgb
 
 logger = logging.getLogger(__name__)
 

@@ -28,11 +28,7 @@ from tominpmp.constraints.path import PathConstraint
 from tominpmp.description.fields import Field
 from tominpmp.description.files import missing_resource, resolve_resource
 from tominpmp.description.paths import checked_path, read_bytes
-from tominpmp.description.srdf import (
-    SemanticDescription,
-    rest_position,
-    warn_of_group,
-)
+from tominpmp.description.srdf import SemanticDescription, rest_position, warn_of_group
 from tominpmp.description.tree import UrdfDescription
 from tominpmp.description.yaml_reader import MAX_BYTES, parse_yaml
 from tominpmp.exceptions import (

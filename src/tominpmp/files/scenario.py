@@ -105,11 +105,7 @@ from tominpmp.exceptions import (
     quiet,
     unknown,
 )
-from tominpmp.files.limits import (
-    load_limited_robot,
-    load_motion_limits,
-    read_curve,
-)
+from tominpmp.files.limits import load_limited_robot, load_motion_limits, read_curve
 from tominpmp.files.records import (
     blaming,
     classes,

@@ -15,12 +15,7 @@ from tominpmp.files.export import load_motion
 from tominpmp.files.export_check import joined_samples
 from tominpmp.physics.options import ReplayOptions
 from tominpmp.physics.replay import PhysicsReplay, replay
-from tominpmp.physics.robustness import (
-    REQUIRED,
-    Disturbances,
-    Robustness,
-    robustness,
-)
+from tominpmp.physics.robustness import REQUIRED, Disturbances, Robustness, robustness
 
 
 def run_replay(

@@ -29,12 +29,7 @@ from tominpmp.checks import HUGE, Centre, instance, number, optional, text, wron
 from tominpmp.description.inertials import impossible_moments
 from tominpmp.description.model import are_neighbours
 from tominpmp.description.srdf import SemanticDescription
-from tominpmp.description.tree import (
-    SIZES,
-    LinkDescription,
-    Shape,
-    UrdfDescription,
-)
+from tominpmp.description.tree import SIZES, LinkDescription, Shape, UrdfDescription
 from tominpmp.exceptions import FrameNotFound, ProblemError, brief, warn_caller
 from tominpmp.scene.meshes import Mesh
 from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Obstacle, Sphere
@@ -191,9 +186,12 @@ def _adjacent_links(
 
 def _shape(item: Obstacle) -> Shape:
     placement = pin.SE3(np.array(item.rotation), np.array(item.position)).homogeneous
-    place, kind = frozen_array(placement), type(item).__name__.lower()
+    place = frozen_array(placement)
     if isinstance(item, Mesh):
         file = str(Path(str(item.path)).absolute())
-        return Shape(kind, tuple(item.scale.tolist()), place, file)
+        return Shape("mesh", tuple(item.scale.tolist()), place, file)
+    # The class may be a caller's own, derived from one of the library.
+    names = (base.__name__.lower() for base in type(item).__mro__)
+    kind = next(name for name in names if name in SIZES)
     sizes = [np.ravel(getattr(item, name)) for name in SIZES[kind]]
     return Shape(kind, tuple(np.concatenate(sizes).tolist()), place)
