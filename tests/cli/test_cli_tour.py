@@ -175,3 +175,13 @@ def test_a_plan_of_a_file_with_stations_names_the_command_of_tours(
     done = invoke(["plan", str(scenario(tmp_path, STATIONS))])
     assert done.exit_code == 2
     assert "stations: belong to a tour, see tominpmp tour --help" in done.output
+
+
+def test_a_tour_of_a_file_with_a_goal_names_the_command_of_plans(
+    tmp_path: Path,
+) -> None:
+    """The message said that there is no such key, of a valid scenario."""
+    goal = '[goal]\ntype = "joint"\nq = [0.9, 0.8, -0.4]\n'
+    done = invoke(["tour", str(scenario(tmp_path, goal))])
+    assert done.exit_code == 2
+    assert "goal: belongs to a single motion, see tominpmp plan --help" in done.output

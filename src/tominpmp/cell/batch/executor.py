@@ -17,9 +17,6 @@ from tominpmp.initial_guess.parallel import available_processes
 
 T = TypeVar("T")
 
-# Backends that come with packages of their own.
-CLUSTERS = ("dask", "ray")
-
 
 class Executor:
     """Applies a function to a stream of work items, and yields results as they finish.
@@ -122,7 +119,7 @@ def _chosen(name: str | None, workers: int | None) -> tuple[Any, int | None]:
 
     configured: Any
     configured, count = get_active_backend()
-    if name in CLUSTERS:
+    if name in ("dask", "ray"):  # backends that come with packages of their own
         import_module("distributed" if name == "dask" else "ray")
         if name == "ray":
             # Ray is no dependency of this library.

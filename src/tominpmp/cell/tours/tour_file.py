@@ -66,6 +66,8 @@ def load_tour(path: str | Path) -> dict[str, Any]:
         ScenarioError: If the file or its content is wrong, with the key.
     """
     document = scenario.read_toml(path)
+    if (goal := document.get("goal")).given:
+        goal.fail("belongs to a single motion, see tominpmp plan --help")
     document.only(*SECTIONS)
     robot = scenario.read_robot(document.need("robot"))
     table, start = document.get("options"), document.need("start")
