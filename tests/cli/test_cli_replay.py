@@ -41,6 +41,10 @@ def test_what_replay_lacks(run: Run, files: None) -> None:
     result = run("replay", "s.toml")
     assert result.exit_code == 2
     assert "a MOTION is missing; or give --robustness" in result.stderr
+    # The motion was ignored.
+    result = run("replay", "s.toml", "m.csv", "--robustness", "--samples", "1")
+    assert result.exit_code == 2
+    assert "MOTION is 'm.csv', but --robustness plans its own" in result.stderr
     result = run("replay", "planar3r", "m.csv")
     assert result.exit_code == 2
     assert "is not a scenario file" in result.stderr

@@ -381,11 +381,10 @@ class JointTable:
                     f"{option}: got {brief(values)}, expected numbers", option
                 ) from error
             if array.shape not in ((), (n,)) and not (pairs and array.shape == (n, 2)):
-                forms = f"{n} numbers" + ", pairs (lower, upper)" * pairs
+                forms = f"{n} numbers" + f" or {n} pairs (lower, upper)" * pairs
                 raise OptionsError(
-                    f"{option}: got an array of shape {array.shape}, expected one "
-                    f"number, {forms} in the order {', '.join(names)}, or a mapping of "
-                    "joint names",
+                    f"{option}: got {brief(array.tolist())}, expected one number, or "
+                    f"{forms} in the order {', '.join(names)}, or values by joint name",
                     option,
                 )
             rows = array.tolist() if array.ndim else [float(array)] * n

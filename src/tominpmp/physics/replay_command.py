@@ -32,6 +32,9 @@ def run_replay(
     Raises:
         TominpmpError: If a file is wrong, or the motion does not fit the problem.
     """
+    if args.robustness and motion is not None:
+        message = f"MOTION is {str(motion)!r}, but --robustness plans its own"
+        raise OptionsError(message, "MOTION")
     problem, options = load_problem(source, changes)
     if args.robustness:
         trials = robustness(
