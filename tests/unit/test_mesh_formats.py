@@ -210,3 +210,9 @@ def test_gltf_files_that_are_none(text: str, tmp_path: Path) -> None:
         path = tmp_path / name
         path.write_text(text)
         refused(path, "cannot be read")
+
+
+def test_a_folder_is_not_a_missing_file(tmp_path: Path) -> None:
+    """The message said that the folder above it has no such file."""
+    with pytest.raises(tm.SceneError, match=r"mesh .* is a folder, expected a file"):
+        tm.Mesh("m", path=tmp_path)

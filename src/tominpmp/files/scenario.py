@@ -793,8 +793,8 @@ def save_scenario(
     robot is not equal after loading: it has another source, and differs by rounding.
 
     Args:
-        path: File to write, ending in ``.toml``; an existing one is replaced, with the
-            files of its robot beside it.
+        path: File to write; an existing one is replaced, with the files of its robot
+            beside it. The command line knows scenarios by the ending ``.toml``.
         problem: The problem.
         options: The options; None for the defaults.
 

@@ -83,6 +83,8 @@ class Mesh(Obstacle):
         """Read vertices and triangles from the file."""
         assert self.path is not None  # noqa: S101
         path = self.path.absolute()
+        if path.is_dir():
+            raise ProblemError(f"the mesh {path} is a folder, expected a file")
         if not path.is_file():
             why = "has no such file" if path.parent.is_dir() else "does not exist"
             raise ProblemError(
