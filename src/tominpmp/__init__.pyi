@@ -97,8 +97,8 @@ from .motion.samples import Samples as Samples
 from .files.limits import (
     MoveItLimits as MoveItLimits,
     load_joint_limits as load_joint_limits,
+    load_motion_limits as load_motion_limits,
 )
-from .files.limits import load_motion_limits as load_motion_limits
 from .files.moveit import (
     load_moveit as load_moveit,
     load_moveit_scene as load_moveit_scene,

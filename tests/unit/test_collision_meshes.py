@@ -492,8 +492,8 @@ def test_bad_height_fields(change: dict[str, object], message: str) -> None:
 @pytest.mark.parametrize(
     ("points", "resolution", "message"),
     [
-        (np.zeros((0, 3)), 0.1, "expected \\(k, 3\\)"),
-        (np.zeros(3), 0.1, "expected \\(k, 3\\)"),
+        (np.zeros((0, 3)), 0.1, "expected 1 to 5000000 points"),
+        (np.zeros(3), 0.1, "expected \\(m, 3\\)"),
         (np.full((2, 3), np.inf), 0.1, "finite"),
         (np.zeros((2, 3)), 0.0, "resolution is 0.0"),
         (np.array([[0, 0, 0], [1e3, 1e3, 1e3]]), 1e-3, "too fine"),

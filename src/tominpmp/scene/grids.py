@@ -7,8 +7,8 @@ from typing import Annotated, Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, BoolArray, Converted, array_or_nan
-from tominpmp.checks import number, wrong
+from tominpmp.arrays import Array, BoolArray, Converted, frozen_array
+from tominpmp.checks import array, number, wrong
 from tominpmp.exceptions import ProblemError
 from tominpmp.scene.motion import finite_numbers
 from tominpmp.scene.obstacles import Length, Obstacle, obstacle
@@ -20,13 +20,9 @@ MAX_POINTS = 5_000_000
 
 def _points(value: Any, name: str) -> Array:
     """Check a caller's points, shape (k, 3)."""
-    points = array_or_nan(value)
-    if points.ndim != 2 or points.shape[1:] != (3,) or not len(points):
-        raise ProblemError(
-            f"{name} has shape {points.shape}, expected (k, 3) with at least one point"
-        )
-    if not np.all(np.isfinite(points)) or len(points) > MAX_POINTS:
-        raise ProblemError(f"{name} have to be finite, and {MAX_POINTS} at most")
+    points = frozen_array(array(value, name, (None, 3), "coordinates of each point"))
+    if not 0 < len(points) <= MAX_POINTS or not np.all(np.isfinite(points)):
+        raise wrong(value, name, f"1 to {MAX_POINTS} points, all of them finite")
     return points
 
 

@@ -16,7 +16,7 @@ from tominpmp.checks import instance, whole, wrong
 from tominpmp.exceptions import ProblemError
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion.trajectory import State, Trajectory
-from tominpmp.notebook import LIMIT_COLOR
+from tominpmp.notebook import GREY, LIMIT_COLOR
 from tominpmp.problem.controls import controls_in
 from tominpmp.problem.joint_limits import JointBounds, joint_limits
 from tominpmp.problem.problem import Problem
@@ -316,7 +316,7 @@ def plot_certificate(
             _plot_joint(axes[joint], shares, certificate, joint)
         _plot_limits(axes[n], limits)
         last, values = axes[-1], certificate.hamiltonian
-        last.axhline(0.0, color="#9aa5b1", linewidth=0.8)
+        last.axhline(0.0, color=GREY, linewidth=0.8)
         last.stairs(values, certificate.t, baseline=None, color=HAMILTONIAN_COLOR)
         largest = max(1.2 * np.max(np.abs(values), initial=0.0), 0.05)
         last.set_ylim(-largest, largest)
