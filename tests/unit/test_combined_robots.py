@@ -96,8 +96,10 @@ def test_stack(cell: Robot) -> None:
         cell.stack(right=HOME)
     with pytest.raises(ProblemError, match=r"'middle' are given; .*: right, left"):
         cell.stack(right=HOME, left=np.zeros(8), middle=HOME)
-    with pytest.raises(ProblemError, match=r"left has shape \(6,\), expected 8 numb"):
+    with pytest.raises(ProblemError, match=r"left is array.*, expected 8 numbers, one"):
         cell.stack(right=HOME, left=HOME)
+    with pytest.raises(ProblemError, match=r"right is \[0.*nan.*\], .* all finite"):
+        cell.stack(right=[0.0, 0.0, 0.0, 0.0, 0.0, np.nan], left=np.zeros(8))
 
 
 def test_pairs_within_each_robot_are_its_own(

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record, array_or_nan, number_or_nan, real_array
-from tominpmp.checks import FARTHEST, FLAG, TINY, by_joint, in_order, wrong
+from tominpmp.checks import FARTHEST, FLAG, TINY, by_joint, in_order, vector, wrong
 from tominpmp.description.tree import JointDescription, Mimic
 from tominpmp.exceptions import (
     JointNotFound,
@@ -158,7 +158,7 @@ def _fault(option: str, row: Mapping[str, Any]) -> str:
             f"has the lower limit {low:g} and the upper limit {high:g}, expected the "
             "lower one to be less"
         )
-    if value < 0.0 or (speed and value < TINY) or (math.isinf(value) and not speed):
+    if value < (TINY if speed else 0.0) or (math.isinf(value) and not speed):
         expected = "a number greater than zero" if speed else "a finite number from 0"
         return f"got {value:g}, expected {expected}"
     return ""
@@ -170,13 +170,13 @@ def check_gravity(gravity: ArrayLike) -> Array:
     Raises:
         OptionsError: If it is not a vector of three finite numbers.
     """
-    vector = array_or_nan(gravity)
-    if vector.shape != (3,) or not np.isfinite(vector).all():
+    numbers = array_or_nan(gravity)
+    if numbers.shape != (3,) or not np.isfinite(numbers).all():
         raise OptionsError(
             f"gravity: got {brief(gravity)}, expected three finite numbers [m/s^2]",
             "gravity",
         )
-    return vector
+    return numbers
 
 
 def check_kinematic(kinematic: object, values: Mapping[str, object]) -> None:
@@ -217,16 +217,13 @@ def stack_parts(
     out = np.empty(len(joints))
     for name in names:
         rows = [i for i, joint in enumerate(joints) if joint.startswith(f"{name}/")]
-        named, row = by_joint(values[name]), array_or_nan(values[name])
+        own = [joints[i].removeprefix(f"{name}/") for i in rows]
+        named = by_joint(values[name])
         if named is not None:  # by the names within their own robot
-            own = [joints[i].removeprefix(f"{name}/") for i in rows]
             row = in_order(named, own, name)
-        if row.shape != (len(rows),):
-            raise ProblemError(
-                f"{name} has shape {row.shape}, expected {len(rows)} numbers, one "
-                f"for each of: {', '.join(joints[i] for i in rows)}",
-                name,
-            )
+        else:
+            expected = f"{len(own)} numbers, one for each of: {', '.join(own)}"
+            row = vector(values[name], name, expected, len(own))
         out[rows] = row
     return out
 
