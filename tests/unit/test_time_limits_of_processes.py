@@ -21,7 +21,8 @@ from tominpmp.initial_guess.guess import GuessRequest, initial_guesses
 from tominpmp.initial_guess.parallel import ready, run_parallel
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.planner.starts import ParallelDescents, descend_in_process
+from tominpmp.planner.starts import ParallelDescents, _descents, descend_in_process
+from tominpmp.planner.work import run
 from tominpmp.stopping import Deadline, Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -173,6 +174,24 @@ def test_processes_that_were_asked_at_the_end_of_the_time_were_not_interrupted(
     expected = tm.Status.INTERRUPTED if asked else tm.Status.TIME_LIMIT
     assert first is not None
     assert [attempt.status for attempt in (first, *others)] == [expected] * 2
+
+
+def test_what_a_process_has_repaired_is_not_asked_for_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It may still lack some of the padding: that ended a plan as out of time."""
+    system = ProblemFunctions.of(reach())
+    guess = next(initial_guesses(system, GuessRequest(1, np.random.default_rng(0))))
+    motion, lack = ended_by_request().trajectory, {"clearance": 1e-4 / system.reach}
+    ended = Candidate("a start", tm.Status.INFEASIBLE, False, motion, motion, lack, ())
+    state = PlanState(system.problem, tm.Options(processes=2))
+    source = ParallelDescents(system, state, iter(()))
+    source.ready, source.results = [guess], {0: (ended, [])}
+    monkeypatch.setattr("tominpmp.planner.starts.ParallelDescents", lambda *_: source)
+    found = run(state, next(_descents(system, state, iter(()), 1, 1)))
+    assert found is not None
+    assert found.status is tm.Status.INFEASIBLE
+    assert state.ended is None
 
 
 def test_processes_are_not_started_where_there_is_no_time_for_it(

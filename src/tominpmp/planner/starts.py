@@ -215,15 +215,15 @@ def _descents(
             guess = ahead.next(rest) if ahead else next(guesses, None)
             if guess is None:
                 break
+            if ahead is not None:
+                yield Work(system, guess.name, partial(ahead.result, number), None)
+                continue
             # The last guess is not dropped early: no other one would follow. Nor is the
             # first one: with times of arrival it may stagnate, and is still the best.
             stop = None
             if 0 < number < rescues - 1 and system.parts:
                 stop = stop_if_hopeless()
-            work = descent_work(system, options, guess, state, stop)
-            if ahead is not None:
-                work = replace(work, make=partial(ahead.result, number), repairs=0)
-            yield work
+            yield descent_work(system, options, guess, state, stop)
         if swings and state.best_duration == np.inf:
             yield from torque_starts(system, state)
     finally:

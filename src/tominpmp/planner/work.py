@@ -51,7 +51,8 @@ class Work:
         system: Functions of the problem, which has one goal.
         name: Name of the guess.
         make: Makes the candidate.
-        repairs: Most doublings of the grid if the replay breaks limits.
+        repairs: Most doublings of the grid if the replay breaks limits; None for a
+            candidate that a process has made and repaired.
         self_collision_rows: Whether the first program has rows against self-collision,
             as links of a single arm touch in the guess; otherwise they are added once
             links touch in the replay.
@@ -63,7 +64,7 @@ class Work:
     system: ProblemFunctions
     name: str
     make: Make
-    repairs: int = 0
+    repairs: int | None = 0
     self_collision_rows: bool = False
     replay: bool = True
     follows: Candidate | None = None
@@ -142,7 +143,7 @@ def make_and_repair(state: PlanState, work: Work) -> Candidate:
         if best is not None and doublings and (worse or not candidate.feasible):
             return best  # on shorter intervals, rounding does more harm than good
         former = best = candidate if best is None else candidate.after(best)
-        if best.status in STOPPED or best.dropped:
+        if work.repairs is None or best.status in STOPPED or best.dropped:
             return best
         if not best.feasible and _lacks_padding(best, system.reach, padding):
             padding *= LESS_PADDING
