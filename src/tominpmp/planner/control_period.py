@@ -104,7 +104,7 @@ def on_clock(solution: Solution, state: PlanState) -> Solution:
             "control_period",
         )
     history, clocked, status = list(solution.history), None, None
-    bring = partial(_fastest_on_clock, solution, period, state, history)
+    bring = partial(_fastest_on_clock, period, state, history)
     try:
         clocked = bring()
     except (Stop, KeyboardInterrupt) as stop:
@@ -122,12 +122,11 @@ def on_clock(solution: Solution, state: PlanState) -> Solution:
 
 
 def _fastest_on_clock(
-    solution: Solution, period: float, state: PlanState, history: list[IterationRecord]
+    period: float, state: PlanState, history: list[IterationRecord]
 ) -> Candidate | None:
     """The fastest candidate that can be moved to the clock, as a motion on it.
 
     Args:
-        solution: The solution of planning without the clock.
         period: The period [s].
         state: The plan.
         history: The records of all trials are appended to it.
@@ -139,7 +138,7 @@ def _fastest_on_clock(
     motions = {id(c.trajectory): c for c in state.candidates if c.confirmed}
     clocked = None
     for former in sorted(motions.values(), key=lambda c: c.duration):
-        clocked = _bring_to_clock(solution, period, former, state)
+        clocked = _bring_to_clock(period, former, state)
         number, before = state.candidates.index(former), len(former.history)
         history.extend(replace(r, start=number) for r in clocked.history[before:])
         if clocked.confirmed:
@@ -241,24 +240,21 @@ def status_on_clock(
     )
 
 
-def _bring_to_clock(
-    solution: Solution, period: float, former: Candidate, state: PlanState
-) -> Candidate:
+def _bring_to_clock(period: float, former: Candidate, state: PlanState) -> Candidate:
     """Move a candidate to the clock.
 
     Args:
-        solution: The solution of planning without the clock.
         period: The period [s].
         former: The candidate without a clock.
-        state: The plan, for its time and callback.
+        state: The plan.
 
     Returns:
         The motion on the clock; the last trial if no trial succeeds.
     """
     candidate, apart = former, former.clearance_rows
-    trial = ClockTrial.of(solution.problem, former.trajectory, period)
+    trial = ClockTrial.of(state.problem, former.trajectory, period)
     for _ in range(TRIALS):
-        tried, knots = trial.candidate(solution, state, apart), trial.layout.shares
+        tried, knots = trial.candidate(state, apart), trial.layout.shares
         apart = tried.clearance_rows
         logger.info("%d periods of %g s: %s", trial.count, period, tried.status.value)
         candidate, trial = tried.after(candidate), trial.after(tried)
@@ -352,19 +348,18 @@ class ClockTrial:
             now += counts[-1] + ticks_of(segment.dwell, self.period)
         return tuple(counts)
 
-    def candidate(self, solution: Solution, state: PlanState, apart: bool) -> Candidate:
+    def candidate(self, state: PlanState, apart: bool) -> Candidate:
         """The motion on the knots of the trial, with self-collision rows if needed.
 
         Args:
-            solution: The solution of planning without the clock.
-            state: The plan, for its time and callback.
+            state: The plan.
             apart: Whether the first program has rows against self-collision.
 
         Returns:
             The motion; it is not feasible if no motion with the duration of the trial
             was found.
         """
-        problem, options = solution.problem, solution.options
+        problem, options = state.problem, state.options
 
         def shown(record: IterationRecord) -> None:
             # A callback that has interrupted the plan sees no more iterations.
