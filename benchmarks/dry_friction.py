@@ -30,7 +30,7 @@ import numpy as np
 
 import tominpmp as tm
 from benchmarks.random_goals import load_arm, sample_problems
-from tominpmp.verification.replay import Integration, Integrator, start_of
+from tominpmp.verification.replay import Integration, Integrator
 
 COLUMNS = (
     "robot",
@@ -141,7 +141,7 @@ def exactness(solutions: list[tuple[str, tm.Solution]]) -> str:
         cells: list[str] = []
         for integrator in INTEGRATORS:
             replay = Integration(problem.robot, motion, integrator=integrator)
-            found = replay.run(start_of(problem))
+            found = replay.run(problem.x_start)
             error = float(np.max(np.abs(found.q[-1] - motion.q[-1])))
             cells.append(f"{error:.1e} ({found.evaluations})")
         lines.append((name, *cells))

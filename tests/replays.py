@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tominpmp as tm
-from tominpmp.verification.replay import Integration, Integrator, Replay, start_of
+from tominpmp.verification.replay import Integration, Integrator, Replay
 
 
 def replay(
@@ -11,5 +11,5 @@ def replay(
 ) -> Replay:
     """Integrate the torques of a motion from the start of a problem."""
     return Integration(problem.robot, motion, integrator=integrator).run(
-        start_of(problem)
+        problem.x_start
     )

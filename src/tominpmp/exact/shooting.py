@@ -150,7 +150,7 @@ class ArcProgram:
         self.watched = WatchedLimits(*np.zeros((5, 0), dtype=np.int64))
         self.evaluations = 0
         self._n = system.n
-        self._start = np.concatenate([system.problem.q_start, system.problem.v_start])
+        self._start = system.problem.x_start
         self._held = arcs.held[self.arc_of_step] != 0
         self.follows = arcs.follows[self.arc_of_step]
         self.modes = HOLDS * self._held + FOLLOWS * self.follows

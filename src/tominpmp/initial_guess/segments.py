@@ -104,8 +104,6 @@ def _constraints_after(system: ProblemFunctions, place: int) -> list[PathConstra
 
 def _alone(part: ProblemFunctions, q: Array, v: Array) -> ProblemFunctions:
     """The functions of a segment from a state; from rest, it stops at a via point."""
-    phase = part.problem
-    _ = phase.checker  # the copy shares it
-    goal = phase.goal if np.any(v) else phase.goal.stopped
-    problem = phase._altered(q_start=q, v_start=v, goal=goal)
+    goal = part.problem.goal if np.any(v) else part.problem.goal.stopped
+    problem = part.problem._altered(q_start=q, v_start=v, goal=goal)
     return replace(part, problem=problem)

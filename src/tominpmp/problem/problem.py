@@ -162,10 +162,8 @@ class Problem(Record):
         """Collision checker: distances of the links to obstacles and each other."""
         own = self.self_collision is not False
         may_touch = frozenset(map(frozenset, self.may_touch))
-        scene = self.scene.sorted
-        return CollisionChecker(
-            self.robot, scene, self_collision=own, may_touch=may_touch
-        )
+        robot, scene = self.robot, self.scene.sorted
+        return CollisionChecker(robot, scene, self_collision=own, may_touch=may_touch)
 
     @cached_property
     def margins(self) -> Array:
@@ -176,6 +174,11 @@ class Problem(Record):
     def ready_constraints(self) -> tuple[PathConstraint, ...]:
         """The constraints, ready to be evaluated."""
         return tuple(item.on(self.robot) for item in self.constraints)
+
+    @property
+    def x_start(self) -> Array:
+        """State at the start, positions and velocities, shape (2n,)."""
+        return np.concatenate([self.q_start, self.v_start])
 
     @property
     def phases(self) -> tuple[Problem, ...]:
@@ -404,7 +407,6 @@ class Problem(Record):
         """The problem with one goal for each segment; the goals were checked before."""
         parts, q = list[Problem](), self.q_start
         for phase, goal in zip(self.phases, goals, strict=True):
-            _ = phase.checker  # the copy shares it
             parts.append(phase._altered(goal=goal, q_start=q))
             q = q if goal.configuration is None else goal.configuration
         return self._with_goal(goals[-1])._altered(

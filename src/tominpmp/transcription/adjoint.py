@@ -70,7 +70,6 @@ class AdjointTranscription(TorqueTranscription):
         self.size = self.intervals * self._n + self._m
         self.substeps = substeps
         self.centre: tuple[Array, SteppedMotion] | None = None
-        self._start = np.concatenate([system.problem.q_start, system.problem.v_start])
         # Cache of the last motion, which is requested many times.
         self._last: tuple[Array, SteppedMotion] | None = None
 
@@ -96,8 +95,8 @@ class AdjointTranscription(TorqueTranscription):
                 return known[1]
         u, h = self.torques(z), self.lengths(z)
         guess = None if self.centre is None else self.centre[1]
-        dynamics = self.system.dynamics
-        motion = rollout(dynamics, self._start, u, h, self.substeps, guess)
+        system, start = self.system, self.system.problem.x_start
+        motion = rollout(system.dynamics, start, u, h, self.substeps, guess)
         if motion.finite:
             self._last = z.copy(), motion
         return motion

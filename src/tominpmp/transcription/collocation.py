@@ -69,7 +69,7 @@ class CollocationTranscription(TorqueTranscription):
         self._high = np.concatenate([limits.position_upper, limits.velocity])
         # States that the problem fixes at the ends; NaN for unknown states.
         self._given = np.full((self.intervals + 1, 2 * self._n), np.nan)
-        self._given[0] = np.hstack([system.problem.q_start, system.problem.v_start])
+        self._given[0] = system.problem.x_start
         if system.final_configuration is not None:
             self._given[-1, : self._n] = system.final_configuration
         if system.final_velocity is not None:

@@ -28,7 +28,6 @@ from tominpmp.verification.plant import STILL, Plant, Slope
 from tominpmp.verification.polynomials import Pieces
 
 if TYPE_CHECKING:
-    from tominpmp.problem.problem import Problem
     from tominpmp.robot.robot import Robot
 
 # Relative and absolute tolerance of the integration [rad, m, rad/s, m/s].
@@ -149,11 +148,6 @@ def subdivided(nodes: Array, time_step: float) -> Array:
         for begin, end, count in zip(nodes[:-1], nodes[1:], counts, strict=True)
     ]
     return np.concatenate([*times, nodes[-1:]])
-
-
-def start_of(problem: Problem) -> Array:
-    """Initial state of a replay, shape (2n,)."""
-    return np.concatenate([problem.q_start, problem.v_start])
 
 
 class _GivenUp(Exception):

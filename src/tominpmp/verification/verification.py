@@ -45,7 +45,6 @@ from tominpmp.verification.replay import (
     Integrator,
     Replay,
     planned,
-    start_of,
     torque_pieces,
 )
 from tominpmp.verification.stages import Stage, goal_misses, stages_of, with_segments
@@ -193,7 +192,7 @@ def verify(
     plants = [Plant(stage.problem.robot) for stage in stages]
     args = robot, trajectory, torque, integrator, plants
     integration = Integration(*args)
-    start, checkers = start_of(problem), _checkers(stages, checker, geometry)
+    start, checkers = problem.x_start, _checkers(stages, checker, geometry)
     growth, goal = amplification(stages, trajectory), tolerances.goal
     findings, feedback, defect, accepted = None, None, None, False
     if not errors_matter(growth, goal, ROUNDING, share=1.0):
