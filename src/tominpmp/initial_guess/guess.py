@@ -13,7 +13,7 @@ from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 from tominpmp.arrays import Array
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.dynamics import directions
-from tominpmp.initial_guess.constrained import CLOSE, feasible_path, largest_excess
+from tominpmp.initial_guess.constrained import CLOSE, feasible_path
 from tominpmp.initial_guess.inverse_kinematics import (
     GoalVelocity,
     Target,
@@ -23,7 +23,7 @@ from tominpmp.initial_guess.inverse_kinematics import (
 from tominpmp.initial_guess.pace import load_time_scale, time_scale
 from tominpmp.initial_guess.path import RoundedPath
 from tominpmp.initial_guess.rrt import PathSearches, is_free, is_free_line, sample_paths
-from tominpmp.initial_guess.timing import between_velocities, time_path
+from tominpmp.initial_guess.timing import between_velocities, largest_excess, time_path
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.problem_functions import ProblemFunctions
 

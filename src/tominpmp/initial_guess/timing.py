@@ -8,7 +8,8 @@ of x. Dry friction is a torque that depends only on the direction of a joint alo
 path.
 
 A motion that begins or ends moving does not follow a path that is at rest there: each
-joint then has a timing of its own, and all have the same duration.
+joint then has a timing of its own, and all have the same duration. It is judged by its
+largest excess over all limits.
 """
 
 from __future__ import annotations
@@ -20,9 +21,10 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.constraints.base import States
-from tominpmp.initial_guess.constrained import path_speeds
+from tominpmp.constraints.path import PathConstraint
 from tominpmp.initial_guess.path import RoundedPath
 from tominpmp.problem.controls import effort_range
+from tominpmp.problem.joint_limits import joint_limits
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 POINTS = 120  # grid points of s
@@ -31,6 +33,9 @@ SPEEDS = 160  # table entries of x at each grid point
 # Grid points and table entries for a straight line, on which no joint reverses: a finer
 # table takes twice as long, and does not lead to fewer programs.
 LINE_POINTS, LINE_SPEEDS = 64, 96
+# Bisections for the speed at which a constraint becomes active that is not proportional
+# to the speed.
+BISECTIONS = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +100,7 @@ def time_path(system: ProblemFunctions, path: RoundedPath) -> PathTiming | None:
 
     with np.errstate(divide="ignore"):
         top = np.min(limits.velocity / np.abs(first), axis=1)
-    top = np.minimum(top, path_speeds(system, q, first))
+    top = np.minimum(top, _path_speeds(system, q, first))
     # From rest on a path of length 1, x is at most twice the largest s'', which is
     # taken at rest.
     _, push = _acceleration_range(m, b, d, g, np.zeros((s.size, 1)), torques)
@@ -220,3 +225,90 @@ def between_velocities(
     each = (0.5 * since**2, since, np.sign(since))
     second, once, now = (a * (ahead - up - down) for ahead, up, down in each)
     return States(times, q + times[:, None] * v + second, v + once, now)
+
+
+def _path_speeds(system: ProblemFunctions, q: Array, first: Array) -> Array:
+    """Speeds along a path at which constraints on velocities become active.
+
+    Args:
+        system: Functions of the problem.
+        q: Configurations, shape (m, n).
+        first: Derivatives of the configurations by the path parameter, shape (m, n).
+
+    Returns:
+        Derivatives of the path parameter by time, shape (m,); infinite where no
+        constraint on velocities becomes active.
+    """
+    top = np.full(len(q), np.inf)
+    for constraint in system.problem.ready_constraints:
+        if constraint.order == 1 and constraint.curable:
+            top = np.minimum(top, _speeds(constraint, q, first))
+    return top
+
+
+def _speeds(constraint: PathConstraint, q: Array, first: Array) -> Array:
+    """Speeds along a path at which a constraint becomes active, infinite elsewhere.
+
+    Args:
+        constraint: The constraint on velocities.
+        q: Configurations, shape (m, n).
+        first: Derivatives of the configurations by the path parameter, shape (m, n).
+    """
+    most, empty = constraint.largest, np.zeros((len(q), 0))
+    unit = constraint.measure_rows(q, first, empty)
+    moving = unit > 0.0
+    high = most / np.where(moving, unit, 1.0)
+
+    def excess(speed: Array) -> Array:
+        return constraint.measure_rows(q, speed[:, None] * first, empty) - most
+
+    # Most measures are proportional to the speed along the path.
+    bent = moving & (np.abs(excess(high)) > 1e-6 * abs(most))
+    low = np.where(bent, 0.0, high)
+    for _ in range(BISECTIONS if np.any(bent) else 0):
+        middle = 0.5 * (low + high)
+        over = excess(middle) > 0.0
+        low, high = np.where(over, low, middle), np.where(over, middle, high)
+    return np.where(moving, low, np.inf)
+
+
+def speed_used(system: ProblemFunctions, q: Array, v: Array) -> Array:
+    """Largest share of a speed limit that a motion uses, at m states, shape (m,).
+
+    Speed limits of joints and of tools are taken into account.
+    """
+    problem = system.problem
+    used = np.max(np.abs(v) / problem.robot.limits.velocity, axis=1)
+    empty = np.zeros((len(q), 0))
+    for item in problem.ready_constraints:
+        if item.order == 1 and item.curable and item.window is None:
+            used = np.maximum(used, item.measure_rows(q, v, empty) / item.largest)
+    return np.asarray(used)
+
+
+def largest_excess(system: ProblemFunctions, T: float, at: States) -> float:
+    """Largest excess of a motion over its limits and constraints, except clearances.
+
+    It is judged by samples, as a share of a limit, and zero within all limits. Where
+    jerks or torque rates are limited, the motion is taken for one from rest to rest
+    whose accelerations rise and fall at a constant rate.
+
+    Args:
+        system: Functions of the problem.
+        T: Duration of the motion [s].
+        at: States at the samples.
+    """
+    q, v, a, inverse = at.q, at.v, at.a, system.motor_dynamics.inverse
+    u = inverse(q, v, a)
+    inertial = u - inverse(q, v, 0.0 * a)
+    rates = {"j": 8.0 * a / T, "du": 8.0 * inertial / T}
+    worst = [0.0]
+    for item in joint_limits(system.problem.robot, system.motion_limits):
+        rate = rates.get(item.kind.quantity)
+        beyond = item.beyond(q, v, a, u) if rate is None else item.outside(rate)
+        share = beyond[:, item.joints] / item.scale[item.joints]
+        worst.append(float(np.max(share, initial=0.0)))
+    for each in system.problem.ready_constraints:
+        value, (lower, upper) = each.evaluate(at), each.bounds(len(q))
+        worst.append(float(np.max(np.maximum(lower - value, value - upper))))
+    return max(worst)

@@ -7,9 +7,9 @@ from functools import partial
 
 import numpy as np
 
-from tominpmp.initial_guess.constrained import speed_used
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.initial_guess.rrt import is_free
+from tominpmp.initial_guess.timing import speed_used
 from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.options import Options
 from tominpmp.planner.automatic_options import minimum_time
@@ -78,7 +78,7 @@ def torques_rule(system: ProblemFunctions, guess: Guess) -> bool:
     if not guess.timed and not isinstance(guess, WarmStart):
         return True
     v = np.diff(guess.q, axis=0) / np.diff(guess.t)[:, None]
-    used = speed_used(system.problem, 0.5 * (guess.q[1:] + guess.q[:-1]), v)
+    used = speed_used(system, 0.5 * (guess.q[1:] + guess.q[:-1]), v)
     return bool(np.mean(used > AT_LIMIT) < SPEED_SHARE)
 
 
