@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from itertools import count, pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -178,3 +178,13 @@ def test_the_reserve_of_a_plan_is_no_part_of_each_share(clock):
     clock.advance(0.02)
     with pytest.raises(Stop):
         state(record)
+
+
+def test_a_share_of_all_the_time_ends_with_the_time(monkeypatch):
+    """The last microseconds of it were left, and the plan went on."""
+    state = PlanState(reach(), tm.Options(max_planning_time=2.0))
+    times = count(0.3, 1e-6)  # as it takes time to look at a clock
+    monkeypatch.setattr(PlanState, "seconds", property(lambda _: next(times)))
+    state.share_time(1)
+    state.cut_short = tm.Status.TIME_LIMIT
+    assert state.ended is tm.Status.TIME_LIMIT

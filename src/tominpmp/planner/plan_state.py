@@ -205,8 +205,8 @@ class PlanState:
         If there is an incumbent, the candidate gets all of the remaining time.
         """
         self._until = self._limit
-        if self.best_duration == np.inf:
-            self._until = self.seconds + (self._limit - self.seconds) / max(parts, 1)
+        if self.best_duration == np.inf and parts > 1:
+            self._until = self.seconds + (self._limit - self.seconds) / parts
         self._set_deadline()
 
     def reset_limit(self, limit: float) -> None:
