@@ -196,8 +196,7 @@ class Search:
         least = MinimumTime.of(options, SMOOTHING * duration)
         method = trust_regions(options)
         found = solve(program, least, start, *method, callback=self.record)
-        last = found.iterate if found.best is None else found.best
-        return program.trajectory(last.z)
+        return program.trajectory((found.best or found.iterate).z)
 
 
 def exact_switches(

@@ -77,7 +77,7 @@ class Candidate:
         """Candidate from its initial motion and the result of the solver."""
         program = result.program
         feasible = result.best is not None
-        iterate = result.iterate if result.best is None else result.best
+        iterate = result.best or result.iterate
         rows = program.rows
         violation = rows.violation(iterate.values)
         violations = {

@@ -161,13 +161,13 @@ def _finish(state: PlanState, options: Options, status: Status | None) -> Soluti
 
 
 def _full_schedule(
-    state: PlanState, former: Trajectory | Samples | None = None
+    state: PlanState, former: Trajectory | Samples | None
 ) -> Schedule[None]:
     """The schedule of a plan: starts, improvements, thorough search.
 
     Args:
         state: The plan.
-        former: A former motion as warm start.
+        former: A former motion as warm start; None without one.
     """
     yield from candidates_of_alternatives(state, partial(starts, state), former)
     if state.incumbent is None:

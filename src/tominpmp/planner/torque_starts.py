@@ -160,5 +160,5 @@ def shoot(
         history += result.history
         program, z = result.program, result.iterate.z
     result = replace(result, history=tuple(history))
-    best = result.iterate if result.best is None else result.best
+    best = result.best or result.iterate
     return Candidate.of("shooting", initial, result), best.z

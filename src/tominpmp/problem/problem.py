@@ -279,7 +279,7 @@ class Problem(Record):
         self._keep(goal=checked_goal if rests else passed(checked_goal))
         return messages
 
-    def _wrapped(self, goal: Goal, before: Goal | None = None, rivals: int = 1) -> Goal:
+    def _wrapped(self, goal: Goal, before: Goal | None, rivals: int = 1) -> Goal:
         """A goal with the joint angles that the joints reach with the least way.
 
         The way counts from the start; or, where a joint moves at the start or the end,

@@ -242,7 +242,7 @@ def nodes_of(h: Array) -> Array:
     return np.concatenate([np.zeros((1, *h.shape[1:])), np.cumsum(h, axis=0)])
 
 
-def clamped(h: Array, degree: int, breaks: tuple[int, ...] = ()) -> Array:
+def clamped(h: Array, degree: int, breaks: tuple[int, ...]) -> Array:
     """Knots of a spline that begins and ends at its outermost control points.
 
     Args:

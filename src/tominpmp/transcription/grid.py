@@ -77,7 +77,7 @@ def delayed_shares(intervals: int, delay: float, *, sudden: bool = True) -> Arra
     return np.asarray(block_diag(*(part[:, None] for part in parts)))
 
 
-def _sine_shares(intervals: int, sudden: bool = True) -> Array:
+def _sine_shares(intervals: int, sudden: bool) -> Array:
     """Shares of intervals that become shorter towards the end only, (intervals,)."""
     extra = len(END_NODES) if sudden else 0
     nodes = np.sin(0.5 * np.pi * np.linspace(0.0, 1.0, intervals - extra + 1))

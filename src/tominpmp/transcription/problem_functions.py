@@ -297,7 +297,7 @@ class ProblemFunctions:
     def effort_middle(self) -> Array:
         """Middle of the torque range, shape (n,) [N m or N]."""
         middle, _ = effort_range(self.problem.robot, self.motion_limits)
-        return middle if self.signs is None else middle - self.resistance
+        return middle - self.resistance
 
     @cached_property
     def effort_half(self) -> Array:
