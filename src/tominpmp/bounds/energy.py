@@ -69,8 +69,7 @@ def effort_bounds(problem: Problem) -> tuple[Array, Array]:
 
 def effort_curves(problem: Problem) -> list[tuple[int, EffortCurve]]:
     """Torque-speed curves of motors, each with the index of its joint."""
-    limits = joint_limits(problem.robot, problem.motion_limits)
-    every = (pair for item in limits for pair in item.by_speed.items())
+    every = (pair for item in joint_limits(problem) for pair in item.by_speed.items())
     return [(i, curve) for i, curve in every if isinstance(curve, EffortCurve)]
 
 

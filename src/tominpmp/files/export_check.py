@@ -300,7 +300,7 @@ def _is_planned(problem: Problem, planned: Trajectory, motion: Trajectory) -> bo
         return False
     times = _inner_instants(np.union1d(planned.t, motion.t))
     expected, actual = planned(times), motion(times)
-    _, _, control, *_ = joint_limits(problem.robot, problem.motion_limits)
+    _, _, control, *_ = joint_limits(problem)
     differences = (
         (expected.q - actual.q) / SAME_Q,
         (expected.v - actual.v) / SAME_V,

@@ -35,7 +35,7 @@ def least_duration(system: ProblemFunctions, q: Array) -> float:
     load = system.dynamics.inverse(q[:1], zero, span[None])
     load = np.abs(load - system.dynamics.inverse(q[:1], zero, zero))[0]
     change, times = {"a": span, "j": span, "du": load}, [0.0]
-    for item in joint_limits(system.problem.robot, system.motion_limits):
+    for item in joint_limits(system.problem):
         if item.kind.quantity in change:
             # Distance from rest to rest under a bang-bang derivative of this order.
             order = item.kind.order

@@ -303,7 +303,7 @@ def largest_excess(system: ProblemFunctions, T: float, at: States) -> float:
     inertial = u - inverse(q, v, 0.0 * a)
     rates = {"j": 8.0 * a / T, "du": 8.0 * inertial / T}
     worst = [0.0]
-    for item in joint_limits(system.problem.robot, system.motion_limits):
+    for item in joint_limits(system.problem):
         rate = rates.get(item.kind.quantity)
         beyond = item.beyond(q, v, a, u) if rate is None else item.outside(rate)
         share = beyond[:, item.joints] / item.scale[item.joints]

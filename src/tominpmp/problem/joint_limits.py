@@ -13,7 +13,7 @@ from tominpmp.motion_limits import POSITION, VELOCITY, LimitKind, MotionLimits, 
 from tominpmp.problem.controls import control_bounds, control_kind, effort_range
 
 if TYPE_CHECKING:
-    from tominpmp.robot.robot import Robot
+    from tominpmp.problem.problem import Problem
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,13 +55,9 @@ class JointBounds:
         return np.asarray(np.maximum(values - self.upper, self.lower - values))
 
 
-def joint_limits(robot: Robot, limits: MotionLimits | None) -> list[JointBounds]:
-    """Joint limits of a robot: position, velocity and control limits come first.
-
-    Args:
-        robot: The robot.
-        limits: Motion limits in addition to the limits of its description.
-    """
+def joint_limits(problem: Problem) -> list[JointBounds]:
+    """Joint limits of a problem: position, velocity and control limits come first."""
+    robot, limits = problem.robot, problem.motion_limits
     own, declared, names = robot.limits, limits or MotionLimits(), robot.joint_names
     low, high, top = own.position_lower, own.position_upper, own.velocity
     middle, half = effort_range(robot, limits)

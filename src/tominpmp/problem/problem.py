@@ -462,11 +462,8 @@ class Problem(Record):
 
     def with_scene(self, scene: Scene) -> Problem:
         """The same problem with other obstacles, without a check of start and goal."""
-        return self._altered(
-            *("checker", "margins", "_phases"),
-            self_collision=self.checker.self_collision,
-            scene=as_scene(scene, "scene"),
-        )
+        stale, other = ("checker", "margins", "_phases"), as_scene(scene, "scene")
+        return self._altered(*stale, scene=other)
 
 
 def _check_controls(robot: Robot, limits: MotionLimits | None) -> None:

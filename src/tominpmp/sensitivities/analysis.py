@@ -203,11 +203,10 @@ class SegmentRows:
         control = control_kind(self._robot).name
         used = np.where(rows.of(control), rows.used, 1.0 - rows.slack)
         driven = np.isin(np.arange(self._robot.n), self.motion.driven)
-        of_arm = self._robot, self._problem.motion_limits
-        _, strongest = control_bounds(*of_arm)
+        _, strongest = control_bounds(self._robot, self._problem.motion_limits)
         efforts = np.where(driven, strongest, np.inf)
         gain, upper = rows.value, rows.upper_active
-        for item in joint_limits(*of_arm):
+        for item in joint_limits(self._problem):
             kind, most = item.kind, efforts if item.kind.quantity == "u" else item.upper
             units = units_of(self._robot, kind)
             sides = [(kind.name, most, gain * used)]

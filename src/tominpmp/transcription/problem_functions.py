@@ -238,7 +238,7 @@ class ProblemFunctions:
     def constraints(self) -> tuple[Constraint, ...]:
         """All constraints along a motion, except the goal."""
         limits: list[Constraint] = []
-        for item in joint_limits(self.problem.robot, self.motion_limits):
+        for item in joint_limits(self.problem):
             joints, kind, most = item.joints, item.kind, item.upper
             if kind.quantity == "u":
                 limits.append(TorqueLimit(self.motors, kind, np.arange(self.n)))

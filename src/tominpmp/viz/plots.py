@@ -62,7 +62,7 @@ MOST_PAIRS = 8
 def _quantities(problem: Problem, state: State) -> list[tuple[str, JointBounds, Array]]:
     """Positions, velocities and controls with their names and limits."""
     values = state.q, state.v, controls_in(problem.robot, state)
-    limits = joint_limits(problem.robot, problem.motion_limits)[: len(values)]
+    limits = joint_limits(problem)[: len(values)]
     names = [item.kind.name.replace("effort", "torque") for item in limits]
     return list(zip(names, limits, values, strict=True))
 
