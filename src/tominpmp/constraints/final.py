@@ -54,10 +54,9 @@ class GoalReached(Constraint):
 
     def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
         """Derivatives of the residual by the final configuration and velocity."""
-        found, scale = self._residuals(states), self.scale[which, None]
-        return Partials(
-            at, found.by_q[at, which] / scale, found.by_v[at, which] / scale
-        )
+        _, *slopes = self._residuals(states)
+        by_q, by_v = (by[at, which] / self.scale[which, None] for by in slopes)
+        return Partials(at, by_q, by_v)
 
 
 @dataclass(frozen=True, eq=False)

@@ -83,14 +83,13 @@ class JointLimit(Record, Constraint):
 
     def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
         """Unit vectors, divided by the scale; for jerks, at both instants of a pair."""
-        slopes = self.order > 2
-        place, column = (
-            (both_instants(at), np.tile(which, 2)) if slopes else (at, which)
-        )
+        place, column = at, which
+        if self.order > 2:
+            place, column = both_instants(at), np.tile(which, 2)
         by = np.zeros((place.size, states.q.shape[1]))
         by[np.arange(place.size), self.of_joints[column]] = 1.0 / self.scale[column]
         by_q, by_v, by_a = (by if k == min(self.order, 2) else None for k in range(3))
         found = Partials(place, by_q, by_v, by_a)
-        if not slopes:
+        if self.order <= 2:
             return found
         return slope_partials(found, states.t, at, self.evaluate(states)[at, which])

@@ -51,8 +51,6 @@ MOVING = "moving"
 SAMPLED = "sampled path"
 # Name of guesses through random configurations.
 VIA_POINT = "via point"
-# Name of guesses that satisfy constraints on the way.
-WITHIN_CONSTRAINTS = "within constraints"
 # Number of samples of a guess.
 SAMPLES = 200
 # Number of sampled paths that are compared before the fastest one is tried. A path
@@ -192,7 +190,7 @@ def _line_guess(system: ProblemFunctions, q_end: Array) -> Guess:
     if keeps or path is None:
         guesses.append(replace(straight_guess(system, q_end), keeps=keeps))
     if path is not None:
-        guesses.append(_along(system, path, WITHIN_CONSTRAINTS))
+        guesses.append(_along(system, path, "within constraints"))
     return min(guesses, key=_pace)
 
 

@@ -51,7 +51,6 @@ FINER = {True: 2, False: 3}
 # Most halvings of the logarithm of a time scaling that breaks limits, for example times
 # of arrival.
 SLOWER_TRIALS = 6
-NO_CHEAPER = "no motion of less cost was found."
 
 
 def reoptimised(
@@ -166,7 +165,7 @@ def _least_cost(solution: Solution) -> Solution | str:
     if not cheapest.confirmed or better.cost > solution.cost:
         if cheapest.status is Status.TIME_LIMIT:
             raise Stop(requested=False)
-        return NO_CHEAPER
+        return "no motion of less cost was found."
     return replace(better, message=_message(better, former))
 
 

@@ -18,7 +18,6 @@ from tominpmp.transcription.grid import ticks_of
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.program import NonlinearProgram
 
-NO_QUIETER = "no quieter motion was found."
 # Least reduction of the path lengths of all joints, as a share, that counts as a gain
 # even if torques are no quieter.
 WORTH_IT = 0.01
@@ -101,7 +100,7 @@ def _quietest(solution: Solution, slack: float) -> Solution | str:
     after, length = roughness(motion, limits), max(travel(former, limits), SHORTEST_WAY)
     saved = 1.0 - travel(motion, limits) / length
     if not candidate.confirmed or (after >= before and saved < WORTH_IT):
-        return NO_QUIETER
+        return "no quieter motion was found."
     slower = motion.duration / former.duration - 1.0
     ways = f" and ways shorter by {100 * saved:.3g} %" if saved >= WORTH_IT else ""
     return replace(

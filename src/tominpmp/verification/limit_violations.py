@@ -150,8 +150,7 @@ def limit_violations(
             return _rates(replay.t, ends, u, item.upper, robot.friction * directions)
         return t, np.min([item.beyond(q, v, accel, u) for accel in a], axis=0)
 
-    worst: list[LimitViolation | None] = []
-    worst += _worst_of(problem, [(item, *excesses(item)) for item in limits], tolerance)
+    worst = _worst_of(robot, [(item, *excesses(item)) for item in limits], tolerance)
     for constraint in problem.ready_constraints:
         sizes = np.min([constraint.sizes(t, q, v, accel) for accel in a], axis=0)
         excess = np.where(np.isfinite(sizes), sizes, np.inf) - constraint.largest
@@ -176,17 +175,17 @@ def planned_violations(
 
 
 def _worst_of(
-    problem: Problem,
+    robot: Robot,
     rows: Sequence[tuple[JointBounds, Array, Array]],
     tolerance: float,
-) -> list[LimitViolation]:
-    """The worst violation of each kind of joint limit.
+) -> list[LimitViolation | None]:
+    """The worst violation of each kind of joint limit; None where no joint has a limit.
 
     A kind that is reported as part of another kind is merged with it: torque-speed
     curves are part of effort limits.
 
     Args:
-        problem: The problem.
+        robot: The robot.
         rows: Limits with times, shape (m,), and excesses over the limits, shape (m, n).
         tolerance: Tolerated excess, as a share of the limits.
     """
@@ -197,8 +196,7 @@ def _worst_of(
             kind, _, known, scale = merged[kind.part_of]
             excess = np.maximum(known, excess)
         merged[kind.name] = kind, t, excess, scale
-    worst = (worst_of_joints(problem.robot, *row, tolerance) for row in merged.values())
-    return [item for item in worst if item is not None]
+    return [worst_of_joints(robot, *row, tolerance) for row in merged.values()]
 
 
 def worst_of_joints(

@@ -38,23 +38,21 @@ class Stage:
     """One segment of a motion.
 
     Attributes:
-        number: Number of the segment, from 0.
-        count: Number of segments of the motion.
         problem: The problem of the segment.
         begin: Time at which the segment begins [s].
         reached: Time at which the goal is met, before the dwell [s].
         end: Time at which the segment ends, after the dwell [s].
         arrival: Earliest and latest time at which the goal has to be met [s]; None
             without arrival times.
+        segment: Number of the segment, from 1; None for a motion of one segment.
     """
 
-    number: int
-    count: int
     problem: Problem
     begin: float
     reached: float
     end: float
     arrival: tuple[float, float] | None = None
+    segment: int | None = None
 
     @property
     def timeliness(self) -> list[LimitViolation]:
@@ -73,9 +71,9 @@ class Stage:
         Args:
             item: The violation.
         """
-        if self.count == 1:
+        if self.segment is None:
             return item
-        return replace(item, segment=self.number + 1, span=(self.begin, self.end))
+        return replace(item, segment=self.segment, span=(self.begin, self.end))
 
     def section(self, replay: Replay, torque: Pieces) -> tuple[Replay, Pieces]:
         """Section of a replay and of its torques on the segment.
@@ -86,7 +84,7 @@ class Stage:
             replay: The replay of the whole motion.
             torque: Torques of the whole motion.
         """
-        if self.count == 1:
+        if self.segment is None:
             return replay, torque
         rows = replay.between(self.begin, self.end)
         complete = bool(rows.t.size) and rows.t[-1] == self.end
@@ -116,11 +114,11 @@ def stages_of(problem: Problem, trajectory: Trajectory) -> tuple[Stage, ...]:
     phases, segments, T = problem.phases, problem.segments, trajectory.duration
     ends = trajectory.segment_ends
     if ends is None or len(ends) != len(segments):
-        return (Stage(0, 1, problem, 0.0, T, T),)
+        return (Stage(problem, 0.0, T, T),)
     each = zip(phases, segments, spans_of(trajectory, segments), strict=True)
     return tuple(
-        Stage(k, len(phases), phase, *span, segment.arrival)
-        for k, (phase, segment, span) in enumerate(each)
+        Stage(phase, *span, segment.arrival, number if len(phases) > 1 else None)
+        for number, (phase, segment, span) in enumerate(each, 1)
     )
 
 
