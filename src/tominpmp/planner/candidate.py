@@ -16,7 +16,7 @@ from tominpmp.solvers.iterate import Iterate, SlpResult
 from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.base import ProgramInterface
 from tominpmp.transcription.distance_rows import times_of_rows
-from tominpmp.transcription.layout import Layout
+from tominpmp.transcription.layout import Gridded, Layout
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.verification import Verification, verify
 
@@ -86,7 +86,8 @@ class Candidate:
         }
         layout, clearance_rows, row_times = None, False, dict[str, Array]()
         if isinstance(program, NonlinearProgram):
-            layout = Layout.of(program.transcription, iterate.z)
+            of = program.transcription
+            layout = Layout.of(of, iterate.z) if isinstance(of, Gridded) else None
             clearance_rows = program.system.clearance is not None
             row_times = times_of_rows(program, iterate.z)
         return cls(

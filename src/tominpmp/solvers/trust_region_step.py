@@ -203,11 +203,8 @@ class TrustRegionStep:
         steps = objective.within(nlp, nlp.step_bounds(z, radius))
         # The trust region of the next step may be larger by the factor GROWTH.
         room = GROWTH * nlp.attention(steps)
-        accuracy = self.accuracy
-        if accuracy is None:
-            accuracy = ACCURACY * objective.tolerance
         value = objective.value(nlp, z, values)
-        accuracy *= value
+        accuracy = value * (self.accuracy or ACCURACY * objective.tolerance)
         root = nlp.curvature(z, state.multipliers) if lp.curved else None
         unknown = lp.curved and root is None  # no multipliers yet, or no curvature
         selecting = values

@@ -57,10 +57,8 @@ class Layout:
     breaks: tuple[int, ...] = ()
 
     @classmethod
-    def of(cls, transcription: object, z: Array) -> Layout | None:
-        """Layout of an iterate; None if torques are the only unknowns."""
-        if not isinstance(transcription, Gridded):
-            return None
+    def of(cls, transcription: Gridded, z: Array) -> Layout:
+        """Layout of an iterate."""
         shares = transcription.shares
         eta = np.array(z[z.size - shares.shape[1] :])
         ends, breaks = transcription.segment_ends, transcription.breaks
@@ -227,7 +225,6 @@ def split_intervals(of: Gridded, z: Array, split: BoolArray) -> tuple[Gridded, A
         The parameterisation on the new grid, and the iterate.
     """
     layout = Layout.of(of, z)
-    assert layout is not None  # noqa: S101
     finer = layout.halved(split).transcription(of.system)
     if isinstance(of, BSplineTranscription):
         assert isinstance(finer, BSplineTranscription)  # noqa: S101
