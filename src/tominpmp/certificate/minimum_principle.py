@@ -49,15 +49,13 @@ from tominpmp.certificate.optimality_report import (
     subject_name,
 )
 from tominpmp.checks import instance, number
-from tominpmp.motion.joining import checked_motion
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.options import Tolerances
 from tominpmp.problem.controls import need_smooth
 from tominpmp.problem.problem import Problem
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification.replay import Replay
-from tominpmp.verification.stages import with_segments
+from tominpmp.verification.stages import checked_in_segments
 from tominpmp.verification.verification import Verification, verify
 
 # Largest predicted gain of a certified motion, as a share of the duration.
@@ -113,8 +111,7 @@ def certify(
     period, expected = control_period, "seconds > 0 or None"
     if period is not None:
         period = number(period, "control_period", expected, above=0.0)
-    trajectory = checked_motion(trajectory, problem)
-    trajectory = with_segments(problem, trajectory, Tolerances())
+    trajectory = checked_in_segments(problem, trajectory)
     # Alternatives of a goal may differ in their number of rows.
     whole, problem = problem, problem.alternative_of(trajectory)
     if verification is None:

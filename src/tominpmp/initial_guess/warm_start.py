@@ -19,10 +19,8 @@ from scipy.optimize import minimize_scalar
 from tominpmp.arrays import Array
 from tominpmp.exceptions import ProblemError, ScenarioError
 from tominpmp.initial_guess.guess import Guess
-from tominpmp.motion.joining import checked_motion
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.options import Tolerances
 from tominpmp.problem.joint_limits import joint_limits
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import spans_of
@@ -35,7 +33,7 @@ from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.layout import QUADRATIC, SHORTEST, Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
-from tominpmp.verification.stages import with_segments
+from tominpmp.verification.stages import checked_in_segments
 
 # Number of samples of the shape of a motion.
 SAMPLES = 400
@@ -264,10 +262,9 @@ def former_motion(problem: Problem, motion: Trajectory | Samples) -> Trajectory:
             "start",
         )
     try:
-        motion = checked_motion(motion, problem)
+        return checked_in_segments(problem, motion)
     except (ProblemError, ScenarioError) as error:
         raise ProblemError(f"start: {error}", "start") from error
-    return with_segments(problem, motion, Tolerances())
 
 
 def _slowed_down(system: ProblemFunctions, motion: Trajectory) -> Trajectory:

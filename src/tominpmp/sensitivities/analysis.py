@@ -36,11 +36,9 @@ from tominpmp.checks import instance
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.place import joint_labels
 from tominpmp.kinematics import RobotKinematics, units_of
-from tominpmp.motion.joining import checked_motion
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import EFFORT, LimitKind
-from tominpmp.options import Tolerances
 from tominpmp.problem.controls import control_bounds, control_kind
 from tominpmp.problem.joint_limits import joint_limits
 from tominpmp.problem.problem import Problem
@@ -49,7 +47,7 @@ from tominpmp.robot.robot import Robot
 from tominpmp.sensitivities.records import Sensitivities, Sensitivity, summed
 from tominpmp.sensitivities.torques import TorqueWeights
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.verification.stages import with_segments
+from tominpmp.verification.stages import checked_in_segments
 
 # Steps of finite differences: of displacements [m, rad], and of gravity [m/s^2].
 STEP, GRAVITY_STEP = 1e-6, 1e-3
@@ -78,10 +76,9 @@ def analyse(problem: Problem, trajectory: Trajectory | Samples) -> Sensitivities
         ScenarioError: If the samples have other joints than the robot.
     """
     instance(problem, Problem, "problem")
-    trajectory = checked_motion(trajectory, problem)
+    trajectory = checked_in_segments(problem, trajectory)
     T = trajectory.duration
     refuse_arrival_times(problem)
-    trajectory = with_segments(problem, trajectory, Tolerances())
     problem, trajectory = without_dwells(problem.alternative_of(trajectory), trajectory)
     if not trajectory.duration:
         return Sensitivities(T, (), 0.0, np.zeros(6))

@@ -17,6 +17,8 @@ from tominpmp.arrays import Array
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion.extrema import least_between
+from tominpmp.motion.joining import checked_motion
+from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Tolerances
 from tominpmp.problem.segments import SAME, arrival_window, spans_of
@@ -120,6 +122,22 @@ def stages_of(problem: Problem, trajectory: Trajectory) -> tuple[Stage, ...]:
         Stage(phase, *span, segment.arrival, number if len(phases) > 1 else None)
         for number, (phase, segment, span) in enumerate(each, 1)
     )
+
+
+def checked_in_segments(
+    problem: Problem, trajectory: Trajectory | Samples
+) -> Trajectory:
+    """A caller's motion, checked, with the ends of its segments; samples are joined.
+
+    Args:
+        problem: The problem.
+        trajectory: The motion.
+
+    Raises:
+        ProblemError: As raised by :func:`~tominpmp.motion.joining.checked_motion`.
+        ScenarioError: Likewise.
+    """
+    return with_segments(problem, checked_motion(trajectory, problem), Tolerances())
 
 
 def with_segments(
