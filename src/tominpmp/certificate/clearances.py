@@ -108,7 +108,7 @@ class _Clearances:
 
     def missing(self, times: Array) -> Array:
         """Missing clearances of all pairs, -inf for distant pairs, shape (m, pairs)."""
-        missing = self.item.values(self.motion.path(times).q, ATTENTION, times)
+        missing = self.item.values(self.motion.trajectory(times, 0), ATTENTION, times)
         return np.where(missing > -ATTENTION, missing, -np.inf)
 
     def slopes(self, times: Array, pair: IntArray) -> _Slopes:

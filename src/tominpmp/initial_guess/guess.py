@@ -99,7 +99,7 @@ class Guess:
     def of_motion(cls, name: str, motion: Trajectory) -> Guess:
         """The path of a motion, sampled at instants spaced evenly in time."""
         t = np.linspace(0.0, motion.duration, SAMPLES)
-        return cls(name, t, motion(t).q, False)
+        return cls(name, t, motion(t, 0), False)
 
     @property
     def duration(self) -> float:

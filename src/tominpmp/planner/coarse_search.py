@@ -185,8 +185,7 @@ def _too_slow(guess: Guess, known: Iterable[float]) -> bool:
 def _shape_of(system: ProblemFunctions, motion: Trajectory) -> Array:
     """Scaled configurations at evenly spaced instants, shape (SAMPLES, n)."""
     times = np.linspace(0.0, 1.0, SAMPLES) * motion.duration
-    state = replace(motion, inverse_dynamics=None)(times)  # torques are not needed
-    return np.asarray(state.q / system.step_scale)
+    return np.asarray(motion(times, 0) / system.step_scale)
 
 
 @dataclass(frozen=True, eq=False)

@@ -349,7 +349,7 @@ class SegmentRows:
         rows = rows.selected(obstacles & (rows.y > NOTHING * rows.unit))
         out: dict[str, Array] = {}
         times, pairs = rows.at.times(self.motion.changes.h), rows.subject
-        q = self.motion.path(times).q
+        q = self.motion.trajectory(times, 0)
         normal, _, point = checker.witnesses(q, np.arange(len(q)), pairs, times)
         # Clearance grows if an obstacle moves along the normal.
         twists = np.hstack([normal, np.cross(point, normal)]) * -rows.value[:, None]

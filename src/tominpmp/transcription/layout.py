@@ -191,7 +191,7 @@ class Layout:
                 necessary if the motion is not a spline on this grid.
         """
         marks = motion.segment_ends
-        passed = motion.q[-1:] if marks is None else motion(marks).q
+        passed = motion.q[-1:] if marks is None else motion(marks, 0)
         of, eta = self.transcription(system.passing(passed)), self.eta
         t = nodes_of(self.shares @ eta)
         if isinstance(of, BSplineTranscription):
@@ -199,11 +199,10 @@ class Layout:
             begins, arrivals, _ = np.array(spans).T
             ends, moving = t[[0, *self.segment_ends]], nodes_of(arrivals - begins)
             dwelt = begins - moving[:-1]
-            plain = replace(motion, inverse_dynamics=None)
 
             def position(times: Array) -> Array:
                 before = dwelt[np.searchsorted(ends[1:-1], times)]
-                return plain(np.interp(times, ends, moving) + before).q
+                return motion(np.interp(times, ends, moving) + before, 0)
 
             z = of.interpolated(eta, position)
             return of, of.within_limits(z) if within else z

@@ -111,7 +111,7 @@ def _clause(stage: Stage, motion: Trajectory, item: LimitViolation) -> str:
     if item.kind != EFFORT.name:
         return item.clause
     i = robot.joint_names.index(item.name)
-    first, last = motion(np.array([stage.begin, stage.end])).q
+    first, last = motion(np.array([stage.begin, stage.end]), 0)
     middle, half = (part[i] for part in effort_range(robot, limits))
     low, high = middle - half, middle + half
     travel, friction = float(last[i] - first[i]), float(robot.friction[i])

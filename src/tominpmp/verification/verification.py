@@ -216,9 +216,7 @@ def verify(
         gaps = np.abs(integration.defects()[:, : robot.n])
         defect = float(np.max(np.nan_to_num(gaps, nan=np.inf), initial=0.0))
     replayed = findings.replay
-    # Without inverse dynamics, which would take most of the time of the evaluation.
-    plan = replace(trajectory, inverse_dynamics=None)(replayed.t).q
-    deviation = np.max(np.abs(replayed.q - plan), axis=0)
+    deviation = np.max(np.abs(replayed.q - trajectory(replayed.t, 0)), axis=0)
     result = findings.result(problem, tolerances, deviation, growth, begin)
     return replace(result, defect=defect, feedback=feedback)
 
