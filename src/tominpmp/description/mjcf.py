@@ -347,7 +347,8 @@ class _MjcfReader:
             ends = np.array(_range(own.forcelimited, own.forcerange))
             if own.gaintype[0] == own.biastype[0] == 0:  # forces follow from controls
                 integrates = own.dyntype[0] == self.mujoco.mjtDyn.mjDYN_INTEGRATOR
-                control = _range(own.ctrllimited and not integrates, own.ctrlrange)
+                limited = own.ctrllimited and not integrates
+                control = np.array(_range(limited, own.ctrlrange))
                 control = np.clip(control, *_range(own.actlimited, own.actrange))
                 ends = np.clip(ends, *np.sort(own.gainprm[0] * control))
             if own.trntype[0] <= 1:  # of a joint
