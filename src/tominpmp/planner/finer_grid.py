@@ -20,7 +20,6 @@ from tominpmp.planner.automatic_options import minimum_time, warm_start_options
 from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.loop import Loop, Rule, solve
-from tominpmp.solvers.objective import SMALL_VIOLATION
 from tominpmp.solvers.stop import first_of
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import Status
@@ -35,10 +34,8 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 Descended = SlpResult[NonlinearProgram]
 
-# Usual and largest number of iterations on a grid, as most of the gain comes with the
-# first step. The largest is for motions with violations that slowing down does not
-# remove: the gain would be lost with them.
-ITERATIONS, MOST_ITERATIONS = 6, 20
+# Largest number of iterations on a grid, as most of the gain comes with the first step.
+ITERATIONS = 6
 # Most rounds of halving.
 ROUNDS = 5
 # Least gain that a round must predict, as a share of T; and where planning time matters
@@ -75,7 +72,7 @@ def on_finer_grids(result: Descended, state: PlanState) -> Descended:
     usual = options.refine == "auto" and options.effort != "thorough"
     worth = WORTH if usual else LITTLE_WORTH
     first = len(state.records) - len(result.history)
-    warm, finest = warm_start_options(options, RADIUS, MOST_ITERATIONS), result
+    warm, finest = warm_start_options(options, RADIUS, ITERATIONS), result
     coarsest = best.duration
     step, stop = trust_regions(warm)
     for _ in range(ROUNDS):
@@ -121,12 +118,6 @@ def round_ends(worth: float) -> Rule:
 
     def rule(loop: Loop) -> Status | None:
         little = loop.history[0].predicted < worth
-        if little and len(loop.history) == 1:
-            return Status.CONVERGED
-        if not little and len(loop.history) < ITERATIONS:
-            return None
-        best = loop.best or loop.state
-        slower = loop.objective.cured(loop.program, best, SMALL_VIOLATION)
-        return None if slower is None else Status.CONVERGED
+        return Status.CONVERGED if len(loop.history) >= ITERATIONS or little else None
 
     return rule

@@ -28,9 +28,6 @@ RESTORATIONS = 8
 # Relative increase of the duration that removes a violation, as a share of it: torques
 # go with the square of the speed. An extrapolated increase is multiplied by OVERSHOOT.
 SLOWDOWN, OVERSHOOT = 0.5, 1.02
-# Violations between the rows up to this are removed by slowing down if the grid will be
-# refined anyway: programs with rows for them cost more than they gain.
-SMALL_VIOLATION = 5e-4
 # Time-scaling factors that are tried if any feasible motion will do.
 TIME_SCALINGS = (1.0, 1.02, 1.05, 1.1, 1.2)
 # Weight of the proximal term, without a total variation: cost of a step of all unknowns
@@ -187,25 +184,6 @@ class Objective(ABC):
         rows = program.rows
         hard = rows.violation(state.values)[~rows.curable[rows.kind]]
         return bool(np.all(hard <= self.feasibility))
-
-    def cured(
-        self, program: NonlinearProgram, state: Iterate, largest: float
-    ) -> Iterate | None:
-        """Slow a motion with small violations down until they are removed.
-
-        Args:
-            program: The program.
-            state: The iterate.
-            largest: Largest violation for which this is tried.
-
-        Returns:
-            The feasible motion; None if its violations are larger, or slowing down does
-            not remove them.
-        """
-        if state.violation > largest or not self._curable(program, state):
-            return None
-        slower = self.restored(program, state)
-        return slower if slower.violation <= self.feasibility else None
 
 
 @dataclass(frozen=True, eq=False)
