@@ -5,6 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from two_link_cases import all_cases
 
@@ -291,3 +292,31 @@ def test_a_thorough_search_makes_further_descents_of_several_segments():
     )
     standard, lavish = (tm.plan(problem, effort=e) for e in ("standard", "thorough"))
     assert lavish.T < 0.99 * standard.T
+
+
+def test_a_thorough_search_leaves_out_segments_whose_goal_is_out_of_reach(monkeypatch):
+    """The error of the alternative goal ended the plan after its motion was found."""
+    monkeypatch.setattr(thorough, "WAVES", 1)
+    arm = tm.load_robot("planar3r")
+    turned = pin.SE3(pin.utils.rotate("x", 1.0), np.array([4.0, 1.0, 0.0]))
+    near = tm.PositionGoal("tip", (4.0, 1.0, 0.0))
+    either = tm.AnyGoal([near, tm.PoseGoal("tip", turned)])
+    end = tm.JointGoal((2.0, -1.0, 0.5))
+    segments = [tm.Segment(either), tm.Segment(end)]
+    problem = tm.Problem(arm, (0.5, 1.7, -1.7), segments=segments)
+    assert tm.plan(problem, effort="thorough", intervals=20).success
+
+
+def test_a_clock_does_not_prolong_a_thorough_search(monkeypatch):
+    """It went on for as long as the time limit, as if the caller had set one."""
+    waves = []
+
+    def seen(*sources, wave=thorough._wave):
+        waves.append(sources)
+        return wave(*sources)
+
+    monkeypatch.setattr(thorough, "_wave", seen)
+    monkeypatch.setattr(thorough, "WAVES", 1)
+    monkeypatch.setattr(thorough, "MOST_WAVES", 2)
+    assert tm.plan(reach(), effort="thorough", control_period=0.01).success
+    assert len(waves) == 1

@@ -71,13 +71,6 @@ MOVING = 0.1
 EXACT = 0.1 * TRACE
 
 
-def search_options(options: Options) -> Options:
-    """Options for the search without a clock, which reserves time for this stage."""
-    if options.control_period is None:
-        return options
-    return replace(options, max_planning_time=SEARCH_SHARE * options.time_limit)
-
-
 def on_clock(solution: Solution, state: PlanState) -> Solution:
     """Move the motion of a solution to the clock of its control period.
 

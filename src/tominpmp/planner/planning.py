@@ -45,7 +45,7 @@ from tominpmp.planner.alternatives import candidates_of_alternatives
 from tominpmp.planner.automatic_options import resolve_options
 from tominpmp.planner.barriers import find_barrier
 from tominpmp.planner.conclusion import conclude, with_remarks, without_motion
-from tominpmp.planner.control_period import on_clock, search_options
+from tominpmp.planner.control_period import SEARCH_SHARE, on_clock
 from tominpmp.planner.energy import with_least_cost
 from tominpmp.planner.improvements import improvements
 from tominpmp.planner.plan_state import PlanState
@@ -107,7 +107,9 @@ def plan(
             max_planning_time=requested.time_limit,
         )
     former = None if start is None else _motion_of(problem, start)
-    state = PlanState(problem, search_options(options))
+    state = PlanState(problem, options)
+    if options.control_period is not None:
+        state.reset_limit(SEARCH_SHARE * options.time_limit)
     status, candidate = None, None
     with state.deadline.in_force():
         try:

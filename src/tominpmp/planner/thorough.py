@@ -15,6 +15,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.bumps import SPREADS, bumped, bumps
 from tominpmp.initial_guess.guess import Guess, GuessRequest
 from tominpmp.initial_guess.path_velocity import guesses_of
@@ -72,8 +73,9 @@ def _waves(system: ProblemFunctions, state: PlanState) -> Iterator[Schedule[None
     of_detours, of_guesses, around_best = rngs
     request = GuessRequest(MOST_WAVES * WAVE, of_guesses, duration)
     guesses = (segmented_guesses if system.parts else guesses_of)(system, request)
-    first = next(guesses, None)
-    if first is None:
+    try:
+        first = next(guesses)
+    except (StopIteration, ProblemError):  # no configuration reaches a goal
         return
     coarse = CoarseSearch(system, state, torques=torques_rule(system, first))
     straight = [first, *itertools.islice(guesses, 1)]
