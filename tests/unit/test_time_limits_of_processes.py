@@ -186,7 +186,7 @@ def test_what_a_process_has_repaired_is_not_asked_for_again(
     ended = Candidate("a start", tm.Status.INFEASIBLE, False, motion, motion, lack, ())
     state = PlanState(system.problem, tm.Options(processes=2))
     source = ParallelDescents(system, state, iter(()))
-    source.ready, source.results = [guess], {0: (ended, [])}
+    source.batch, source.results = [guess], {0: (ended, [])}
     monkeypatch.setattr("tominpmp.planner.starts.ParallelDescents", lambda *_: source)
     found = run(state, next(_descents(system, state, iter(()), 1, 1)))
     assert found is not None

@@ -238,6 +238,14 @@ class ParallelDescents:
         system: Functions of the problem.
         state: The plan.
         guesses: The guesses.
+
+    Attributes:
+        processes: Number of processes.
+        batch: Guesses of the present batch whose turn has not come.
+        first: Number of the first guess of this batch.
+        taken: Number of guesses taken so far.
+        done: The results of the batch as they come, by their places in it.
+        results: Results whose turn has not come, by the numbers of their guesses.
     """
 
     def __init__(
@@ -246,23 +254,23 @@ class ParallelDescents:
         self.system, self.state, self.guesses = system, state, guesses
         cores = max(available_processes(), LEAST_PROCESSES)
         self.processes = min(state.options.processes, cores)
-        self.ready: list[Guess] = []
+        self.batch: list[Guess] = []
         self.taken = self.first = 0
-        self.run: Iterator[tuple[int, Result]] = iter(())
+        self.done: Iterator[tuple[int, Result]] = iter(())
         self.results: dict[int, Result] = {}
 
     def next(self, wanted: int) -> Guess | None:
         """The next guess; a batch has ``wanted`` guesses, or one per process."""
-        if not self.ready:
+        if not self.batch:
             size = min(wanted or self.processes, BATCH * self.processes)
-            self.ready = list(itertools.islice(self.guesses, size))
-            self.first, self.taken = self.taken, self.taken + len(self.ready)
+            self.batch = list(itertools.islice(self.guesses, size))
+            self.first, self.taken = self.taken, self.taken + len(self.batch)
             seconds = self.state.remaining_time
             serial = replace(self.state.options, callback=None, processes=1)
             end = time.time() + (1.0 - HANDOVER_SHARE) * seconds - HANDOVER
             task = partial(descend_in_process, self.system, serial, end)
-            self.run = run_parallel(task, list(self.ready), self.processes, seconds)
-        return self.ready.pop(0) if self.ready else None
+            self.done = run_parallel(task, [*self.batch], self.processes, seconds)
+        return self.batch.pop(0) if self.batch else None
 
     def result(self, number: int, *_: object) -> Candidate:
         """The candidate of the guess whose turn has come.
@@ -272,7 +280,7 @@ class ParallelDescents:
             Exception: The error with which the process has ended.
         """
         while number not in self.results:
-            completed = next(self.run, None)
+            completed = next(self.done, None)
             if completed is None:
                 raise Stop(requested=False)  # the process was late
             self.results[self.first + completed[0]] = completed[1]
@@ -285,7 +293,7 @@ class ParallelDescents:
 
     def unclaimed(self) -> list[Candidate]:
         """Candidates whose turn has not come, the fastest first."""
-        for number, result in self.run:
+        for number, result in self.done:
             self.results[self.first + number] = result
         made = [item for item, _ in self.results.values() if item is not None]
         return sorted(map(self._with_status_here, made), key=lambda item: item.duration)
