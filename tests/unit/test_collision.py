@@ -608,7 +608,7 @@ def test_constraint_is_picklable(planar3r: Robot) -> None:
     ("q", "margin", "match"),
     [
         (np.full(3, np.nan), 0.0, "q is .*nan.*expected .*finite"),
-        (np.zeros(2), 0.0, r"q has shape \(2,\)"),
+        (np.zeros(2), 0.0, r"q is array\(\[0.*expected numbers, one for each joint"),
         (np.zeros(3), np.zeros(99), r"margin has shape \(99,\), expected"),
         (np.zeros(3), "wide", "margin"),
     ],
