@@ -99,9 +99,9 @@ def test_a_format_of_files_of_ones_own(
     problem = tm.Problem(planar3r, (0.5, 1.7, -1.7), tm.JointGoal((0.9, -1.2, -0.9)))
     smooth = {"starts": 1, "intervals": 10, "refine": None, "control": "spline"}
     solution = tm.plan(problem, **smooth)
-    path = solution.export(tmp_path / "motion.words", dt=0.002)
+    path = solution.export(tmp_path / "motion.words", dt=0.001)
     again = tm.load_motion(path)
-    samples = solution.trajectory.sample(0.002)
+    samples = solution.trajectory.sample(0.001)
     np.testing.assert_array_equal(again.t, samples.t)
     np.testing.assert_array_equal(again.q, samples.q)
     assert again.joint_names == planar3r.joint_names

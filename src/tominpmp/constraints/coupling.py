@@ -6,15 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Converted, number_or_nan, record
-from tominpmp.checks import (
-    JOINTS,
-    array,
-    instance,
-    known_joints,
-    names,
-    vector,
-    whole,
-)
+from tominpmp.checks import JOINTS, array, instance, known_joints, names, vector, whole
 from tominpmp.constraints.path import EMPTY, Linear, PathConstraint
 from tominpmp.exceptions import ProblemError
 from tominpmp.robot.robot import Robot

@@ -321,18 +321,16 @@ class _MjcfReader:
         Pairs that are excluded, or that no mask lets collide, replace neighbours, which
         MuJoCo does not check either, but for the world.
         """
-        model = self.model
+        model, parents = self.model, self.model.body_parentid
         masks, others = model.body_contype, model.body_conaffinity
         solid, met = masks | others > 0, masks[:, None] & others > 0
-        unmet = np.triu(solid[:, None] & solid & ~(met | met.T), 1)
-        pairs = {divmod(both, 2**16) for both in model.exclude_signature.tolist()}
-        pairs |= set(zip(*np.nonzero(unmet), strict=True))
-        if pairs:
-            parents, fixed = model.body_parentid, model.body_weldid
-            # Bodies fixed to each other have the number of the first one.
-            near = (fixed[parents[fixed]][:, None] == fixed) & (fixed > 0)
-            pairs |= {(k, i) for i, k in enumerate(parents.tolist()) if k}
-            pairs |= set(zip(*np.nonzero(near), strict=True))
+        apart = np.triu(solid[:, None] & solid & ~(met | met.T), 1)
+        apart[np.divmod(model.exclude_signature, 2**16)] = True
+        if np.any(apart):
+            fixed = model.body_weldid  # bodies fixed to each other: the first of them
+            apart |= (fixed[parents[fixed]][:, None] == fixed) & (fixed > 0)
+            apart[np.arange(model.nbody), parents] |= parents > 0
+        pairs = np.argwhere(apart).tolist()
         named = {tuple(sorted((self.bodies[i], self.bodies[k]))) for i, k in pairs}
         states = {
             key.name or f"key {key.id}": dict(zip(self.names, key.qpos, strict=True))

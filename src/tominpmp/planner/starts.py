@@ -38,12 +38,7 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.planner.automatic_options import JUMPS_SHARE, SHOOTING
 from tominpmp.planner.candidate import Candidate
-from tominpmp.planner.coarse_search import (
-    GAP,
-    MOST_PATHS,
-    coarse_grids_apply,
-    search,
-)
+from tominpmp.planner.coarse_search import GAP, MOST_PATHS, coarse_grids_apply, search
 from tominpmp.planner.descent import descent_work, stop_if_hopeless
 from tominpmp.planner.improvements import improvements
 from tominpmp.planner.plan_state import PlanState

@@ -26,11 +26,7 @@ from tominpmp.transcription.controls import (
     torque_shares,
 )
 from tominpmp.transcription.instants import Instants
-from tominpmp.transcription.integrator import (
-    SteppedMotion,
-    rollout,
-    sweep_adjoint,
-)
+from tominpmp.transcription.integrator import SteppedMotion, rollout, sweep_adjoint
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Largest change of the torques per radian of the trust region radius, as a share of
