@@ -103,7 +103,7 @@ VARIANTS: dict[str, Variant] = {
     "starts not judged": Variant(
         parts={f"{PLANNER}.coarse_search.CoarseSearch._drop_early": lambda _: _none}
     ),
-    "no exchange on the way": Variant(
+    "no exchange of rows": Variant(
         parts={f"{SOLVERS}.exchange.RowExchange.due": _false}
     ),
     "no torque starts": Variant(

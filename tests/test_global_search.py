@@ -260,7 +260,8 @@ def test_a_thorough_search_begins_with_no_guess_of_the_search_before(monkeypatch
     assert len(set(begun)) == len(begun)
 
 
-def test_a_thorough_search_goes_on_among_moving_obstacles(monkeypatch):
+def recorded_waves(monkeypatch):
+    """The waves of thorough searches to come, each of which has one without a limit."""
     waves = []
 
     def seen(*sources, wave=thorough._wave):
@@ -269,6 +270,11 @@ def test_a_thorough_search_goes_on_among_moving_obstacles(monkeypatch):
 
     monkeypatch.setattr(thorough, "_wave", seen)
     monkeypatch.setattr(thorough, "WAVES", 1)
+    return waves
+
+
+def test_a_thorough_search_goes_on_among_moving_obstacles(monkeypatch):
+    waves = recorded_waves(monkeypatch)
     ball = tm.Sphere(
         "ball",
         radius=0.3,
@@ -309,14 +315,7 @@ def test_a_thorough_search_leaves_out_segments_whose_goal_is_out_of_reach(monkey
 
 def test_a_clock_does_not_prolong_a_thorough_search(monkeypatch):
     """It went on for as long as the time limit, as if the caller had set one."""
-    waves = []
-
-    def seen(*sources, wave=thorough._wave):
-        waves.append(sources)
-        return wave(*sources)
-
-    monkeypatch.setattr(thorough, "_wave", seen)
-    monkeypatch.setattr(thorough, "WAVES", 1)
+    waves = recorded_waves(monkeypatch)
     monkeypatch.setattr(thorough, "MOST_WAVES", 2)
     assert tm.plan(reach(), effort="thorough", control_period=0.01).success
     assert len(waves) == 1

@@ -333,8 +333,8 @@ class _MjcfReader:
         pairs = np.argwhere(apart).tolist()
         named = {tuple(sorted((self.bodies[i], self.bodies[k]))) for i, k in pairs}
         states = {
-            key.name or f"key {key.id}": dict(zip(self.names, key.qpos, strict=True))
-            for key in map(model.key, range(model.nkey))
+            model.key(k).name or f"key {k}": dict(zip(self.names, row, strict=True))
+            for k, row in enumerate(model.key_qpos.tolist())
         }
         return SemanticDescription(tuple(sorted(named)), states, path)
 

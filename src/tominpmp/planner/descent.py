@@ -148,7 +148,6 @@ def descend(
     program, z = first_program(system, options, guess)
     initial = program.trajectory(z)
     step, usual = trust_regions(options)
-    # Slowing down for small violations costs less time than refinement gains.
     result = solve(
         program,
         objective,

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 
 import numpy as np
 
@@ -46,7 +47,7 @@ def thorough_search(state: PlanState) -> Schedule[None]:
     if options.effort != "thorough":
         return
     searches = [
-        _waves(system, state)
+        _descents(system, state) if system.parts else _waves(system, state)
         for system in map(ProblemFunctions.of, problem.alternatives)
         if system.parts or coarse_grids_apply(system, options)
     ]
@@ -62,7 +63,7 @@ def thorough_search(state: PlanState) -> Schedule[None]:
 
 
 def _waves(system: ProblemFunctions, state: PlanState) -> Iterator[Schedule[None]]:
-    """Waves of starts for a problem, without end; none without a guess.
+    """Waves of starts for a problem with one goal, without end; none without a guess.
 
     Args:
         system: Functions of the problem.
@@ -72,10 +73,9 @@ def _waves(system: ProblemFunctions, state: PlanState) -> Iterator[Schedule[None
     rngs = (np.random.default_rng([seed, k]) for k in (DETOUR, GUESS, AROUND_BEST))
     of_detours, of_guesses, around_best = rngs
     request = GuessRequest(MOST_WAVES * WAVE, of_guesses, duration)
-    guesses = (segmented_guesses if system.parts else guesses_of)(system, request)
-    try:
-        first = next(guesses)
-    except (StopIteration, ProblemError):  # no configuration reaches a goal
+    guesses = guesses_of(system, request)
+    first = next(guesses, None)
+    if first is None:
         return
     coarse = CoarseSearch(system, state, torques=torques_rule(system, first))
     straight = [first, *itertools.islice(guesses, 1)]
@@ -85,34 +85,51 @@ def _waves(system: ProblemFunctions, state: PlanState) -> Iterator[Schedule[None
         filter(coarse.untried, itertools.chain(straight, guesses)),
         _around_best(system, state, around_best),
     ]
-    single: Iterator[Work] = iter(())
+    shooting: Iterator[Work] = iter(())
     if torques_may_lead(system):
-        single = torque_starts(system, state, MOST_WAVES)
-    if system.parts:
-        own, stop, sources = state.options, stop_if_hopeless(), []
-        single = (descent_work(system, own, guess, state, stop) for guess in guesses)
+        shooting = torque_starts(system, state, MOST_WAVES)
     while True:
-        yield _wave(coarse, sources, single)
+        yield _wave(coarse, sources, shooting)
 
 
 def _wave(
     coarse: CoarseSearch,
     sources: Sequence[Iterator[Guess | None]],
-    single: Iterator[Work],
+    shooting: Iterator[Work],
 ) -> Schedule[None]:
-    """The candidates of a wave: from guesses of all sources in turn, and a single one.
+    """The candidates of a wave: from guesses of all sources in turn, and from torques.
 
     Args:
         coarse: The search on coarse grids.
         sources: Guesses of each kind; None where a source has none yet.
-        single: Work from random torques, or from guesses of several segments, one of
-            which belongs to each wave.
+        shooting: Work from random torques, one of which belongs to each wave.
     """
     turns = itertools.islice(itertools.cycle(sources), WAVE)
     yield from coarse.probes(filter(None, (next(source, None) for source in turns)))
-    work = next(single, None)
+    work = next(shooting, None)
     if work is not None:
         yield work
+
+
+def _descents(system: ProblemFunctions, state: PlanState) -> Iterator[Schedule[None]]:
+    """Waves of one descent each, for several segments; none without a guess.
+
+    Args:
+        system: Functions of the problem.
+        state: The plan, which has descended from the first guess.
+    """
+    options, stop = state.options, stop_if_hopeless()
+    rng = np.random.default_rng([options.seed, GUESS])
+    request = GuessRequest(MOST_WAVES * WAVE, rng, options.initial_duration)
+    guesses = segmented_guesses(system, request)
+    with suppress(ProblemError):  # no configuration reaches a goal
+        for guess in itertools.islice(guesses, 1, None):
+            yield _single(descent_work(system, options, guess, state, stop))
+
+
+def _single(work: Work) -> Schedule[None]:
+    """The candidate of one piece of work."""
+    yield work
 
 
 def _around_best(

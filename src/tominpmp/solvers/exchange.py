@@ -32,8 +32,8 @@ ITERATIONS, EXTENSIONS = 25, 12
 # leaves free, and the violations that it causes grow with the square of the radius.
 LEAST_RADIUS, SMALLEST = 0.1, 0.01
 # A motion is nearly optimal if its duration has changed by at most this share since
-# rows last joined. Each exchange then halves the radius: reversals of joints with dry
-# friction would otherwise move on, and with them the rows that are missing.
+# rows last joined. Each exchange then halves the radius, down to SMALLEST: reversals of
+# joints with dry friction would otherwise move on, and with them the missing rows.
 SETTLED = 1e-4
 
 Revise = Callable[[NonlinearProgram, Array], tuple[NonlinearProgram, Array] | None]
@@ -127,13 +127,11 @@ class RowExchange:
             radius = min(max(math.sqrt(joined.violation), SMALLEST), limit)
         loop.state, loop.best = replace(joined, radius=radius, gains=()), None
         loop.extended_limit = len(loop.history) + ITERATIONS
-        exchange = replace(self, joined_at=joined.duration, radius=limit)
-        if status is None:
-            return exchange, None
-        exchange = replace(exchange, extensions=self.extensions + 1)
-        if not loop.objective.any_will_do:
-            return exchange, None
-        slower = loop.objective.better(loop.program, loop.state, None)
+        exchange, slower = replace(self, joined_at=joined.duration, radius=limit), None
+        if status is not None:
+            exchange = replace(exchange, extensions=self.extensions + 1)
+            if loop.objective.any_will_do:
+                slower = loop.objective.better(loop.program, loop.state, None)
         if slower is None:
             return exchange, None
         loop.state = loop.best = slower

@@ -179,12 +179,6 @@ class Objective(ABC):
             factor = min(beyond, 1.0 + 2.0 * (factor - 1.0))
         return state
 
-    def _curable(self, program: NonlinearProgram, state: Iterate) -> bool:
-        """Whether slowing down reduces all violations."""
-        rows = program.rows
-        hard = rows.violation(state.values)[~rows.curable[rows.kind]]
-        return bool(np.all(hard <= self.feasibility))
-
 
 @dataclass(frozen=True, eq=False)
 class MinimumTime(Objective):
@@ -261,7 +255,9 @@ class AnyMotion(MinimumTime):
         self, program: NonlinearProgram, state: Iterate, best: Iterate | None
     ) -> Iterate | None:
         """The motion slowed down until it is feasible, if that removes violations."""
-        if self._curable(program, state):
+        rows = program.rows
+        hard = rows.violation(state.values)[~rows.curable[rows.kind]]
+        if np.all(hard <= self.feasibility):
             for factor in TIME_SCALINGS:
                 z, values = program.slower(state.z, factor, state.values)
                 trial = replace(state, z=z, values=values)
