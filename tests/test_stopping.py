@@ -15,7 +15,7 @@ import tominpmp as tm
 from tominpmp import stopping
 from tominpmp.linear_programs.choice import make_solver
 from tominpmp.linear_programs.program import LinearProgram
-from tominpmp.planner import coarse_search, descent
+from tominpmp.planner import coarse_search, descent, planning
 from tominpmp.planner.candidate import Candidate
 from tominpmp.solvers.quiet_torques import QuietTorques
 from tominpmp.solvers.trust_region_step import TrustRegionStep
@@ -165,6 +165,26 @@ def test_interrupted_in_a_later_stage(monkeypatch, stage):
     solution = tm.plan(reach(), effort="quick")
     assert solution.status is tm.Status.INTERRUPTED
     assert solution.success and solution.verification.ok
+
+
+@pytest.mark.usefixtures("clock")
+def test_interrupted_at_the_very_end(monkeypatch):
+    usual = planning.with_remarks
+
+    def pressed(*arguments):
+        done = usual(*arguments)
+        press()
+        return done
+
+    monkeypatch.setattr(planning, "with_remarks", pressed)
+    solution = tm.plan(reach(), effort="quick")
+    assert solution.status is tm.Status.INTERRUPTED
+    assert solution.success and solution.verification.ok
+    assert solution.message.startswith(tm.Status.INTERRUPTED.value)
+    monkeypatch.setattr(planning, "why_impossible", lambda *_: "It cannot be.")
+    solution = tm.plan(reach(), effort="quick")
+    assert solution.status is tm.Status.INTERRUPTED
+    assert solution.message == "It cannot be."
 
 
 @pytest.mark.usefixtures("clock")

@@ -110,16 +110,14 @@ def plan(
     state = PlanState(problem, options)
     if options.control_period is not None:
         state.reset_limit(SEARCH_SHARE * options.time_limit)
-    status, candidate = None, None
+    proof, status, candidate = None, None, None
     with state.deadline.in_force():
         try:
             proof = why_impossible(problem, options.limit_tolerance) or find_barrier(
                 problem, options.contact_tolerance
             )
-            if proof:
-                return without_motion(state, requested, Status.INFEASIBLE, str(proof))
             schedule = _full_schedule(state, former)
-            while status is None and not state.satisfied:
+            while not (proof or status or state.satisfied):
                 candidate = run(state, schedule.send(candidate))
                 status = state.ended
             schedule.close()
@@ -127,12 +125,21 @@ def plan(
             pass
         except (Stop, KeyboardInterrupt) as stop:
             status = state.stopped(stop)
-        solution = _finish(state, options, status)
+        if proof:
+            solution = without_motion(state, options, Status.INFEASIBLE, str(proof))
+        else:
+            solution = _finish(state, options, status)
         if state.callback_error is not None:
             raise state.callback_error
         if requested.energy_weight:
             solution = with_least_cost(replace(solution, options=requested))
-        return with_remarks(solution, state)
+        solution = with_remarks(solution, state)
+    # From here on Ctrl-C raises KeyboardInterrupt: every request is known.
+    if state.deadline.requested and solution.status is not Status.INTERRUPTED:
+        begin = f"{Status.INTERRUPTED.value} " if solution.success else ""
+        message = begin + solution.message
+        solution = replace(solution, status=Status.INTERRUPTED, message=message)
+    return solution
 
 
 def _finish(state: PlanState, options: Options, status: Status | None) -> Solution:
@@ -159,7 +166,7 @@ def _finish(state: PlanState, options: Options, status: Status | None) -> Soluti
         solution = on_clock(solution, state)
     if options.slack is not None and solution.success and status not in STOPPED:
         solution = smooth(solution, options.slack)
-    return _interrupted(solution) if state.deadline.requested else solution
+    return solution
 
 
 def _full_schedule(
@@ -177,16 +184,6 @@ def _full_schedule(
     if state.options.objective == "time":
         yield from improvements(state)
         yield from thorough_search(state)
-
-
-def _interrupted(solution: Solution) -> Solution:
-    """The solution of an interrupted plan, with the status that says so."""
-    if solution.status is Status.INTERRUPTED:
-        return solution
-    message = solution.message
-    if solution.success:
-        message = f"{Status.INTERRUPTED.value} {message}"
-    return replace(solution, status=Status.INTERRUPTED, message=message)
 
 
 def _motion_of(
