@@ -7,7 +7,7 @@ import pytest
 from guess_samples import END, START, gantry, maze, time_straight_line, wall
 
 import tominpmp as tm
-from tominpmp.initial_guess.guess import path_guess
+from tominpmp.initial_guess.guess import SAMPLED, along
 from tominpmp.initial_guess.path import RoundedPath, speed_weights
 from tominpmp.initial_guess.rrt import is_free
 from tominpmp.initial_guess.timing import time_path
@@ -131,7 +131,7 @@ def test_timing_round_a_corner_is_between_bounds(tmp_path):
 
 def test_path_guess_is_timed_and_free(tmp_path):
     system = maze(tmp_path, wall("low", 0.0, -2.0, 0.8))
-    guess = path_guess(system, np.array([START, (0.0, 1.0), END]))
+    guess = along(system, np.array([START, (0.0, 1.0), END]), SAMPLED, clear=True)
     assert guess.timed and guess.name == "sampled path"
     assert all(
         is_free(system, q) for q in guess.position(np.linspace(0, guess.duration, 99))
@@ -143,7 +143,7 @@ def test_path_guess_without_the_torque_to_stand_is_not_timed():
     robot = tm.load_robot("planar3r", effort={"joint1": 2.0})
     start, goal = (np.pi / 2, 0.0, 0.0), (np.pi / 2 + 0.01, 0.0, 0.0)
     system = ProblemFunctions.of(tm.Problem(robot, start, tm.JointGoal(goal)))
-    guess = path_guess(system, np.array([start, (0.2, 0.0, 0.0), goal]))
+    guess = along(system, np.array([start, (0.2, 0.0, 0.0), goal]), SAMPLED, clear=True)
     assert not guess.timed
     assert guess.duration > 0.0
     assert guess.q[:, 0].min() < 1.0  # it goes towards the corner and turns
@@ -154,6 +154,6 @@ def test_path_guess_without_the_torque_to_stand_is_not_timed():
 def test_path_guess_without_length_rests(tmp_path, count):
     """A sampled path ended where it began, and its parameter was no number."""
     system = maze(tmp_path, wall("low", 0.0, -2.0, 0.8))
-    guess = path_guess(system, np.tile(START, (count, 1)))
+    guess = along(system, np.tile(START, (count, 1)), SAMPLED, clear=True)
     assert not guess.timed and guess.duration > 0.0
     np.testing.assert_array_equal(guess.q, np.tile(START, (len(guess.t), 1)))

@@ -213,3 +213,20 @@ def test_pieces_of_a_motion_are_never_proved_impossible(
             motion_limits=limits,
         )
         assert not why_impossible(piece, TOLERANCE)
+
+
+def test_a_goal_where_the_motors_cannot_hold_the_arm_is_refused_at_once() -> None:
+    """The whole planning time was used up first."""
+    weak = make_arm(ROD, ROD, effort=np.array([15.0, 9.0]), gravity=DOWNWARD)
+    goal, start = tm.PositionGoal("tip", [1.9, 0.0, 0.0]), [-1.5, 0.0]
+    back = tm.Segment(tm.JointGoal(start))
+    few = {"intervals": 8, "starts": 1, "max_iterations": 2}
+
+    with pytest.raises(tm.ProblemError, match="goal: the arm cannot rest in any of"):
+        tm.plan(tm.Problem(weak, start, goal))
+    stops = [tm.Segment(goal, stop=True), back]
+    with pytest.raises(tm.ProblemError, match="segment 1 of 2: goal: the arm cannot"):
+        tm.plan(tm.Problem(weak, start, segments=stops))
+    # The arm may swing through the goal.
+    passed = tm.plan(tm.Problem(weak, start, segments=[tm.Segment(goal), back]), **few)
+    assert passed.iterations > 0

@@ -17,7 +17,7 @@ from tominpmp.initial_guess.constrained import CLOSE, feasible_path
 from tominpmp.initial_guess.inverse_kinematics import (
     GoalVelocity,
     Target,
-    all_blocked,
+    all_unusable,
     find_configurations,
 )
 from tominpmp.initial_guess.pace import load_time_scale, time_scale
@@ -148,6 +148,7 @@ class GuessRequest:
         duration: Duration of the guess at rest [s]; None for the duration of the
             fastest line, of those that satisfy the constraints if there are any.
         beyond: Constraints on positions that hold from the goal on.
+        passes: Whether the arm may pass the goal, although the guesses stop there.
         searches: Success of the searches for paths, which further ones update.
     """
 
@@ -155,6 +156,7 @@ class GuessRequest:
     rng: np.random.Generator
     duration: float | None = None
     beyond: Sequence[PathConstraint] = ()
+    passes: bool = False
     searches: PathSearches = field(default_factory=PathSearches)
 
 
@@ -177,7 +179,7 @@ class CachedGuesses:
 def straight_guess(system: ProblemFunctions, q_end: Array) -> Guess:
     """Straight line in joint space, in minimum time if it can be timed."""
     line = np.stack([system.problem.q_start, q_end])
-    return _along(system, line, "straight line")
+    return along(system, line, "straight line")
 
 
 def _line_guess(system: ProblemFunctions, q_end: Array) -> Guess:
@@ -190,7 +192,7 @@ def _line_guess(system: ProblemFunctions, q_end: Array) -> Guess:
     if keeps or path is None:
         guesses.append(replace(straight_guess(system, q_end), keeps=keeps))
     if path is not None:
-        guesses.append(_along(system, path, "within constraints"))
+        guesses.append(along(system, path, "within constraints"))
     return min(guesses, key=_pace)
 
 
@@ -243,25 +245,17 @@ def end_velocity(system: ProblemFunctions, q_end: Array) -> Array:
     return system.problem.v_start if fixed is None else fixed
 
 
-def path_guess(system: ProblemFunctions, corners: Array) -> Guess:
-    """Path with rounded corners, in minimum time if it can be timed.
-
-    The polyline of the corners, shape (m, n) [rad or m], is free of collisions; the
-    corners are rounded so that they are free, too.
-    """
-    return _along(system, corners, SAMPLED, clear=True)
-
-
-def _along(
+def along(
     system: ProblemFunctions, corners: Array, name: str, *, clear: bool = False
 ) -> Guess:
-    """Path along corners, shape (m, n), in minimum time if it can be timed.
+    """Path with rounded corners, in minimum time if it can be timed.
 
     Args:
         system: Functions of the problem.
-        corners: The corners, which are rounded.
+        corners: Corners of a polyline, shape (m, n) [rad or m].
         name: Name of the guess.
-        clear: Whether the rounded corners have to be free of collisions.
+        clear: Whether the corners are rounded so that they are free of collisions, as
+            the polyline is.
     """
     path = RoundedPath.through(corners, system.problem.robot.limits.velocity)
     if clear:
@@ -342,7 +336,8 @@ def initial_guesses(system: ProblemFunctions, request: GuessRequest) -> Iterator
 
     Yields:
         At most ``request.count`` guesses; no guess if inverse kinematics did not
-        reach the goal, or reached it only in collisions that cannot be resolved.
+        reach the goal, or reached it only in collisions that cannot be resolved, or
+        where the arm cannot rest.
 
     Raises:
         ProblemError: If no limit keeps a joint from moving arbitrarily fast.
@@ -358,15 +353,14 @@ def initial_guesses(system: ProblemFunctions, request: GuessRequest) -> Iterator
 def _ends(system: ProblemFunctions, request: GuessRequest) -> tuple[list[Array], bool]:
     """Configurations that reach the goal, and whether all of them are in collision."""
     target = Target(system, system.problem.goal, beyond=request.beyond)
-    blocked = list[Array]()
+    found, lost = list[Array](), False
     for count in (KINEMATIC_STARTS, MORE_STARTS):
         search = find_configurations(target, count, request.rng)
-        if search.free:
-            return search.free[:STRAIGHT_LINES], False
-        blocked = search.blocked or blocked
-    if all_blocked(target, blocked):
-        return [], True
-    return blocked[:STRAIGHT_LINES], True
+        found = search.best or found
+        lost = all_unusable(target, found, passes=request.passes)
+        if search.free and not lost:
+            break
+    return [] if lost else found[:STRAIGHT_LINES], not search.free
 
 
 def _guesses(
@@ -436,7 +430,8 @@ def sampled_guesses(
     ``enough`` [s], it is not compared with others.
     """
     paths = sample_paths(system, ends, request.rng, request.searches, known=known)
-    guesses: Iterator[Guess] = (path_guess(system, path) for path in paths)
+    guesses: Iterator[Guess]
+    guesses = (along(system, path, SAMPLED, clear=True) for path in paths)
     first = next(guesses, None)
     if first is None:
         return

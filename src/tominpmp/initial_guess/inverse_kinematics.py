@@ -22,6 +22,7 @@ from tominpmp.initial_guess.path import speed_weights
 from tominpmp.initial_guess.rrt import is_free
 from tominpmp.kinematics import units_of
 from tominpmp.least_squares import damped_step, least_squares, padded
+from tominpmp.problem.state_checks import unheld
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Most least-squares steps from a start.
@@ -139,16 +140,20 @@ class Target:
         return Scales.of(kinematics, self.goal.place(kinematics, start))
 
     @cached_property
+    def rests(self) -> bool:
+        """Whether the arm comes to rest at the goal."""
+        return self.goal.fixes_velocity and not self.goal.ends_moving
+
+    @cached_property
     def constraints(self) -> tuple[PathConstraint | GoalVelocity, ...]:
         """The constraints that hold at the final configuration."""
         goal, system = self.goal, self.system
-        rests = goal.fixes_velocity and not np.any(goal.final_velocity(system.n))
         if self.goal_only:
             return ()
         held = tuple(
             item
             for item in (*system.problem.ready_constraints, *self.beyond)
-            if (item.order == 0 or rests)
+            if (item.order == 0 or self.rests)
             and (item.window is None or np.isinf(item.window.end))
         )
         if not goal.fixes_velocity and goal.speed_count(system.n):
@@ -371,16 +376,26 @@ def isolated(target: Target, q: Array) -> bool:
     return values.size == q.size and bool(values[-1] > RANK * values[0])
 
 
-def all_blocked(target: Target, blocked: Sequence[Array]) -> bool:
-    """Whether the goal can only be reached in collision.
+def all_unusable(target: Target, found: Sequence[Array], *, passes: bool) -> bool:
+    """Whether the arm can be at the goal only in collision, or where gravity moves it.
 
     This holds if no self-motion is possible at any of the configurations, and all of
-    them violate the margins themselves, not only the padding beyond these.
+    them violate the margins themselves, not only the padding beyond these, or need
+    torques beyond the limits at rest.
+
+    Args:
+        target: Conditions on the configurations.
+        found: Configurations that reach the goal, each of shape (n,).
+        passes: Whether the arm may pass the goal.
     """
-    system = target.system
-    if not blocked or system.problem.checker.moving:
-        return False
-    return all(isolated(target, q) and not _keeps_margins(system, q) for q in blocked)
+    system, problem = target.system, target.system.problem
+
+    def unusable(q: Array) -> bool:
+        held = passes or not target.rests or not unheld(problem.robot, q)
+        clear = problem.checker.moving or _keeps_margins(system, q)
+        return isolated(target, q) and not (held and clear)
+
+    return bool(found) and all(map(unusable, found))
 
 
 def _keeps_margins(system: ProblemFunctions, q: Array) -> bool:
@@ -397,8 +412,7 @@ def _near(target: Target, q: Array, others: list[Array], distance: float) -> boo
 
 def _spread(target: Target, solutions: Iterable[Array]) -> list[Array]:
     """Move configurations that are close to a former one to the end."""
-    first: list[Array] = []
-    last: list[Array] = []
+    first, last = list[Array](), list[Array]()
     for q in solutions:
         (last if _near(target, q, first, SPREAD) else first).append(q)
     return first + last

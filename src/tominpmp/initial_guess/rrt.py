@@ -411,8 +411,7 @@ def _shortened(space: _Space, path: Array, rng: np.random.Generator) -> Array:
             shorter = ends
             if joint < n:
                 shorter = former.copy()
-                known = s[begin:end]
-                shorter[1:-1, joint] = np.interp(known, at, ends[:, joint])
+                shorter[1:-1, joint] = np.interp(s[begin:end], at, ends[:, joint])
             gain = _length(former) - _length(shorter)
             if gain > 1e-3 and space.is_free_along(shorter, FINE):
                 path = np.concatenate([path[:begin], shorter, path[end:]])

@@ -53,7 +53,8 @@ def segmented_guesses(
         """The functions and the guesses of a segment from a state."""
         part, ahead = system.parts[place], _constraints_after(system, place)
         single = _alone(part, np.array(q), np.array(v)).passing(np.array([q]))
-        own = replace(each, beyond=ahead, searches=PathSearches())
+        passes = part.problem.goal.stopped is not part.problem.goal
+        own = replace(each, beyond=ahead, passes=passes, searches=PathSearches())
         guesses = waiting_guesses(single, own)
         moving = (guess for guess in guesses if lone or guess.name != REST_GUESS)
         return single, CachedGuesses(moving)

@@ -15,6 +15,7 @@ from tominpmp.initial_guess.constrained import PLACES, position_constraints
 from tominpmp.initial_guess.guess import KINEMATIC_STARTS
 from tominpmp.initial_guess.inverse_kinematics import (
     REACHED,
+    GoalSearch,
     GoalVelocity,
     Target,
     find_configurations,
@@ -32,7 +33,8 @@ def unreachable(
 ) -> ProblemError:
     """Error for a goal that no configuration was found to reach.
 
-    Its reason is, in this order, collision, a constraint, or the distance to the goal.
+    Its reason is, in this order, collision, gravity, a constraint, or the distance to
+    the goal.
 
     Args:
         system: Functions of the problem, or of a segment from its start.
@@ -42,11 +44,7 @@ def unreachable(
     """
     target = Target(system, system.problem.goal, beyond=beyond)
     ik = find_configurations(target, 2 * KINEMATIC_STARTS, rng)
-    if ik.blocked:
-        reason = _collision(target.system, ik.blocked)
-    else:
-        reason = _against_constraints(target, rng)
-    if reason:
+    if reason := _in_vain(target, ik) or _against_constraints(target, rng):
         return ProblemError(f"{where}goal: {reason}", "goal")
     frame = target.goal.frame_name
     verb = "reaches it" if frame is None else f"brings frame {frame!r} there"
@@ -82,21 +80,25 @@ def hindrance(problem: Problem) -> str:
 
 def _hindrance(system: ProblemFunctions) -> str:
     """What may keep an arm from the goal of one segment, see :func:`hindrance`."""
-    robot, goal = system.problem.robot, system.problem.goal
-    lost = _lost_path(system)
+    goal, lost = system.problem.goal, _lost_path(system)
     if lost or goal.configuration is not None:
         return lost
     target = Target(system, goal)
     ik = find_configurations(target, KINEMATIC_STARTS, np.random.default_rng(0))
+    reason = _in_vain(target, ik)
+    return reason and f"goal: {reason}"
+
+
+def _in_vain(target: Target, ik: GoalSearch) -> str:
+    """Why none of the configurations found for a goal is one to rest in; or empty."""
     if not ik.free:
-        return f"goal: {_collision(system, ik.blocked)}" if ik.blocked else ""
-    faults = [unheld(robot, q) for q in ik.free]
-    rests = goal.fixes_velocity and not np.any(goal.final_velocity(robot.n))
-    if not (rests and all(faults)):
+        return _collision(target.system, ik.blocked) if ik.blocked else ""
+    faults = [unheld(target.system.problem.robot, q) for q in ik.free]
+    if not (target.rests and all(faults)):
         return ""
     return (
-        f"goal: the arm cannot rest in any of the {len(faults)} configurations found "
-        f"to reach it: at q = {np.round(ik.free[0], 4).tolist()}, {faults[0]}"
+        f"the arm cannot rest in any of the {len(faults)} configurations found to "
+        f"reach it: at q = {np.round(ik.free[0], 4).tolist()}, {faults[0]}"
     )
 
 
@@ -147,11 +149,10 @@ def _collision(system: ProblemFunctions, blocked: Sequence[Array]) -> str:
         ((contact, q) for contact, q in contacts if contact is not None),
         key=lambda pair: pair[0].distance - pair[0].margin,
     )
-    depth = f"lack {contact.lack:.4g} m of room"
     return (
         f"all {len(blocked)} configurations found to reach it are in collision: in the "
-        "one that is least so, "
-        f"{contact.pair} {depth}, at q = {np.round(q, 4).tolist()}"
+        f"one that is least so, {contact.pair} lack {contact.lack:.4g} m of room, at "
+        f"q = {np.round(q, 4).tolist()}"
     )
 
 
