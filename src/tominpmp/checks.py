@@ -118,8 +118,8 @@ def of_kind(
         ProblemError: If it is of another type.
     """
     if not isinstance(value, kinds):
-        kind = type(value).__name__
-        raise ProblemError(f"{name} is a {kind}, expected {expected}", field or name)
+        said = f"{name} is of type {type(value).__name__}, expected {expected}"
+        raise ProblemError(said, field or name)
     return value
 
 

@@ -9,6 +9,7 @@ import pytest
 
 import tominpmp as tm
 from tominpmp.collision.checker import CollisionChecker
+from tominpmp.exceptions import ProblemError
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.robot.robot import Robot
 from tominpmp.scene.obstacles import Box, Sphere
@@ -94,6 +95,13 @@ def test_proof_is_given_up_where_it_takes_too_long(planar3r: Robot) -> None:
     found = prove_clearance(checker, motion, 0.8989, max_stretches=4)
     assert not found.proved and not found.contact
     assert "Neither" in found.message
+
+
+def test_a_motion_of_other_joints_is_refused(planar3r: Robot) -> None:
+    """Only the number of joints was compared."""
+    motion = replace(turning(planar3r, 0.2, 2.2), joint_names=("one", "two", "three"))
+    with pytest.raises(ProblemError, match="a motion of one, two, three, expected a"):
+        prove_clearance(CollisionChecker(planar3r, Scene()), motion)
 
 
 def test_deviation_of_the_real_motion_is_taken_off(planar3r: Robot) -> None:

@@ -216,7 +216,7 @@ def test_wrong_parts(ur5: Robot) -> None:
         ([one, ("a", ur5, (2, 0, 0))], "two of them are named 'a'"),
         ([one, ("", ur5, FAR)], "a name is ''"),
         ([one, ("b/c", ur5, FAR)], "expected a text without '/'"),
-        ([one, ("b", "ur5", FAR)], "'b' is a str, expected a Robot"),
+        ([one, ("b", "ur5", FAR)], "'b' is of type str, expected a Robot"),
         ([one, ("b", ur5)], "expected tuples of name, robot and base"),
         ([], "expected tuples"),
         ([one, ("b", ur5, (1, 2))], "the base of 'b' is"),

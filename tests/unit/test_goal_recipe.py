@@ -72,5 +72,5 @@ def test_a_goal_made_elsewhere_is_explained_and_combined(planar3r: tm.Robot) -> 
     cell = tm.Workcell(
         {"a": (planar3r, (0.0, 0.0, 0.0)), "b": (planar3r, (9.0, 0.0, 0.0))}
     )
-    with pytest.raises(tm.ProblemError, match="a: goal is a HeightGoal"):
+    with pytest.raises(tm.ProblemError, match="a: goal is of type HeightGoal"):
         cell.goal({"a": HeightGoal("tip", 1.5), "b": None})

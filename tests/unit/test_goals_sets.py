@@ -269,8 +269,8 @@ def test_all_goals_need_goals_at_rest(pose: pin.SE3) -> None:
     ("goals", "message"),
     [
         ([], "is empty"),
-        (JointGoal(Q), "is a JointGoal, expected a list"),
-        (None, "is a NoneType"),
+        (JointGoal(Q), "is of type JointGoal, expected a list"),
+        (None, "is of type NoneType"),
         ([Q], "holds a ndarray"),
     ],
 )

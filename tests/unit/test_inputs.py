@@ -224,5 +224,7 @@ def test_lists_as_scenes() -> None:
     assert len(loaded.geometry) == 1
     with pytest.raises(tm.SceneError, match="two obstacles"):
         tm.Problem(robot, start, goal, scene=[ball, ball])
-    with pytest.raises(tm.ProblemError, match="scene is a dict, expected a Scene or"):
+    with pytest.raises(
+        tm.ProblemError, match="scene is of type dict, expected a Scene"
+    ):
         tm.Problem(robot, start, goal, scene={})

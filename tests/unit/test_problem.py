@@ -67,10 +67,10 @@ def test_start_may_move(planar3r: Robot) -> None:
 @pytest.mark.parametrize(
     ("changes", "field", "message"),
     [
-        ({"robot": "planar3r"}, "robot", r"robot is a str, expected a Robot"),
-        ({"goal": (1, 2, 3)}, "goal", "goal is a tuple, expected a JointGoal, Pos"),
-        ({"goal": None}, "goal", "goal is a NoneType"),
-        ({"scene": {"o": 1}}, "scene", "scene is a dict, expected a Sc"),
+        ({"robot": "planar3r"}, "robot", r"robot is of type str, expected a Robot"),
+        ({"goal": (1, 2, 3)}, "goal", "goal is of type tuple, expected a JointGoal"),
+        ({"goal": None}, "goal", "goal is of type NoneType"),
+        ({"scene": {"o": 1}}, "scene", "scene is of type dict, expected a Sc"),
         ({"margin": -0.1}, "margin", r"margin is -0.1, expected a length >= 0 \[m\]"),
         ({"margin": np.nan}, "margin", "margin is nan"),
         ({"margin": np.inf}, "margin", "margin is inf"),

@@ -93,7 +93,7 @@ def bomb(levels: int) -> bytes:
         (bomb(12), "more than .* values"),
         (b"[" * 100_000, "nest deeper|is not YAML: .* nesting"),
         (b"a: " * 10, "is not YAML"),
-        (b"{a: 1", "is not YAML"),
+        (b"{a: 1", "is not YAML: .* mapping in line 1, column 1"),
         (b"\xff\xfe\xfa", "is not YAML"),
         (b"a: \x00", "is not YAML"),
         (b"a: 1\na: 2\n", "line 2: the key 'a' occurs twice"),

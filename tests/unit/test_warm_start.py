@@ -247,7 +247,7 @@ def test_motions_of_other_joints_are_refused(free):
     other = replace(free.trajectory, joint_names=("a", "b", "c"))
     with pytest.raises(tm.ProblemError, match="of a, b, c, expected a motion of joint"):
         tm.plan(free.problem, start=other)
-    with pytest.raises(tm.ProblemError, match="start is a str"):
+    with pytest.raises(tm.ProblemError, match="start is of type str"):
         tm.plan(free.problem, start="motion.npz")
     with pytest.raises(tm.ProblemError, match="there is no motion in it"):
         tm.plan(free.problem, start=replace(free, trajectory=None))

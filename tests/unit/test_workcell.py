@@ -251,8 +251,8 @@ def test_wrong_goals_and_starts(cell: Workcell) -> None:
         ({"a": None, "b": None}, "no robot has a goal"),
         ({"a": fine, "b": JointGoal([1, 2])}, "b: goal.q has 2 numbers, expected 3"),
         ({"a": None, "b": JointGoal(START, [1, 0, 0])}, "JointGoals for the other"),
-        (START, "goal is a ndarray, expected goals by the name"),  # type: ignore[list-item]
-        ({"a": fine, "b": START}, "the goal of 'b' is a ndarray"),  # type: ignore[dict-item]
+        (START, "goal is of type ndarray, expected goals by the name"),  # type: ignore[list-item]
+        ({"a": fine, "b": START}, "the goal of 'b' is of type ndarray"),  # type: ignore[dict-item]
         ({"a": None, "b": PositionGoal("tip", (1, 4, 0), (1, 0, 0))}, "at rest"),
     ]
     for goal, message in goals:

@@ -56,7 +56,7 @@ def test_copies_of_problems(solution: tm.Solution) -> None:
     problem = solution.problem
     with pytest.raises(tm.ProblemError, match="goal is 'a', expected"):
         problem.with_ends(START, "a")  # type: ignore[arg-type]
-    with pytest.raises(tm.ProblemError, match="scene is a int"):
+    with pytest.raises(tm.ProblemError, match="scene is of type int"):
         problem.with_scene(3)  # type: ignore[arg-type]
 
 

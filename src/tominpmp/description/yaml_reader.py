@@ -71,7 +71,8 @@ def parse_yaml(content: bytes, path: Path) -> Any:
     try:
         return _Builder(content, path).document()
     except (yaml.YAMLError, ValueError, RecursionError) as error:
-        reason = " ".join(str(error).split())[:300]
+        # The parser calls bytes by this name where it gives their line.
+        reason = " ".join(str(error).replace('"<byte string>", ', "").split())[:300]
         raise ScenarioError(f"{path} is not YAML: {reason}", path) from error
 
 

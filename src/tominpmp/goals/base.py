@@ -300,7 +300,7 @@ class Goal(ABC):
             ProblemError: If the goal cannot be combined with goals of other robots.
         """
         raise ProblemError(
-            f"goal is a {type(self).__name__}, expected a goal on joints or frames",
+            f"goal is of type {type(self).__name__}, expected one on joints or frames",
             "goal",
         )
 

@@ -17,6 +17,7 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import minimize_scalar
 
 from tominpmp.arrays import Array
+from tominpmp.checks import of_kind
 from tominpmp.exceptions import ProblemError, ScenarioError
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.motion.samples import Samples
@@ -255,12 +256,8 @@ def former_motion(problem: Problem, motion: Trajectory | Samples) -> Trajectory:
         ProblemError: If the motion has other joints or values that are not finite, or
             the argument is no motion.
     """
-    if not isinstance(motion, Trajectory | Samples):
-        raise ProblemError(
-            f"start is a {type(motion).__name__}, expected a Solution with a motion, "
-            "a Trajectory or Samples",
-            "start",
-        )
+    expected = "a Solution with a motion, a Trajectory or Samples"
+    of_kind(motion, (Trajectory, Samples), "start", expected)
     try:
         return checked_in_segments(problem, motion)
     except (ProblemError, ScenarioError) as error:

@@ -22,7 +22,6 @@ from tominpmp.arrays import Array, array_or_nan
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance, whole, wrong
 from tominpmp.collision.checker import CollisionChecker, Contact
-from tominpmp.exceptions import ProblemError
 from tominpmp.motion.curves import curve_through
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
@@ -202,21 +201,18 @@ def prove_clearance(
         bounds on its speed, the proof relies on estimates of the speed.
 
     Raises:
-        ProblemError: If the motion has another number of joints than the robot, or an
-            argument is invalid.
+        ProblemError: If the motion has other joints than the robot, or an argument is
+            invalid.
     """
     expected = "a CollisionChecker: problem.checker"
     instance(checker, CollisionChecker, "checker", expected)
     instance(trajectory, Trajectory, "trajectory")
-    pairs, n = len(checker.pairs), checker.robot.n
-    if trajectory.n != n:
-        raise ProblemError(
-            f"trajectory moves {trajectory.n} joints, the robot has {n}", "trajectory"
-        )
+    pairs = len(checker.pairs)
+    trajectory._check_joints(checker.robot.joint_names)
     margins = np.broadcast_to(_lengths(margin, "margin", pairs), pairs)
     slack = float(_lengths(slack, "slack", None))
     if deviation is not None:
-        deviation = _lengths(deviation, "deviation", n)
+        deviation = _lengths(deviation, "deviation", trajectory.n)
     max_stretches = whole(max_stretches, "max_stretches")
     if not checker.pairs:
         return WITHOUT_PAIRS
