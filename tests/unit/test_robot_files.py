@@ -110,6 +110,9 @@ def test_srdf_is_found_beside_the_urdf_and_in_the_folder_srdf(tmp_path: Path) ->
     assert find_robot(urdf).srdf == other
     beside = write(tmp_path, "<robot/>", "urdf/arm.srdf")
     assert find_robot(urdf).srdf == beside
+    above = write(tmp_path, one_joint(), "arms/arm.urdf")
+    (tmp_path / "arms" / "urdf").mkdir()
+    assert find_robot(above.parent / "urdf" / ".." / "arm.urdf").srdf == other
 
 
 # Meshes

@@ -114,8 +114,9 @@ def find_srdf(urdf: Path) -> Path | None:
     Args:
         urdf: The file; ``NAME.srdf`` is searched next to it and in ``../srdf``.
     """
-    name = f"{urdf.stem}.srdf"
-    candidates = urdf.parent / name, urdf.parent.parent / "srdf" / name
+    # The parent of "urdf/.." is not "urdf".
+    folder, name = Path(os.path.normpath(urdf.parent)), f"{urdf.stem}.srdf"
+    candidates = folder / name, folder.parent / "srdf" / name
     return next((path for path in candidates if path.is_file()), None)
 
 
