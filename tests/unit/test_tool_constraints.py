@@ -13,6 +13,7 @@ import tominpmp as tm
 from tominpmp.cli.problem import constraint
 from tominpmp.constraints.base import States
 from tominpmp.exceptions import JointNotFound, ProblemError
+from tominpmp.kinematics import RobotKinematics
 
 HALF = (0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5))
 POSE = pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.2, 0.9), np.array([0.1, 0.2, 0.3]))
@@ -150,3 +151,20 @@ def test_a_start_off_the_line_is_an_error(ur5):
     item = tm.ToolLine("tool0", (5, 5, 5), (6, 6, 6), 0.01)
     with pytest.raises(ProblemError, match="distance from its path of frame tool0 is"):
         tm.Problem(ur5, np.zeros(6), tm.JointGoal(np.ones(6)), constraints=(item,))
+
+
+def test_a_goal_beyond_the_speed_of_its_frame_is_an_error(ur5):
+    """Such a goal took the whole planning time."""
+    q = np.array([1.2, -1.0, 1.3, 0.5, 0.5, 0.0])
+    place = RobotKinematics(ur5).placement(q, "tool0")
+    fast = tm.PositionGoal("tool0", place.translation, v=[0.8, 0.0, 0.0])
+    said = "the speed of frame tool0 is 0.8 m/s, 0.3 m/s more than its limit 0.5 m/s"
+    limit = tm.ToolSpeed("tool0", 0.5)
+    for goal in (fast, tm.AnyGoal([fast, fast])):
+        with pytest.raises(ProblemError, match=said):
+            tm.Problem(ur5, 0.9 * q, goal, constraints=[limit])
+    for item in (tm.ToolSpeed("wrist_3_link", 0.5), tm.ToolSpeed("tool0", 0.8)):
+        tm.Problem(ur5, 0.9 * q, fast, constraints=[item])
+    segments = [tm.Segment(fast, constraints=[limit]), tm.Segment(tm.JointGoal(q))]
+    with pytest.raises(ProblemError, match=f"segment 1 of 2: goal: {said}"):
+        tm.Problem(ur5, 0.9 * q, segments=segments)

@@ -194,8 +194,7 @@ class Problem(Record):
     @cached_property
     def _phases(self) -> tuple[tuple[Problem, ...], list[str]]:
         """The problems of the segments, and warnings."""
-        phases: list[Problem] = []
-        messages: list[str] = []
+        phases, messages = list[Problem](), list[str]()
         q = self.q_start
         for k, segment in enumerate(self.segments):
             with naming(f"segment {k + 1} of {len(self.segments)}", f"segments[{k}]"):

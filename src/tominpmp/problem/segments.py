@@ -9,14 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from types import NoneType
 from typing import Annotated, NamedTuple, TypeAlias
 
 import numpy as np
 
 from tominpmp.arrays import Array, Converted, Record, default, pair_or_nan, record
-from tominpmp.checks import flag, instance, number, of_kind, of_type, optional, wrong
+from tominpmp.checks import flag, instance, of_kind, of_type, optional, wrong
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals.base import Goal
@@ -25,6 +24,7 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.robot.payload import Payload
 from tominpmp.robot.robot import Robot
+from tominpmp.scene.motion import Seconds
 from tominpmp.scene.scene import Scene, SceneOrNone
 
 # Description of valid goals, in messages.
@@ -79,9 +79,6 @@ PayloadOrNone: TypeAlias = Annotated[
 ]
 Pairs: TypeAlias = Annotated[Sequence[tuple[str, str]], checked_pairs]
 Flag: TypeAlias = Annotated[bool, flag]
-Dwell: TypeAlias = Annotated[
-    float, partial(number, expected="a time >= 0 [s]", least=0.0)
-]
 ArrivalOrNone: TypeAlias = Annotated[
     tuple[float, float] | None, optional(_checked_arrival)
 ]
@@ -123,7 +120,7 @@ class Segment(Record):
     scene: SceneOrNone = default(None)
     may_touch: Pairs = ()
     stop: Flag = False
-    dwell: Dwell = 0.0
+    dwell: Seconds = 0.0
     arrival: ArrivalOrNone = None
 
     _owner = "segment."
@@ -284,9 +281,8 @@ def spans_of(motion: Trajectory, segments: Sequence[Segment]) -> list[Span]:
         motion: The motion.
         segments: The segments of the problem; empty where they are not known.
     """
-    ends = [motion.duration]
-    if motion.segment_ends is not None:
-        ends = motion.segment_ends.tolist()
+    marks = motion.segment_ends
+    ends = [motion.duration] if marks is None else marks.tolist()
     arrivals = ends
     if segments:
         each = zip(segments, [0.0, *ends], ends, strict=False)
@@ -339,9 +335,8 @@ def _section(motion: Trajectory, number: int, begin: float, end: float) -> Traje
     first, last = np.searchsorted(motion.t, [begin, end]).tolist()
     rows = slice(first, last + 1)
     u = np.array(motion.u[rows])
-    inverse = motion.inverse_dynamics
-    if motion.segment_dynamics:
-        inverse = motion.segment_dynamics[number]
+    each = motion.segment_dynamics
+    inverse = each[number] if each else motion.inverse_dynamics
     a = motion.a
     if a is not None:
         a = a[first : last + 1 if len(a) == motion.t.size else last]

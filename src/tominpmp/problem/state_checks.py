@@ -203,13 +203,11 @@ class StateChecks:
                 FIELDS[which],
             )
         for item in self.constraints:
-            if passing and item.order > 0:
+            begin, end = item.during or (0.0, math.inf)
+            # The arrival time at a goal is not known yet.
+            holds = begin <= 0.0 if which == "start" else math.isinf(end)
+            if not holds or (passing and item.order > 0):
                 continue
-            window = item.window
-            if window is not None and window.begin > 0.0 and which == "start":
-                continue
-            if window is not None and np.isfinite(window.end) and which == "goal":
-                continue  # the arrival time is not known yet
             # A state of a planned motion may exceed it between two rows, by a share of
             # its scale; a slack counts in units of the scale, and at least of 1.
             slack = USABLE * min(item.scale, 1.0) if which == "start" else ROUNDING
@@ -260,12 +258,21 @@ class StateChecks:
             )
 
     def _within_reach(self, goal: Goal) -> None:
-        """Check that the goal's frame can come as far from the base as the goal is.
+        """Check that the goal's frame can come as far, and be as fast, as it is to be.
 
         Raises:
-            ProblemError: If the goal is out of reach.
+            ProblemError: If the goal is out of reach, or its velocity beyond a limit.
         """
         target, frame = goal.nearest_point(), goal.frame_name
+        given = getattr(goal, "v", None)
+        v = 0.0 if given is None else float(np.linalg.norm(given))
+        for limited, top in filter(None, (c.top_speed for c in self.constraints)):
+            if limited == frame and v > top * (1.0 + ROUNDING):
+                raise ProblemError(
+                    f"goal: the speed of frame {frame} is {v:.4g} m/s, {v - top:.2g} "
+                    f"m/s more than its limit {top:.4g} m/s",
+                    "goal",
+                )
         if target is None or frame is None:
             return
         reach = RobotKinematics(self.checker.robot).reach(frame)

@@ -223,9 +223,8 @@ class Workcell(Record):
                 with naming(name):
                     goal.validate(self.robots[name][0])
         given = {k: goal for k, goal in goals.items() if goal is not None}
-        q = {
-            k: g.configuration for k, g in given.items() if g.configuration is not None
-        }
+        ends = {k: goal.configuration for k, goal in given.items()}
+        q = {k: value for k, value in ends.items() if value is not None}
         moving = any(given[k].ends_moving for k in q)
         if len(q) == len(goals):
             v = {k: given[k].final_velocity(value.size) for k, value in q.items()}

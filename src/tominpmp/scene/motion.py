@@ -209,7 +209,7 @@ AngularVelocity: TypeAlias = Annotated[
     Converted[VectorLike, Array],
     partial(vector, expected="three numbers [rad/s]", size=3),
 ]
-Begin: TypeAlias = Annotated[
+Seconds: TypeAlias = Annotated[
     float, partial(number, expected="a time >= 0 [s]", least=0.0)
 ]
 End: TypeAlias = Annotated[
@@ -237,7 +237,7 @@ class ConstantVelocity(Motion):
     velocity: Velocity = default((0.0, 0.0, 0.0))
     angular: AngularVelocity = default((0.0, 0.0, 0.0))
     pivot: PointOrNone = default(None)
-    begin: Begin = 0.0
+    begin: Seconds = 0.0
     end: End = np.inf
 
     def _check(self) -> None:

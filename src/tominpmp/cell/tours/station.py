@@ -17,8 +17,9 @@ from tominpmp.checks import of_type, wrong
 from tominpmp.exceptions import ProblemError, brief, naming
 from tominpmp.goals.base import Goal
 from tominpmp.problem.problem import Problem
-from tominpmp.problem.segments import Dwell, Flag, Pairs, PayloadOrNone, checked_pairs
+from tominpmp.problem.segments import Flag, Pairs, PayloadOrNone, checked_pairs
 from tominpmp.robot.robot import Robot
+from tominpmp.scene.motion import Seconds
 
 # Larger numbers of stations are rejected as a mistake.
 MOST_STATIONS = 5_000
@@ -62,7 +63,7 @@ class Station(Record):
 
     name: str
     goal: AnyPlace
-    dwell: Dwell = 0.0
+    dwell: Seconds = 0.0
     after: Names = ()
     then: Names = ()
     payload: PayloadOrNone = None
@@ -150,9 +151,8 @@ def _named(number: int, name: Any, item: Any) -> Station:
         ProblemError: If the goal or the name is wrong, with the number of the station.
     """
     try:
-        if isinstance(item, Station):
-            return replace(item, name=name)
-        return Station(name, item)
+        known = isinstance(item, Station)
+        return replace(item, name=name) if known else Station(name, item)
     except ProblemError as error:
         text = str(error).removeprefix(f"station {brief(name)}: ")
         where = label_of(number, name) if isinstance(name, str) else f"station {number}"
