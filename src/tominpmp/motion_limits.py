@@ -172,7 +172,7 @@ class LimitKind:
         return bounds if joint is None else float(bounds)
 
     def excess(
-        self, bound: Any, u: Array, v: Array, side: float
+        self, bound: Any, u: Array, v: Array, side: float | Array
     ) -> tuple[Array, Array, Array]:
         """Excess of the torques and velocities of a joint over a bound ("uv").
 
@@ -180,7 +180,7 @@ class LimitKind:
             bound: The bound.
             u: Torques, of any shape.
             v: Velocities, of the same shape.
-            side: 1.0 for the upper side, -1.0 for the lower one.
+            side: 1.0 for the upper side, -1.0 for the lower one; also one per torque.
 
         Returns:
             The excess, and its derivatives by torque and by velocity.
@@ -196,13 +196,13 @@ class LimitKind:
         """Scale of relative excesses: the bound, or half the range of torques."""
         return float(bound) if self.numbers else half
 
-    def shifts(self, bound: Any, u: Array, v: Array) -> dict[str, Array]:
+    def shifts(self, bound: Any, u: Array, v: Array, side: Array) -> dict[str, Array]:
         """Decrease of the excess per relative increase of a bound ("uv").
 
         Returns:
             Decreases by the name that sensitivities give to the bound.
         """
-        return {self.name: self.largest_excess(bound, u, v) + bound}
+        return {self.name: self.excess(bound, u, v, side)[0] + bound}
 
 
 class EffortOverSpeed(LimitKind):
@@ -219,16 +219,16 @@ class EffortOverSpeed(LimitKind):
         )
 
     def excess(
-        self, bound: Any, u: Array, v: Array, side: float
+        self, bound: Any, u: Array, v: Array, side: float | Array
     ) -> tuple[Array, Array, Array]:
         """Excess of torques over the curve."""
         most, slope = bound(v)
         return side * u - most, np.full(u.shape, side), -slope * np.sign(v)
 
-    def shifts(self, bound: Any, u: Array, v: Array) -> dict[str, Array]:
+    def shifts(self, bound: Any, u: Array, v: Array, side: Array) -> dict[str, Array]:
         """Decreases of the excess per relative increase of either axis of the curve."""
         falls = bound(v)[1] * np.abs(v)
-        return {self.name: np.abs(u), "speed of effort curve": -falls}
+        return {self.name: side * u, "speed of effort curve": -falls}
 
 
 # Kinds of the limits that all robots have.

@@ -89,6 +89,25 @@ def test_time_scaling_of_what_makes_torques(case: str) -> None:
     assert abs(found.total(parts[case])) > 1e-3
 
 
+def test_curves_that_switch_sides_scale_with_time() -> None:
+    # Far from the optimum, torques at one side of a curve trade with the other side.
+    robot = tm.load_robot("ur5", limits="urdf")
+    motors = zip(robot.joint_names, (60.0, 100.0, 45.0), strict=False)
+    curves = {
+        name: tm.EffortCurve([0.0, 1.5, 3.14], [most, most, 0.3 * most])
+        for name, most in motors
+    }
+    problem = tm.Problem(
+        robot,
+        [0.0, -0.4, 1.0, -0.5, 0.5, 0.0],
+        tm.JointGoal([1.6, -1.4, -0.9, 0.3, -0.4, 1.0]),
+        motion_limits=tm.MotionLimits(effort_curves=curves),
+    )
+    early = tm.plan(problem, intervals=20, refine=None, starts=1, max_iterations=8)
+    assert early.sensitivities.promise > 0.005
+    assert early.sensitivities.balance == pytest.approx(0.0, abs=1e-6)
+
+
 @pytest.mark.parametrize(
     ("case", "kind", "subject", "steps"),
     [

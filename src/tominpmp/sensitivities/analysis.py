@@ -21,7 +21,6 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -38,9 +37,9 @@ from tominpmp.goals.place import joint_labels
 from tominpmp.kinematics import RobotKinematics, units_of
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.motion_limits import EFFORT, LimitKind
+from tominpmp.motion_limits import EFFORT, SIDES
 from tominpmp.problem.controls import control_bounds, control_kind
-from tominpmp.problem.joint_limits import joint_limits
+from tominpmp.problem.joint_limits import JointBounds, joint_limits
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.payload import Payload
 from tominpmp.robot.robot import Robot
@@ -219,18 +218,19 @@ class SegmentRows:
                     # Positions may be zero, and have no derivative by a share.
                     per = f"1/{units[j]}" if kind.quantity == "q" else ""
                     yield self._of_joint(name, j, value[j], limit[j], units[j], per)
-            for joint, bound in item.by_speed.items():
-                yield from self._over_speed(kind, joint, bound)
+            for joint in item.by_speed:
+                yield from self._over_speed(item, joint)
 
-    def _over_speed(
-        self, kind: LimitKind, joint: int, bound: Any
-    ) -> Iterator[Sensitivity]:
+    def _over_speed(self, item: JointBounds, joint: int) -> Iterator[Sensitivity]:
         """Sensitivities to all parameters of a torque-speed limit."""
+        kind, bound = item.kind, item.by_speed[joint]
         motion, rows = self.motion, self.rows
         rows = rows.selected(rows.of(kind.name) & (rows.subject == joint))
         v, u = motion.states(rows.at).v, motion.torques(rows.at)
         each = rows.y / kind.scale(bound, float(motion.system.effort_half[joint]))
-        shifts = kind.shifts(bound, u[:, joint], v[:, joint])
+        # Far from the optimum, torques of the other sign have multipliers, too.
+        side = np.repeat(SIDES, len(item.by_speed))[rows.component]
+        shifts = kind.shifts(bound, u[:, joint], v[:, joint], side)
         limit = (bound, units_of(self._robot, kind)[joint]) if kind.numbers else ()
         for parameter, by in shifts.items():
             yield self._of_joint(parameter, joint, -float(each @ by), *limit)
