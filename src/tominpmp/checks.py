@@ -444,6 +444,9 @@ def optional(check: Check) -> Check:
 # Field types that a Record checks.
 FrameName: TypeAlias = Annotated[str, partial(text, expected="the name of a frame")]
 Metres: TypeAlias = Annotated[float, partial(positive, unit="m")]
+Seconds: TypeAlias = Annotated[
+    float, partial(number, expected="a time >= 0 [s]", least=0.0)
+]
 Direction: TypeAlias = Annotated[Converted[VectorLike, Array], direction]
 _point = partial(vector, expected="three coordinates [m]", size=3)
 Point: TypeAlias = Annotated[Converted[VectorLike, Array], _point]

@@ -390,12 +390,11 @@ def all_unusable(target: Target, found: Sequence[Array], *, passes: bool) -> boo
     """
     system, problem = target.system, target.system.problem
 
-    def unusable(q: Array) -> bool:
+    def usable(q: Array) -> bool:
         held = passes or not target.rests or not unheld(problem.robot, q)
-        clear = problem.checker.moving or _keeps_margins(system, q)
-        return isolated(target, q) and not (held and clear)
+        return held and (problem.checker.moving or _keeps_margins(system, q))
 
-    return bool(found) and all(map(unusable, found))
+    return bool(found) and all(isolated(target, q) and not usable(q) for q in found)
 
 
 def _keeps_margins(system: ProblemFunctions, q: Array) -> bool:

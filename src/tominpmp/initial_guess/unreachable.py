@@ -44,7 +44,7 @@ def unreachable(
     """
     target = Target(system, system.problem.goal, beyond=beyond)
     ik = find_configurations(target, 2 * KINEMATIC_STARTS, rng)
-    if reason := _in_vain(target, ik) or _against_constraints(target, rng):
+    if reason := _why_unusable(target, ik) or _against_constraints(target, rng):
         return ProblemError(f"{where}goal: {reason}", "goal")
     frame = target.goal.frame_name
     verb = "reaches it" if frame is None else f"brings frame {frame!r} there"
@@ -85,12 +85,12 @@ def _hindrance(system: ProblemFunctions) -> str:
         return lost
     target = Target(system, goal)
     ik = find_configurations(target, KINEMATIC_STARTS, np.random.default_rng(0))
-    reason = _in_vain(target, ik)
+    reason = _why_unusable(target, ik)
     return reason and f"goal: {reason}"
 
 
-def _in_vain(target: Target, ik: GoalSearch) -> str:
-    """Why none of the configurations found for a goal is one to rest in; or empty."""
+def _why_unusable(target: Target, ik: GoalSearch) -> str:
+    """Why no configuration found for a goal can be its end; empty if one can."""
     if not ik.free:
         return _collision(target.system, ik.blocked) if ik.blocked else ""
     faults = [unheld(target.system.problem.robot, q) for q in ik.free]

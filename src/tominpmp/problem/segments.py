@@ -15,7 +15,7 @@ from typing import Annotated, NamedTuple, TypeAlias
 import numpy as np
 
 from tominpmp.arrays import Array, Converted, Record, default, pair_or_nan, record
-from tominpmp.checks import flag, instance, of_kind, of_type, optional, wrong
+from tominpmp.checks import Seconds, flag, instance, of_kind, of_type, optional, wrong
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals.base import Goal
@@ -24,7 +24,6 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.robot.payload import Payload
 from tominpmp.robot.robot import Robot
-from tominpmp.scene.motion import Seconds
 from tominpmp.scene.scene import Scene, SceneOrNone
 
 # Description of valid goals, in messages.

@@ -29,6 +29,7 @@ from tominpmp.arrays import (
 from tominpmp.checks import (
     PointOrNone,
     RotationLike,
+    Seconds,
     VectorLike,
     array,
     instance,
@@ -208,9 +209,6 @@ Velocity: TypeAlias = Annotated[
 AngularVelocity: TypeAlias = Annotated[
     Converted[VectorLike, Array],
     partial(vector, expected="three numbers [rad/s]", size=3),
-]
-Seconds: TypeAlias = Annotated[
-    float, partial(number, expected="a time >= 0 [s]", least=0.0)
 ]
 End: TypeAlias = Annotated[
     float, partial(number, expected="a number [s]", infinite=True)

@@ -13,13 +13,12 @@ from typing import Annotated, Any, TypeAlias, TypeVar
 import numpy as np
 
 from tominpmp.arrays import Array, Record, record
-from tominpmp.checks import of_type, wrong
+from tominpmp.checks import Seconds, of_type, wrong
 from tominpmp.exceptions import ProblemError, brief, naming
 from tominpmp.goals.base import Goal
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import Flag, Pairs, PayloadOrNone, checked_pairs
 from tominpmp.robot.robot import Robot
-from tominpmp.scene.motion import Seconds
 
 # Larger numbers of stations are rejected as a mistake.
 MOST_STATIONS = 5_000
@@ -151,8 +150,9 @@ def _named(number: int, name: Any, item: Any) -> Station:
         ProblemError: If the goal or the name is wrong, with the number of the station.
     """
     try:
-        known = isinstance(item, Station)
-        return replace(item, name=name) if known else Station(name, item)
+        if isinstance(item, Station):
+            return replace(item, name=name)
+        return Station(name, item)
     except ProblemError as error:
         text = str(error).removeprefix(f"station {brief(name)}: ")
         where = label_of(number, name) if isinstance(name, str) else f"station {number}"
