@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 import pinocchio as pin
+from scipy.linalg.lapack import dposv
 
 from tominpmp.arrays import Array, BoolArray
 from tominpmp.stopping import check
@@ -265,16 +266,29 @@ class RobotDynamics:
         return a
 
     def _acceleration(self, q: Array, v: Array, u: Array) -> Array:
+        rows = _interruptible(zip(q, v, u, strict=True))
+        return np.array([self.acceleration_at(*row) for row in rows]).reshape(q.shape)
+
+    def acceleration_at(self, q: Array, v: Array, u: Array) -> Array:
+        """Accelerations at a single state, without the overhead of a batch of rows.
+
+        Args:
+            q: Positions, shape (n,) [rad or m].
+            v: Velocities, shape (n,).
+            u: Torques without the part that dry friction takes, shape (n,) [N m or N].
+
+        Returns:
+            Accelerations, shape (n,).
+        """
         robot, model, data = self.robot, self.robot.model, self._data
         force = u - robot.damping * v
-        if robot.expansion_matrix is not None:
-            zero = np.zeros_like(v)
-            bias = self._smooth(q, v, zero) - robot.damping * v
-            rest = (force - bias)[..., None]
-            return np.asarray(np.linalg.solve(self.mass(q), rest)[..., 0])
-        aba, rows = pin.aba, _interruptible(zip(q, v, force, strict=True))
-        accelerations = [aba(model, data, *row) for row in rows]
-        return np.array(accelerations).reshape(q.shape)
+        S, offset = robot.expansion_matrix, robot.expansion_offset
+        if S is None or offset is None:
+            return np.asarray(pin.aba(model, data, q, v, force))
+        row = S @ q + offset
+        bias = pin.nonLinearEffects(model, data, row, S @ v) @ S
+        mass = S.T @ _from_upper(pin.crba(model, data, row)) @ S
+        return np.asarray(dposv(mass, force - bias)[1])
 
     def forward_jacobians(self, x: Array, u: Array) -> ForwardJacobians:
         r"""State derivative with its partial derivatives.
@@ -339,8 +353,9 @@ class DoubleIntegrator(RobotDynamics):
         none = np.zeros((len(q), self.n, self.n))
         return InverseJacobians(np.array(a), none, none, self.mass(q))
 
-    def _acceleration(self, q: Array, v: Array, u: Array) -> Array:
-        return np.array(u)
+    def acceleration_at(self, q: Array, v: Array, u: Array) -> Array:
+        """The controls, shape (n,)."""
+        return u
 
     def _acceleration_slopes(self, q: Array, v: Array, u: Array) -> tuple[Array, Array]:
         none = np.zeros((len(q), self.n, self.n))

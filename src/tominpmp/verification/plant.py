@@ -11,7 +11,6 @@ from collections.abc import Callable
 from typing import TypeAlias
 
 import numpy as np
-import pinocchio as pin
 
 from tominpmp.arrays import Array, BoolArray
 from tominpmp.dynamics import (
@@ -58,7 +57,7 @@ class Plant:
         self.still = STILL
         self._held = np.zeros(robot.n, dtype=bool)
         self._holds = False
-        self._n, self._data = robot.n, robot.model.createData()
+        self._n = robot.n
         self._exponents = np.zeros(0)
         self._given = self.coefficients = np.zeros((robot.n, 0))
         self.begin, self.rate = 0.0, 1.0
@@ -88,15 +87,9 @@ class Plant:
 
     def free(self, t: float, x: Array) -> Array:
         """State derivative if friction holds no joint, shape (2n,)."""
-        robot, n = self.robot, self._n
-        if robot.kinematic or robot.expansion_matrix is not None:
-            return np.asarray(self.dynamics.forward(x[None], self.torque(t)[None])[0])
-        # A single row is evaluated directly: the overhead of a batch of rows would take
-        # longer than the dynamics.
-        out, v = np.empty(2 * n), x[n:]
-        out[:n] = v
-        force = self.torque(t) - robot.damping * v
-        out[n:] = pin.aba(robot.model, self._data, x[:n], v, force)
+        n, out = self._n, np.empty(2 * self._n)
+        out[:n] = x[n:]
+        out[n:] = self.dynamics.acceleration_at(x[:n], x[n:], self.torque(t))
         return out
 
     def free_jacobian(self, t: float, x: Array) -> Array:
