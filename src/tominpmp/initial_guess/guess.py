@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
@@ -149,6 +149,8 @@ class GuessRequest:
             fastest line, of those that satisfy the constraints if there are any.
         beyond: Constraints on positions that hold from the goal on.
         passes: Whether the arm may pass the goal, although the guesses stop there.
+        onward: Estimates the time that the motion takes after the goal [s] from its
+            final configuration, shape (n,); None if it ends there, or for no estimate.
         searches: Success of the searches for paths, which further ones update.
     """
 
@@ -157,6 +159,7 @@ class GuessRequest:
     duration: float | None = None
     beyond: Sequence[PathConstraint] = ()
     passes: bool = False
+    onward: Callable[[Array], float] | None = None
     searches: PathSearches = field(default_factory=PathSearches)
 
 
@@ -343,14 +346,18 @@ def initial_guesses(system: ProblemFunctions, request: GuessRequest) -> Iterator
         ProblemError: If no limit keeps a joint from moving arbitrarily fast.
     """
     final = system.problem.goal.configuration
-    ends, blocked = _ends(system, request) if final is None else ([final], False)
+    ends, blocked = (
+        final_configurations(system, request) if final is None else ([final], False)
+    )
     if ends:
         guesses = _guesses(system, ends, request)
         for guess in itertools.islice(guesses, request.count):
             yield replace(guess, blocked=True) if blocked else guess
 
 
-def _ends(system: ProblemFunctions, request: GuessRequest) -> tuple[list[Array], bool]:
+def final_configurations(
+    system: ProblemFunctions, request: GuessRequest
+) -> tuple[list[Array], bool]:
     """Configurations that reach the goal, and whether all of them are in collision."""
     target = Target(system, system.problem.goal, beyond=request.beyond)
     found, lost = list[Array](), False
@@ -373,7 +380,8 @@ def _guesses(
     problem, rng = system.problem, request.rng
     final = problem.goal.configuration
     lines = [(_line_guess(system, q), q) for q in ends]
-    lines.sort(key=lambda line: (not line[0].keeps, _pace(line[0])))
+    onward = request.onward or (lambda q: 0.0)
+    lines.sort(key=lambda line: (not line[0].keeps, _pace(line[0]) + onward(line[1])))
     straight, ends = zip(*lines, strict=True)
     moving = filter(None, (_moving_guess(system, q) for q in ends))
     direct = (*sorted(moving, key=_pace), *straight)

@@ -8,9 +8,9 @@ be feasible only at its ends.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
@@ -23,7 +23,9 @@ from tominpmp.initial_guess.guess import (
     Guess,
     GuessRequest,
     end_velocity,
+    final_configurations,
 )
+from tominpmp.initial_guess.path import speed_weights
 from tominpmp.initial_guess.path_velocity import waiting_guesses
 from tominpmp.initial_guess.rrt import PathSearches
 from tominpmp.initial_guess.unreachable import unreachable
@@ -46,6 +48,8 @@ def segmented_guesses(
     each = replace(request, count=request.count + 1, duration=share)
     lone = len(system.parts) == 1
 
+    onward = _times_onward(system, each)
+
     @cache
     def from_state(
         place: int, q: tuple[float, ...], v: tuple[float, ...]
@@ -54,7 +58,13 @@ def segmented_guesses(
         part, ahead = system.parts[place], _constraints_after(system, place)
         single = _alone(part, np.array(q), np.array(v)).passing(np.array([q]))
         passes = part.problem.goal.stopped is not part.problem.goal
-        own = replace(each, beyond=ahead, passes=passes, searches=PathSearches())
+        own = replace(
+            each,
+            beyond=ahead,
+            passes=passes,
+            onward=onward[place],
+            searches=PathSearches(),
+        )
         guesses = waiting_guesses(single, own)
         moving = (guess for guess in guesses if lone or guess.name != REST_GUESS)
         return single, CachedGuesses(moving)
@@ -76,6 +86,57 @@ def segmented_guesses(
             q = first[-1].q[-1] if final is None else final
             v = end_velocity(single, q)
         yield _joined(pieces)
+
+
+def _times_onward(
+    system: ProblemFunctions, request: GuessRequest
+) -> list[Callable[[Array], float] | None]:
+    """Estimates of the time from the end of each segment to the end of the motion.
+
+    Dynamic programming over configurations that reach the later goals, between which
+    the joints move at their speed limits (Bellman, 1957). Without it, each segment ends
+    where it ends soonest, however far the next goal is from there.
+
+    Args:
+        system: Functions of the problem.
+        request: The request for guesses.
+
+    Returns:
+        Functions of the final configuration of each segment, shape (n,); None for the
+        last segment, and for all of them if no choice can be made.
+    """
+    count, q = len(system.parts), system.problem.q_start
+    none: list[Callable[[Array], float] | None] = [None] * count
+    if all(part.final_configuration is not None for part in system.parts[:-1]):
+        return none
+    weights = speed_weights(system.problem.robot.limits.velocity)
+    layers: list[Array] = []
+    for place, part in enumerate(system.parts):
+        single = _alone(part, q, np.zeros_like(q)).passing(np.array([q]))
+        final = single.problem.goal.configuration
+        own = replace(request, beyond=_constraints_after(system, place))
+        ends = [final] if final is not None else final_configurations(single, own)[0]
+        if not ends:
+            return none
+        layers.append(np.stack(ends))
+        q = ends[0]
+    out, left = none, np.zeros(len(layers[-1]))
+    for place in reversed(range(count - 1)):
+        onward = partial(_least_time_through, layers[place + 1], left, weights)
+        out[place], left = onward, np.array([onward(q) for q in layers[place]])
+    return out
+
+
+def _least_time_through(ends: Array, left: Array, weights: Array, q: Array) -> float:
+    """Least time from a configuration through one of several others [s].
+
+    Args:
+        ends: The other configurations, shape (m, n).
+        left: Time from each of them to the end of the motion [s], shape (m,).
+        weights: Times per displacement of each joint at its speed limit, shape (n,).
+        q: The configuration, shape (n,).
+    """
+    return float(np.min(np.max(np.abs(ends - q) * weights, axis=1) + left))
 
 
 def _joined(pieces: list[Guess]) -> Guess:
