@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 import pytest
 from guess_samples import END, maze, time_straight_line, wall
+from sample_arms import two_link_arm
 from scipy.optimize import brentq
 
 import tominpmp as tm
@@ -20,6 +21,7 @@ from tominpmp.initial_guess.inverse_kinematics import (
 )
 from tominpmp.initial_guess.path import RoundedPath
 from tominpmp.initial_guess.rrt import is_free
+from tominpmp.initial_guess.segments import segmented_guesses
 from tominpmp.initial_guess.timing import time_path
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -311,3 +313,16 @@ def test_guesses_for_a_frame_among_obstacles_lead_to_several_configurations():
     for q in ends:
         error, _ = system.problem.goal.place_residual(system.kinematics, q)
         assert np.linalg.norm(error) < REACHED and is_free(system, q)
+
+
+def test_a_segment_ends_in_the_elbow_branch_that_the_next_goal_needs() -> None:
+    """The nearest configuration made the motion of both segments a quarter longer."""
+    bend = np.arccos(0.7)
+    segments = [
+        tm.Segment(tm.PositionGoal("tip", (1.4, 0.0, 0.0))),
+        tm.Segment(tm.JointGoal((-1.2, 2.2))),
+    ]
+    problem = tm.Problem(two_link_arm(), (0.5, -1.2), segments=segments)
+    system = ProblemFunctions.of(problem)
+    guess = next(segmented_guesses(system, GuessRequest(1, np.random.default_rng(0))))
+    assert guess.ends[0] == pytest.approx((-bend, 2.0 * bend), abs=1e-3)
