@@ -10,6 +10,7 @@ import pytest
 
 import tominpmp as tm
 from tominpmp.initial_guess.warm_start import warm_start
+from tominpmp.kinematics import RobotKinematics
 from tominpmp.planner import starts
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -135,6 +136,31 @@ def test_going_on_from_a_moving_state(planar3r, free):
     assert warm.success
     assert warm.T <= free.T - at + 1e-6
     assert warm.T >= 0.98 * (free.T - at)
+
+
+@pytest.mark.parametrize("frame", [False, True])
+def test_going_on_shortly_before_the_end(planar3r, free, frame):
+    """The guess was the whole motion, bent by its length, for 2 % of its duration."""
+    at = 0.98 * free.T
+    state, goal = free.trajectory(at), tm.JointGoal(END)
+    if frame:
+        place = RobotKinematics(planar3r).placement(np.array(END), "tip")
+        goal = tm.PositionGoal("tip", place.translation)
+    problem = tm.Problem(planar3r, state.q, goal, v_start=state.v)
+    guess = warm_start(ProblemFunctions.of(problem), free.trajectory)
+    assert guess.entry == pytest.approx(at, abs=1e-6)
+    warm = tm.plan(problem, start=free)
+    assert warm.success
+    assert warm.T <= (free.T - at) * (1.0 + 1e-4)
+
+
+def test_the_way_back_begins_with_the_whole_motion(planar3r, free):
+    """At the end of a motion nothing of it is left, and its goal is another one."""
+    rest = np.full(3, 1e-3)
+    for q in (np.array(END), END + rest, free.trajectory(0.99 * free.T).q):
+        problem = tm.Problem(planar3r, q, tm.JointGoal(START))
+        guess = warm_start(ProblemFunctions.of(problem), free.trajectory)
+        assert guess.entry == 0.0
 
 
 @pytest.mark.parametrize("method", ["collocation", "adjoint"])

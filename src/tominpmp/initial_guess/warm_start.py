@@ -38,11 +38,9 @@ from tominpmp.verification.stages import checked_in_segments
 
 # Number of samples of the shape of a motion.
 SAMPLES = 400
-# The guess begins at a later state of the motion if that is closer to the new start
-# than the first state by the factor CLOSER, and before the share LATEST of the
-# duration.
+# The guess begins at a later state of the motion if that is closer to the new start, by
+# this factor, than both ends of the motion, and the motion leads closer to the goal.
 CLOSER = 0.5
-LATEST = 0.95
 # A former motion that is too fast by a larger factor is slowed down: a descent from it
 # would take many iterations.
 FAR_TOO_FAST = 2.0
@@ -207,10 +205,7 @@ def warm_start(system: ProblemFunctions, motion: Trajectory | Samples) -> WarmSt
     problem, limits = system.problem, system.problem.robot.limits
     plain = replace(trajectory, inverse_dynamics=None)
     begins, arrivals, _ = np.array(spans_of(trajectory, problem.segments)).T
-    entry = _entry(
-        plain, arrivals[0], problem.q_start, problem.v_start, system.step_scale
-    )
-    begins[0] = entry
+    entry = begins[0] = _entry(system, plain, arrivals[0])
     # A segment whose goal is met from its beginning has zero duration.
     durations = np.maximum(arrivals - begins, LEAST_DURATION)
     ends = np.cumsum(durations)
@@ -290,16 +285,23 @@ def _slowed_down(system: ProblemFunctions, motion: Trajectory) -> Trajectory:
     return slow.with_torques(inverse, motion.segment_dynamics)
 
 
-def _entry(motion: Trajectory, T: float, q: Array, v: Array, scale: Array) -> float:
-    """Time before T at which the motion is closest to a state [s].
+def _entry(system: ProblemFunctions, motion: Trajectory, T: float) -> float:
+    """Time before T at which the motion is closest to the new start [s].
 
-    It is 0 unless the motion is much closer there than at its beginning.
+    It is 0 unless the motion is much closer there than at its beginning and at T, and
+    is much closer to the goal at T than the new start.
     """
+    problem, part = system.problem, system.segments[0]
 
     def distance(times: Array) -> Array:
         state = motion(times)
-        apart = np.abs(state.q - q) + SPEED_WEIGHT * T * np.abs(state.v - v)
-        return np.asarray(np.max(apart / scale, axis=-1))
+        off = np.abs(state.v - problem.v_start)
+        apart = np.abs(state.q - problem.q_start) + SPEED_WEIGHT * T * off
+        return np.asarray(np.max(apart / system.step_scale, axis=-1))
+
+    def to_go(q: Array) -> float:
+        left, _ = part.problem.goal.place_residual(part.kinematics, q)
+        return float(np.max(np.abs(left), initial=0.0))
 
     times = np.linspace(0.0, T, SAMPLES)
     far = distance(times)
@@ -313,7 +315,7 @@ def _entry(motion: Trajectory, T: float, q: Array, v: Array, scale: Array) -> fl
         method="bounded",
         options={"xatol": 1e-9 * T},
     )
-    entry = float(closest.x)
-    if entry > LATEST * T or closest.fun > CLOSER * far[0]:
+    if closest.fun > CLOSER * min(far[0], far[-1]):
         return 0.0
-    return entry
+    leads_on = to_go(motion(T).q) <= CLOSER * to_go(problem.q_start)
+    return float(closest.x) if leads_on else 0.0
