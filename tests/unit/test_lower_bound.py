@@ -166,6 +166,26 @@ def test_speed_limit_rules_with_the_slowest_joint() -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("limits", "v", "T"),
+    [
+        (MotionLimits(acceleration=2.0), (1.0, -0.5, 0.2), 0.5),
+        (MotionLimits(acceleration=4.0, jerk=40.0), (2.0, 1.0, -1.0), 0.6),
+        (MotionLimits(acceleration=4.0, jerk=4.0), (1.0, -1.0, 0.0), 1.0),
+    ],
+)
+def test_a_stop_takes_the_time_of_braking_wherever_it_is(
+    limits: MotionLimits, v: tuple[float, ...], T: float
+) -> None:
+    """No bound above zero was known where a goal includes the start of the motion."""
+    robot = make_arm(ROD, ROD, ROD, effort=1e3, velocity=3.0)
+    anywhere = JointRegionGoal(np.zeros(3), 3.0)
+    problem = Problem(robot, np.zeros(3), anywhere, v_start=v, motion_limits=limits)
+    found = lower_bound(problem)
+    assert found.T == pytest.approx(T, rel=1e-8)
+    assert found.reason.startswith("joint joint1 has 0 rad to go from ")
+
+
 @pytest.mark.parametrize("kind", [PositionGoal, PoseGoal])
 def test_no_straight_motion_beats_the_bound_of_a_frame(
     kind: type, planar3r: Robot, rng: np.random.Generator

@@ -132,6 +132,8 @@ def joint_bounds(
                 else:
                     step //= 2
         reason = f"joint {joint.name} has {abs(way):.4g} {joint.unit} to go"
+        if velocities[0] and math.isfinite(velocities[0]):
+            reason += f" from {velocities[0]:.4g} {joint.unit}/s"
         bounds.append(LowerBound(T, f"{reason}, {joint.limits}", joint.name))
     return bounds
 
@@ -143,10 +145,10 @@ def _least(
     way = max(least, 0.0) + min(most, 0.0)
     if least == most and math.isfinite(ends[0]) and math.isfinite(ends[1]):
         T = joint.drive.least_time_between(way, ends)
-    elif way != 0.0:
-        T = joint.drive.least_time(way, ends)
     else:
-        T = 0.0
+        T = joint.drive.least_time(way, ends) if way != 0.0 else 0.0
+        # Wherever the joint ends, its velocity has to change.
+        T = max(T, joint.drive.least_change(ends))
     # An infinite time would claim that no motion exists, which is not proved.
     return T if math.isfinite(T) else 0.0, way
 

@@ -337,6 +337,21 @@ class Drive:
         # Braking takes longer than the displacement: the motion overshoots and returns.
         return self._one_way(-side, (-v0, -v1)).least_time(-abs(way))
 
+    def least_change(self, ends: tuple[float, float]) -> float:
+        """Least time of a change of velocity, whatever the displacement.
+
+        Args:
+            ends: Velocities at the start and at the end; infinite where a velocity is
+                free.
+
+        Returns:
+            The time [s], 0 for a free velocity; infinite for an impossible change.
+        """
+        if not all(map(math.isfinite, ends)):
+            return 0.0
+        law = self.ahead[0 if ends[1] >= ends[0] else 1]
+        return law(min(ends), max(ends))[0] * (1.0 - ROUNDING)
+
     def _one_way(self, side: float, ends: tuple[float, float]) -> OneWay:
         """Forward motions, for a side of 1, or backward motions, for a side of -1."""
         changes = self.ahead if side > 0.0 else self.back
