@@ -271,6 +271,7 @@ def test_names_are_unique() -> None:
         ([None], "a scene holds obstacles .*, not NoneType"),
         ("boxes", "a scene holds obstacles .*, not str"),
         (None, "from a list of obstacles, not from a NoneType"),
+        (np.array(2.0), "from a list of obstacles, not from a ndarray"),
         (Sphere("o", radius=1), "from a list of obstacles, not from a Sphere"),
     ],
 )

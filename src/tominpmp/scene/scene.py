@@ -31,7 +31,7 @@ class Scene(Record):
 
     def __post_init__(self) -> None:
         """Check the obstacles and their names."""
-        if not isinstance(self.obstacles, Iterable):
+        if not np.iterable(self.obstacles):
             raise SceneError(
                 f"a scene is made from a list of obstacles, not from a "
                 f"{type(self.obstacles).__name__}"
