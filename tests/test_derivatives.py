@@ -108,6 +108,9 @@ PROBLEMS: dict[str, Callable[[], tm.Problem]] = {
     "limits of accelerations and of torques over speed": lambda: planar(
         v_start=(0.4, -0.2, 0.3), motion_limits=STEADY
     ),
+    "an acceleration at the start": lambda: planar(
+        v_start=(0.4, -0.2, 0.3), a_start=(5.0, -3.0, 2.0), motion_limits=SMOOTH
+    ),
     "limits of jerks and torque rates": lambda: planar(
         tm.PositionGoal("tip", (4, 1, 0)), scene=BALL, motion_limits=SMOOTH
     ),
@@ -189,7 +192,8 @@ BUILDERS = {
 
 def possible(method: str, name: str) -> bool:
     """Jerks and torque rates ask for continuous accelerations."""
-    return method in LINEAR or name != "limits of jerks and torque rates"
+    continuous = "an acceleration at the start", "limits of jerks and torque rates"
+    return method in LINEAR or name not in continuous
 
 
 CASES = [

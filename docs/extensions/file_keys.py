@@ -38,6 +38,8 @@ START = {
     "q": "Joint positions [rad or m], in order or by joint name.",
     "state": "Name of a group state of the SRDF file, instead of `q`.",
     "v": "Joint velocities [rad/s or m/s]; at rest if left out.",
+    "a": "Joint accelerations [rad/s^2 or m/s^2], for limits of jerk or torque rate; "
+    "zero if left out.",
 }
 ROBOT = {
     "name": "Name of a robot that `tominpmp robots` lists, or of one of the package "

@@ -475,20 +475,21 @@ def _is_number(value: object) -> bool:
 # -- values by joint -------------------------------------------------------------------
 
 
-def by_joint(value: object, *, speeds: bool = False) -> dict[str, object] | None:
+def by_joint(value: object, quantity: str = "position") -> dict[str, object] | None:
     """Values by joint name; None for a value without joint names.
 
     Args:
         value: A mapping, a row with an index of names (pandas), or a message with
             ``name``, ``position`` and ``velocity`` (ROS).
-        speeds: Whether the velocities of a message are meant, not the positions.
+        quantity: The field of a message that is meant: "position", "velocity" or
+            "acceleration", which no message has.
     """
     if isinstance(value, Mapping):
         return dict(value) or None
     if isinstance(value, np.ndarray | list | tuple | str | bytes | type):
         return None
     names = _attribute(value, "name")
-    numbers = _attribute(value, "velocity" if speeds else "position")
+    numbers = _attribute(value, quantity)
     if isinstance(names, Sequence) and not isinstance(names, str):
         if numbers is not None and len(names) == np.size(numbers):
             return dict(zip(names, np.asarray(numbers).tolist(), strict=True))

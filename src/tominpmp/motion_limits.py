@@ -272,7 +272,8 @@ class MotionLimits(Record):
 
     Attributes:
         acceleration: Largest acceleration [rad/s^2 or m/s^2].
-        jerk: Largest jerk [rad/s^3 or m/s^3].
+        jerk: Largest jerk [rad/s^3 or m/s^3]. Accelerations do not jump then: a motion
+            begins with those of the problem (``a_start``), and ends with zero.
         effort_rate: Largest torque rate [N m/s or N/s] (paper, section 4).
         effort_scale: Share of the torque limits that the motion may use; the rest is a
             reserve for the feedback controller.

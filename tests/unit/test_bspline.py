@@ -81,9 +81,10 @@ def test_jacobian_against_differences(goal, degree):
         np.testing.assert_allclose(error, 0.0, atol=2e-6 * scale)
 
 
+@pytest.mark.parametrize("a_start", [(0.0, 0.0, 0.0), (3.0, -2.0, 1.0)])
 @pytest.mark.parametrize("degree", [3, 5])
-def test_trajectory_is_the_spline_and_begins_as_asked(degree):
-    problem = planar(v_start=(0.1, -0.2, 0.3), motion_limits=ALL)
+def test_trajectory_is_the_spline_and_begins_as_asked(degree, a_start):
+    problem = planar(v_start=(0.1, -0.2, 0.3), a_start=a_start, motion_limits=ALL)
     nlp, z = build(problem, degree)
     motion = nlp.trajectory(z)
     times = np.linspace(0.0, z[-1], 57)
@@ -96,7 +97,7 @@ def test_trajectory_is_the_spline_and_begins_as_asked(degree):
     np.testing.assert_allclose(middle.v, (ahead.q - behind.q) / (2 * step), atol=1e-4)
     start, end = motion(0.0), motion(z[-1])
     np.testing.assert_allclose(start.v, (0.1, -0.2, 0.3), atol=1e-12)
-    np.testing.assert_allclose(start.a, 0.0, atol=1e-9)  # jerk is limited
+    np.testing.assert_allclose(start.a, a_start, atol=1e-9)  # jerk is limited
     np.testing.assert_allclose(end.q, (0.5, 1, 1), atol=1e-12)
     np.testing.assert_allclose(end.a, 0.0, atol=1e-9)
 

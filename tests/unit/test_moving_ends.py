@@ -257,3 +257,58 @@ def test_derivatives_of_the_speed_that_a_goal_lacks() -> None:
     ends = [THROWN + sign * step * np.eye(6) for sign in (1, -1)]
     ahead, behind = (lacks.excess_at_rest(q)[0][:, 0] for q in ends)
     np.testing.assert_allclose(slope[0], (ahead - behind) / (2 * step), atol=1e-4)
+
+
+SMOOTH = tm.MotionLimits(acceleration=8.0, jerk=200.0)
+
+
+@pytest.fixture(scope="module")
+def smooth() -> tm.Solution:
+    goal = tm.JointGoal(START + 1.2 * ALONG)
+    return tm.plan(tm.Problem(UR5, START, goal, motion_limits=SMOOTH), effort="quick")
+
+
+@pytest.mark.parametrize("warm", [False, True])
+@pytest.mark.parametrize("share", [0.1, 0.8, 0.97])
+def test_a_motion_goes_on_with_its_acceleration(
+    smooth: tm.Solution, share: float, warm: bool
+) -> None:
+    """Bellman: from 0 instead, the arm took up to three times as long as was left."""
+    at = share * smooth.T
+    state, left = smooth.trajectory(at), smooth.T - at
+    problem = tm.Problem(
+        UR5,
+        state.q,
+        smooth.problem.goal,
+        v_start=state.v,
+        a_start=state.a,
+        motion_limits=SMOOTH,
+    )
+    former = smooth if warm else None
+    solution = tm.plan(problem, effort="quick", start=former)
+    assert solution.success and solution.certificate.ok
+    assert solution.lower_bound.T <= solution.T <= left * (1.0 + 2e-3)
+    begin = solution.trajectory(0.0)
+    np.testing.assert_allclose(begin.a, state.a, atol=1e-5)
+    jerks = solution.trajectory(np.linspace(0.0, solution.T, 500), 3)
+    assert np.max(np.abs(jerks)) <= 200.0 * (1.0 + 5e-3)
+
+
+def test_the_acceleration_of_the_start_holds_on_the_first_segment(
+    smooth: tm.Solution,
+) -> None:
+    state, goal = smooth.trajectory(0.3 * smooth.T), smooth.problem.goal
+    back = tm.Segment(tm.JointGoal(START))
+    problem = tm.Problem(
+        UR5,
+        state.q,
+        segments=[tm.Segment(goal, stop=True), back],
+        v_start=state.v,
+        a_start=state.a,
+        motion_limits=SMOOTH,
+    )
+    assert not np.any(problem.phases[1].a_start)
+    solution = tm.plan(problem, effort="quick")
+    assert solution.success
+    np.testing.assert_allclose(solution.trajectory(0.0).a, state.a, atol=1e-5)
+    assert solution.segments[0].end <= 0.7 * smooth.T * (1.0 + 5e-3)

@@ -6,6 +6,7 @@ import pickle
 import warnings
 from dataclasses import FrozenInstanceError, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
@@ -22,6 +23,7 @@ from tominpmp.exceptions import (
 from tominpmp.goals.frames import PoseGoal, PositionGoal
 from tominpmp.goals.joints import JointGoal
 from tominpmp.kinematics import RobotKinematics
+from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import Segment
 from tominpmp.problem.state_checks import SNAP
@@ -88,7 +90,7 @@ def test_wrong_types(
     assert caught.value.field == field
 
 
-@pytest.mark.parametrize("field", ["q_start", "v_start"])
+@pytest.mark.parametrize("field", ["q_start", "v_start", "a_start"])
 @pytest.mark.parametrize(
     ("value", "message"),
     [
@@ -145,6 +147,14 @@ def test_start_is_needed(planar3r: Robot) -> None:
             r"'joint2' is -101 rad/s, outside its velocity limits \[-100, 100\] rad/s",
         ),
         (
+            "a_start",
+            {
+                "a_start": (0, -6, 0),
+                "motion_limits": MotionLimits(acceleration=5.0, jerk=9.0),
+            },
+            r"'joint2' is -6 rad/s\^2, outside its acceleration limits \[-5, 5\] rad",
+        ),
+        (
             "goal.q",
             {"goal": JointGoal((0.5, 3.5, 0))},
             r"joint 'joint2' is 3.5 rad, outside its position limits \[-3, 3\] rad",
@@ -163,6 +173,15 @@ def test_outside_limits(
     with pytest.raises(ProblemError, match=f"^{field}: .*{message}") as caught:
         Problem(planar3r, **values)  # type: ignore[arg-type]
     assert caught.value.field == field
+
+
+def test_accelerations_by_joint_name(planar3r: Robot) -> None:
+    problem = Problem(planar3r, START, GOAL, a_start={"joint2": 2.0})
+    np.testing.assert_array_equal(problem.a_start, [0.0, 2.0, 0.0])
+    # A joint state has no accelerations, and its positions are none.
+    state = SimpleNamespace(name=planar3r.joint_names, position=[1.0, 2.0, 3.0])
+    with pytest.raises(ProblemError, match=r"^a_start is .*, expected 3 numbers"):
+        Problem(planar3r, START, GOAL, a_start=state)
 
 
 def test_units_of_sliding_joints(tmp_path: Path) -> None:

@@ -126,7 +126,8 @@ def test_every_obstacle_comes_back(planar3r: Robot, tmp_path: Path) -> None:
             ),
         ]
     )
-    problem = problem_of(planar3r, scene=scene, margin=0.05, v_start=[0.1, 0.0, 0.0])
+    state = {"v_start": [0.1, 0.0, 0.0], "a_start": [0.0, 0.2, 0.0]}
+    problem = problem_of(planar3r, scene=scene, margin=0.05, **state)
     text = round_trip(problem, Options(), tmp_path)
     assert "rotation = [0.0, 0.0, 0.6, 0.8]" in text
 

@@ -341,3 +341,14 @@ def test_a_grid_on_which_more_is_broken_is_made_no_finer(
     solution = tm.plan(from_start(goal), effort="quick")
     assert solution.success, solution.message
     assert max(replayed) <= 160
+
+
+def test_an_acceleration_at_the_goal_takes_time_to_end() -> None:
+    """With a limit of jerk j, the arm leaves the goal and returns to it."""
+    goal, a = tm.JointGoal(START), np.array([2.0, 0.0, 0.0])
+    problem = from_start(goal, a_start=a, motion_limits=LIMITS)
+    solution = tm.plan(problem, effort="quick")
+    assert solution.success and solution.T > a[0] / 900.0
+    np.testing.assert_allclose(solution.trajectory(0.0).a, a, atol=1e-4)
+    # Where accelerations may jump, the arm stays.
+    assert tm.plan(from_start(goal, a_start=a)).T == 0.0

@@ -12,7 +12,8 @@ result is the largest of the bounds from
 
 The bounds assume the robot dynamics of the replay, torques within the allowed share of
 their limits and below the torque-speed curves, payloads as part of the robot, and, if
-accelerations may not jump, that a motion begins and ends with zero acceleration.
+accelerations may not jump, that a motion begins and ends with zero acceleration; limits
+of jerk and torque rate do not count if the problem has accelerations at the start.
 Motions that use the tolerances of the verification can be correspondingly shorter.
 """
 
@@ -185,7 +186,8 @@ def _of_goal(
         longest: Largest time of the searches [s].
         smooth_ends: Whether accelerations that may not jump are zero at both ends.
     """
-    joints, least = joints_of(problem, smooth_ends), []
+    still = not np.any(problem.a_start)
+    joints, least = joints_of(problem, smooth_ends and still), []
     for item in goal.alternatives:
         q, ends = item.configuration, np.stack([start, _end_velocity(problem, item)])
         lower, upper = (x - problem.q_start for x in item.joint_ranges(problem.robot))

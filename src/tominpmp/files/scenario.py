@@ -746,7 +746,7 @@ def read_scenario(
     robot = read_robot(document.need("robot"))
     options = read_options(document.get("options"))
     start = document.need("start")
-    start.only("q", "v", "state")
+    start.only("q", "v", "a", "state")
     q_start, v_start = positions(start, robot, None), vector(start.get("v"), robot)
     target = document.get("goal")
     if target.value is None and not document.get("segments").given:
@@ -762,6 +762,7 @@ def read_scenario(
             q_start,
             goal,  # type: ignore[arg-type]
             v_start=v_start,
+            a_start=vector(start.get("a"), robot),
             segments=segments,
             **conditions | changed,
         )
@@ -852,6 +853,8 @@ def scenario_text(
     start, limits = {"q": problem.q_start}, problem.motion_limits
     if np.any(problem.v_start):
         start["v"] = problem.v_start
+    if np.any(problem.a_start):
+        start["a"] = problem.a_start
     parts: dict[str, Any] = {
         "may_touch": problem.may_touch or None,
         "margin": problem.margin or None,

@@ -86,7 +86,7 @@ class GoalOnJoints(Record, Goal):
 
     def _in_order(self, value: Any, name: str, missing: float | None = None) -> Any:
         """Put values by joint name into the order of the goal; keep other values."""
-        named = by_joint(value, speeds=name == "goal.v")
+        named = by_joint(value, "velocity" if name == "goal.v" else "position")
         if named is None:
             return value
         if self.joints is None:

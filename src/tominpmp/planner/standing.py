@@ -51,9 +51,12 @@ def standing(problem: Problem, options: Options) -> Solution | None:
 def _motion(problem: Problem, options: Options) -> Trajectory | None:
     """A motion at rest at the start; None if a goal is not met there, or met late."""
     robot, period, q = problem.robot, options.control_period, problem.q_start
-    v = problem.v_start
+    v, limits = problem.v_start, problem.phases[0].motion_limits
     nodes, ends, now = [0.0], [], 0.0
     tolerance = options.feasibility * (1.0 + ROUNDING)
+    if limits is not None and limits.continuous:
+        if np.any(np.abs(problem.a_start) > tolerance):
+            return None
     segments = problem.segments or (Segment(problem.goal),)
     for phase, segment in zip(problem.phases, segments, strict=True):
         misses = phase.goal.misses(RobotKinematics(phase.robot), q, v)

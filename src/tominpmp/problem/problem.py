@@ -22,7 +22,7 @@ from tominpmp.exceptions import ProblemError, brief, naming, warn_caller
 from tominpmp.goals.base import Goal
 from tominpmp.goals.sets import passed, restricted
 from tominpmp.goals.turns import MOST_WAYS
-from tominpmp.kinematics import RobotKinematics
+from tominpmp.kinematics import RobotKinematics, units_of
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits, kinds_of
 from tominpmp.notebook import card, skeletons, table
@@ -86,6 +86,10 @@ class Problem(Record):
         segments: Phases of the motion, each with a goal, constraints and limits, see
             :class:`Segment`; empty for a motion to one goal.
         may_touch: Pairs of names of links and obstacles that may touch.
+        a_start: Joint accelerations at the start, shape (n,) [rad/s^2 or m/s^2], or by
+            joint name, with joints not named at zero; None for zero. A motion has
+            them where its accelerations may not jump, that is, with limits of jerk or
+            torque rate; elsewhere they are without effect.
 
     Raises:
         ProblemError: If a value is wrong: the message names the joint, the value and
@@ -106,6 +110,7 @@ class Problem(Record):
     constraints: Constraints = default(())
     segments: Segments = ()
     may_touch: Pairs = ()
+    a_start: Converted[JointsLike | None, Array] = default(None)
 
     def __post_init__(self) -> None:
         """Check all values that can be checked without planning."""
@@ -132,7 +137,7 @@ class Problem(Record):
             self._keep(segments=self._aiming_at([phase.goal for phase in phases]))
             self._keep(goal=self.segments[-1].goal)
         else:
-            self._checks.start(self.q_start, self.v_start)
+            self._check_start()
             snapped_goals = self._take_goal(self.goal)
         for message in (*snapped, *snapped_goals):
             warn_caller(message)
@@ -224,6 +229,7 @@ class Problem(Record):
             robot=robot,
             q_start=q_start,
             v_start=self.v_start if number == 0 else frozen_array(0.0 * q_start),
+            a_start=self.a_start if number == 0 else frozen_array(0.0 * q_start),
             scene=scene,
             motion_limits=limits,
             constraints=self.constraints + constraints,
@@ -236,7 +242,7 @@ class Problem(Record):
         goal.validate(robot)
         before = self.segments[number - 1] if number else None
         if before is None:
-            phase._checks.start(q_start, phase.v_start)
+            phase._check_start()
         elif before.goal.configuration is not None:
             if not same:
                 phase._checks.clear(q_start, "start", later=True)
@@ -317,13 +323,38 @@ class Problem(Record):
     def _snap_start(self) -> list[str]:
         """Move the start onto limits that it exceeds by rounding; returns warnings."""
         q = joint_vector(self.robot, self.q_start, "q_start")
-        v = np.zeros_like(q)
+        v = a = np.zeros_like(q)
         if self.v_start is not None:
             v = joint_vector(self.robot, self.v_start, "v_start")
+        if self.a_start is not None:
+            a = joint_vector(self.robot, self.a_start, "a_start")
         q, of_q = onto_limits(self.robot, "position", q, "q_start")
         v, of_v = onto_limits(self.robot, "velocity", v, "v_start")
         self._keep(q_start=frozen_array(q), v_start=frozen_array(v))
+        self._keep(a_start=frozen_array(a))
         return of_q + of_v
+
+    def _check_start(self) -> None:
+        """Check that the arm may begin in its state at the start.
+
+        Raises:
+            ProblemError: If the state is in collision, or exceeds a limit.
+        """
+        self._checks.start(self.q_start, self.v_start)
+        names, limits = self.robot.joint_names, self.motion_limits or MotionLimits()
+        if not limits.continuous:
+            return
+        most = limits.by_joint("acceleration", names)
+        # The start may be a state of a planned motion, as in _slow_start.
+        beyond = np.abs(self.a_start) > (1.0 + USABLE) * most
+        for i in np.flatnonzero(beyond).tolist():
+            unit = f"{units_of(self.robot)[i]}/s^2"
+            raise ProblemError(
+                f"a_start: joint {names[i]!r} is {self.a_start[i]:.10g} {unit}, "
+                f"outside its acceleration limits [{-most[i]:.10g}, {most[i]:.10g}] "
+                f"{unit}",
+                "a_start",
+            )
 
     def _slow_start(self) -> list[str]:
         """Slow the start down to limits of speed; returns warnings.
@@ -443,11 +474,11 @@ class Problem(Record):
         """
         instance(goal, Goal, "goal", "a goal")
         _ = self.checker, self.margins, self.ready_constraints  # the copy shares them
-        other = self._altered(q_start=q_start, v_start=None)
+        other = self._altered(q_start=q_start, v_start=None, a_start=None)
         snapped = other._snap_start()
         goal = goal.resolved(self.robot, other.q_start)
         goal.validate(self.robot)
-        other._checks.start(other.q_start, other.v_start)
+        other._check_start()
         for message in (*snapped, *other._take_goal(goal)):
             warn_caller(where + message)
         return other

@@ -361,19 +361,21 @@ def joint_vector(robot: Robot, value: object, name: str) -> Array:
     Args:
         robot: The robot.
         value: Numbers in the order of the joints, or values by joint name. Locked
-            joints may be named, with the value at which they are locked; velocities of
-            joints that are not named are zero.
-        name: Name of the values in messages; it begins with "v" for velocities.
+            joints may be named, with the value at which they are locked; velocities
+            and accelerations of joints that are not named are zero.
+        name: Name of the values in messages; it begins with "v" for velocities, and
+            with "a" for accelerations.
 
     Raises:
         ProblemError: If the value is not a number for each joint, or not finite.
     """
     joints = robot.joint_names
-    speed = name.startswith("v")
-    named = by_joint(value, speeds=speed)
+    quantity = {"v": "velocity", "a": "acceleration"}.get(name[0], "position")
+    named = by_joint(value, quantity)
     if named is not None:
         at = robot.locked_joints
-        others, missing = (dict.fromkeys(at, 0.0), 0.0) if speed else (at, None)
+        rests = quantity != "position"
+        others, missing = (dict.fromkeys(at, 0.0), 0.0) if rests else (at, None)
         value = in_order(named, joints, name, others=others, missing=missing)
     expected = f"{len(joints)} numbers, one for each of: {', '.join(joints)}"
     if isinstance(value, str) and robot.srdf is not None:

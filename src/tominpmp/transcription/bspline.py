@@ -26,7 +26,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import spsolve
 
-from tominpmp.arrays import Array, IntArray
+from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.constraints.base import Partials, States
 from tominpmp.constraints.joint_limits import JointLimit
 from tominpmp.linear_programs.sparse import rows_of_table
@@ -65,23 +65,44 @@ MAX_ATTENTION = 0.05
 
 
 class ControlPointMap(NamedTuple):
-    """Affine map from the unknowns to the coordinates of the control points.
+    """Map from the unknowns to the coordinates of the control points.
+
+    It is affine but for an acceleration at the start, which adds the product of two
+    spans of knots.
 
     Attributes:
         column: Index of the unknown that is added to each coordinate, shape (M n,); -1
             for fixed coordinates.
         offset: Coordinates relative to the start if all unknowns are zero, shape
             (M n,).
-        slopes: Derivatives of the coordinates by the durations, shape (M n, m).
+        slopes: Derivatives of the coordinates by the durations at a start without
+            acceleration, shape (M n, m).
+        bend: Coordinates per product of the spans, shape (M n,).
+        spans: Derivatives of the spans by the durations, shape (2, m).
         one_to_one: Whether no two coordinates share an unknown.
-        moving: Whether any coordinate changes with the durations.
+        moving: Coordinates that change with the durations, shape (M n,).
     """
 
     column: IntArray
     offset: Array
     slopes: Array
+    bend: Array
+    spans: Array
     one_to_one: bool
-    moving: bool
+    moving: BoolArray
+
+    def fixed(self, eta: Array) -> Array:
+        """Coordinates if all unknowns but the durations are zero, shape (M n,)."""
+        first, second = self.spans @ eta
+        return np.asarray(
+            self.offset + self.slopes @ eta + self.bend * (first * second)
+        )
+
+    def by_durations(self, eta: Array) -> Array:
+        """Derivatives of the coordinates by the durations, shape (M n, m)."""
+        first, second = self.spans @ eta
+        along = first * self.spans[1] + second * self.spans[0]
+        return np.asarray(self.slopes + self.bend[:, None] * along)
 
 
 class BSplineTranscription(Transcription[SplineMotion]):
@@ -134,8 +155,8 @@ class BSplineTranscription(Transcription[SplineMotion]):
         """Eliminate the control points at the ends, which follow from given states.
 
         At a known velocity v the second point from an end is C_0 + v T dt / p; the
-        third point follows if the acceleration must not jump, and so is zero at the
-        end.
+        third point follows if the acceleration must not jump, and so is that of the
+        problem at the start, and zero at the end.
         """
         system, p, t = self.system, self.degree, self.knots_by_durations
         M = len(t) - p - 1
@@ -147,6 +168,8 @@ class BSplineTranscription(Transcription[SplineMotion]):
         inner = M - known - last
         column: IntArray = np.full(M, -1)
         offset, slopes = np.zeros((M, self._n)), np.zeros((M, self._n, self._m))
+        bend, spans = np.zeros((M, self._n)), t[p + 1 : p + 3] - t[p]
+        bend[2:known] = system.problem.a_start / (p * (p - 1))
         column[known : known + inner] = np.arange(inner)
         slopes[:known] = system.problem.v_start[:, None] * _reach(t, p, known)
         if last and goal is not None:
@@ -160,30 +183,39 @@ class BSplineTranscription(Transcription[SplineMotion]):
         columns = self._n * column[:, None] + np.arange(self._n)
         columns = np.where(column[:, None] >= 0, columns, -1).ravel()
         free, moved = int(column.max()) + 1, np.count_nonzero(column >= 0)
-        by_eta, moving = slopes.reshape(-1, self._m), bool(np.any(slopes))
-        return ControlPointMap(columns, offset.ravel(), by_eta, moved == free, moving)
+        by_eta, bends = slopes.reshape(-1, self._m), bend.ravel()
+        moving = np.any(by_eta, axis=1) | (bends != 0.0)
+        return ControlPointMap(
+            columns, offset.ravel(), by_eta, bends, spans, moved == free, moving
+        )
 
     def _from_base(self, z: Array) -> Array:
         """Control points relative to the start, shape (M, n)."""
         mapping, moved = self.point_map, self.point_map.column >= 0
-        points = mapping.offset + mapping.slopes @ z[self.point_unknowns :]
+        points = mapping.fixed(z[self.point_unknowns :])
         points[moved] += z[mapping.column[moved]]
         return np.asarray(points.reshape(-1, self._n))
 
     def by_unknowns(
-        self, by_points: Array, points: IntArray, by_durations: Array, near: IntArray
+        self,
+        eta: Array,
+        by_points: Array,
+        points: IntArray,
+        by_durations: Array,
+        near: IntArray,
     ) -> sp.csr_matrix:
         """Derivatives by the unknowns from those by control points and by durations.
 
         Args:
+            eta: Durations, shape (m,).
             by_points: Derivatives by coordinates of control points, shape (k, w).
             points: Indices of these coordinates, ascending, shape (k, w).
             by_durations: Derivatives by the durations alone, shape (k, d).
             near: Indices of these durations, ascending, shape (k, d).
         """
         mapping = self.point_map
-        if mapping.moving:
-            slopes = mapping.slopes[points[:, :, None], near[:, None]]
+        if np.any(mapping.moving):
+            slopes = mapping.by_durations(eta)[points[:, :, None], near[:, None]]
             by_durations = by_durations + np.einsum("kw,kwd->kd", by_points, slopes)
         columns = mapping.column[points], self.point_unknowns + near
         matrix = rows_of_table(
@@ -205,7 +237,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
             eta: Durations, shape (m,).
         """
         mapping, moved = self.point_map, self.point_map.column >= 0
-        target = (points - self._base).ravel() - mapping.offset - mapping.slopes @ eta
+        target = (points - self._base).ravel() - mapping.fixed(eta)
         target = target[moved]
         column, size = mapping.column[moved], self.point_unknowns
         sums = np.bincount(column, target, minlength=size)
@@ -312,7 +344,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
             by_durations, near = by_time, places(0 * first, self._m)
         points = places(n * first, width * n)
         return self.by_unknowns(
-            by_points.reshape(points.shape), points, by_durations, near
+            motion.eta, by_points.reshape(points.shape), points, by_durations, near
         )
 
     def hull(
@@ -334,7 +366,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
         ends = np.searchsorted(intervals, point, side="right")
         mine = (begins < end) & (ends > first)
         if order == 0:
-            mine &= np.any(self.point_map.slopes.reshape(mine.size, -1), axis=1)
+            mine &= np.any(self.point_map.moving.reshape(mine.size, -1), axis=1)
         points = np.flatnonzero(mine)
         times = 1, points.size
         lower = np.tile(limit.lower / scale, times)
@@ -352,7 +384,8 @@ class BSplineTranscription(Transcription[SplineMotion]):
             near = self.near[points]
             by_eta = motion.by_durations(of_motion, order, near)
             near = np.repeat(near, limit.count, axis=0)
-            return self.by_unknowns(by_points, places, by_eta.reshape(near.shape), near)
+            by_eta = by_eta.reshape(near.shape)
+            return self.by_unknowns(motion.eta, by_points, places, by_eta, near)
 
         def values(motion: SplineMotion) -> Array:
             return of_motion(motion).ravel()
@@ -408,7 +441,8 @@ class BSplineTranscription(Transcription[SplineMotion]):
             # The jumps depend on the ratios of the durations, too.
             by_eta = motion.by_durations(jumps, 2, near)
         near = np.repeat(near, self._n, axis=0)
-        matrix = self.by_unknowns(data, points, by_eta.reshape(near.shape), near)
+        by_durations = by_eta.reshape(near.shape)
+        matrix = self.by_unknowns(motion.eta, data, points, by_durations, near)
         return Variation(matrix, jumps(motion).ravel() - matrix @ z)
 
     @property

@@ -143,7 +143,7 @@ def _speeds(
         by_durations = np.repeat(by_durations, limit.count, axis=0)
         by_durations = np.tile(by_durations, (2, 1))
         signed = np.concatenate([data, -data])
-        return of.by_unknowns(signed, places, by_durations, near)
+        return of.by_unknowns(motion.eta, signed, places, by_durations, near)
 
     lower, upper = np.full(shape, -np.inf), np.zeros(shape)
     return HullRows(name, lower, upper, excess, by_unknowns, limit.curable)
