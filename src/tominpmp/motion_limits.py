@@ -270,10 +270,13 @@ class MotionLimits(Record):
     Values per joint are one number for all, an array in joint order, or a mapping of
     joint names for some of the joints; None or infinity is no limit.
 
+    Where jerks or torque rates are limited, accelerations do not jump: a motion begins
+    with those of the problem (``a_start``), which are zero by default, and ends with
+    zero.
+
     Attributes:
         acceleration: Largest acceleration [rad/s^2 or m/s^2].
-        jerk: Largest jerk [rad/s^3 or m/s^3]. Accelerations do not jump then: a motion
-            begins with those of the problem (``a_start``), and ends with zero.
+        jerk: Largest jerk [rad/s^3 or m/s^3].
         effort_rate: Largest torque rate [N m/s or N/s] (paper, section 4).
         effort_scale: Share of the torque limits that the motion may use; the rest is a
             reserve for the feedback controller.
