@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -37,10 +37,15 @@ from tominpmp.description.tree import (
 from tominpmp.description.xml_reader import MAX_NUMBER, limit_or_infinity
 from tominpmp.exceptions import RobotLoadError, brief
 
+if TYPE_CHECKING:
+    from trimesh import Trimesh
+
 # Tolerance within which two placements are equal [m, rad].
 PLACEMENT_TOLERANCE = 1e-12
-# Number of vertices around a curved shape that becomes a mesh.
+# Number of vertices around a curved shape that becomes a mesh, and the factor from a
+# polygon that is inscribed in a circle to one that is circumscribed about it.
 VERTICES = 48
+WIDER = 1.0 / math.cos(math.pi / VERTICES)
 
 # Triangle mesh: vertices (k, 3), and vertex indices of each triangle (m, 3).
 Triangles = tuple[Array, IntArray]
@@ -304,39 +309,25 @@ def _triangles(solid: Any) -> Triangles | None:
     kind = type(solid).__name__
     if kind.startswith("BVHModel"):
         return mesh_arrays(solid)
+    import trimesh  # heavy, and few models have such shapes
+
     if kind.startswith("Convex"):
-        return _hull(np.array(solid.points()))
+        return _arrays(trimesh.convex.convex_hull(np.array(solid.points())))
     if kind == "Cone":
-        base = np.full((VERTICES, 1), -solid.halfLength)
-        top = [[0.0, 0.0, solid.halfLength]]
-        return _hull(np.vstack([np.hstack([solid.radius * _ring(), base]), top]))
+        cone = trimesh.creation.cone(WIDER, 2.0, sections=VERTICES)
+        cone.apply_translation([0.0, 0.0, -1.0])
+        return _arrays(cone.apply_scale([solid.radius, solid.radius, solid.halfLength]))
     return ellipsoid(np.asarray(solid.radii)) if kind == "Ellipsoid" else None
 
 
 def ellipsoid(radii: Array) -> Triangles:
     """Triangles circumscribed about an ellipsoid with three radii [m]."""
-    tilt = np.linspace(0.0, np.pi, VERTICES // 2 + 1)
-    rings = np.stack([np.sin(tilt), np.sin(tilt), np.cos(tilt)], axis=1)[:, None]
-    ball = (rings * np.hstack([_ring(), np.ones((VERTICES, 1))])).reshape(-1, 3)
+    import trimesh
+
+    ball = trimesh.creation.uv_sphere(count=(VERTICES // 2 + 1, VERTICES))
     # The faces touch the ellipsoid, the vertices are outside.
-    return _hull(ball / np.cos(np.pi / VERTICES) * radii)
+    return _arrays(ball.apply_scale(radii * [WIDER**2, WIDER**2, WIDER]))
 
 
-def _ring() -> Array:
-    """Corners of a polygon circumscribed about the unit circle, shape (VERTICES, 2)."""
-    turn = 2.0 * np.pi * (np.arange(VERTICES) + 0.5) / VERTICES
-    ring = np.stack([np.cos(turn), np.sin(turn)], axis=1)
-    return np.asarray(ring / np.cos(np.pi / VERTICES))
-
-
-def _hull(points: Array) -> Triangles:
-    """Triangles of the convex hull of points."""
-    from scipy.spatial import ConvexHull
-
-    hull = ConvexHull(points)
-    corners = points[hull.simplices]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    inward = np.einsum("ij,ij->i", normals, hull.equations[:, :3]) < 0.0
-    faces = hull.simplices.astype(np.int64)
-    faces[inward] = faces[inward][:, ::-1]
-    return points, faces
+def _arrays(mesh: Trimesh) -> Triangles:
+    return np.array(mesh.vertices), np.array(mesh.faces, dtype=np.int64)
