@@ -12,10 +12,12 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 import yourdfpy
 from robot_samples import chain, joint, link, robot, write, write_tetrahedron
 
 import tominpmp as tm
+from tominpmp.description.from_pinocchio import _triangles
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.kinematics import RobotKinematics
 
@@ -122,6 +124,26 @@ def test_a_model_keeps_its_order_and_its_physics(model: pin.Model) -> None:
             found = RobotKinematics(arm).placement(q, frame.name)
             expected = data.oMf[index].homogeneous
             np.testing.assert_allclose(found.homogeneous, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("size", [1e-4, 1.0, 100.0])
+def test_curved_shapes_are_inside_their_meshes(size: float) -> None:
+    turn = np.linspace(0.0, 2.0 * np.pi, 500)
+    circle = np.stack([np.cos(turn), np.sin(turn), -2.0 + 0.0 * turn], axis=1)
+    cone = size * np.vstack([circle, [[0.0, 0.0, 2.0]]])
+    ball = np.random.default_rng(0).normal(size=(2000, 3))
+    radii = size * np.array([0.5, 2.0, 1.0])
+    ball *= radii / np.linalg.norm(ball, axis=1, keepdims=True)
+    for solid, points, volume in (
+        (coal.Cone(size, 4.0 * size), cone, 4.0 / 3.0 * np.pi * size**3),
+        (coal.Ellipsoid(*radii), ball, 4.0 / 3.0 * np.pi * np.prod(radii)),
+    ):
+        triangles = _triangles(solid)
+        assert triangles is not None
+        mesh = trimesh.Trimesh(*triangles, process=False)
+        assert mesh.is_watertight and volume < mesh.volume < 1.007 * volume
+        heights = np.einsum("kj,kj->k", mesh.face_normals, mesh.triangles[:, 0])
+        assert np.all(points @ mesh.face_normals.T <= heights + 1e-9 * size)
 
 
 def test_a_model_says_its_limits(model: pin.Model) -> None:
