@@ -103,6 +103,40 @@ def test_arguments_are_given(arm: Path, tmp_path: Path) -> None:
     assert again.description.links == robot.description.links
 
 
+def test_semantic_descriptions_are_expanded(arm: Path, tmp_path: Path) -> None:
+    """MoveIt configurations of today have ``NAME.srdf.xacro``."""
+    srdf = arm.parents[1] / "config" / "arm.srdf.xacro"
+    srdf.write_text(f"""<robot name="maker_arm" {NAMESPACE}>
+      <xacro:arg name="prefix" default=""/>
+      <xacro:macro name="arm_group" params="name">
+        <group name="${{name}}"><joint name="$(arg prefix)one"/></group>
+        <group_state name="rest" group="${{name}}">
+          <joint name="$(arg prefix)one" value="${{pi / 4}}"/>
+        </group_state>
+      </xacro:macro>
+      <xacro:arm_group name="$(arg prefix)turn"/>
+      <disable_collisions link1="$(arg prefix)one" link2="$(arg prefix)base"/>
+    </robot>""")
+    # The semantic description does not declare the argument "model".
+    given = {"prefix": "left_", "model": "m5"}
+    robot = tm.load_robot(arm, srdf=srdf, xacro_args=given, group="left_turn")
+    assert robot.joint_names == ("left_one",)
+    assert robot.srdf is not None
+    assert robot.srdf.disabled_pairs == (("left_base", "left_one"),)
+    np.testing.assert_allclose(robot.group_state("rest"), [np.pi / 4])
+    problem = tm.Problem(robot, robot.group_state("rest"), tm.JointGoal([0.1]))
+    tm.save_scenario(tmp_path / "arm.toml", problem)
+    again = tm.load_scenario(tmp_path / "arm.toml").problem.robot
+    assert again.group_states == robot.group_states
+    # A robot that is no xacro file may have a semantic description that is one.
+    with pytest.raises(tm.RobotLoadError, match="no value"):
+        tm.load_robot(
+            "planar3r", srdf=f'<robot name="$(arg a)" {NAMESPACE}><xacro:x/></robot>'
+        )
+    with pytest.raises(tm.OptionsError, match="no xacro argument 'prefx'"):
+        tm.load_robot(arm, srdf=srdf, xacro_args={"prefx": "left_"})
+
+
 def test_unknown_arguments_are_refused(arm: Path) -> None:
     with pytest.raises(tm.OptionsError, match=r"'prefx' .did you mean prefix"):
         tm.load_robot(arm, xacro_args={"prefx": "a"})

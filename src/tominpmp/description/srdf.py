@@ -18,12 +18,11 @@ from xml.etree.ElementTree import Element
 from tominpmp.arrays import Record
 from tominpmp.description.paths import checked_path
 from tominpmp.description.tree import JointDescription, UrdfDescription
+from tominpmp.description.xacro_files import expanded_root
 from tominpmp.description.xml_reader import (
     XmlContext,
     add,
     given_text,
-    parse_xml,
-    read_xml,
     xml_text,
 )
 from tominpmp.exceptions import (
@@ -175,8 +174,9 @@ def read_srdf(
 ) -> SemanticDescription:
     """Read the SRDF file of a robot, from a path or a text.
 
-    Entries about links and joints that the robot lacks are dropped, as one SRDF file
-    often serves several variants of a robot.
+    A xacro file is expanded with those arguments of the robot's own xacro file that it
+    declares. Entries about links and joints that the robot lacks are dropped, as one
+    SRDF file often serves several variants of a robot.
 
     Raises:
         RobotLoadError: If the file is not an SRDF file, every link pair that it
@@ -187,7 +187,8 @@ def read_srdf(
     path = Path("<text of an SRDF file>")
     if text is None:
         path = checked_path(source, "srdf", RobotLoadError).absolute()
-    root = read_xml(path) if text is None else parse_xml(text, path)
+    args = dict(description.xacro_args)
+    root = expanded_root(path, description.package_dirs, text, args, shared=True)
     context = XmlContext(path)
     if root.tag != "robot":
         context.fail(f"is not an SRDF file: its root is <{root.tag}>, not <robot>")

@@ -1,4 +1,4 @@
-"""xacro files: expansion of macros, properties and includes to a URDF file.
+"""xacro files: expansion of macros, properties and includes to a URDF or SRDF file.
 
 The packages xacrodoc and xacro expand them, without ROS. Packages (``$(find NAME)``)
 are searched in the same folders as for meshes. Expressions in such a file are Python,
@@ -59,6 +59,7 @@ def expanded_root(
     package_dirs: Sequence[Path],
     text: bytes | None,
     args: Mapping[str, object] | None,
+    shared: bool = False,
 ) -> Element:
     """Root of a robot file or a text, expanded if it uses xacro.
 
@@ -67,6 +68,8 @@ def expanded_root(
         package_dirs: Folders in which packages are searched.
         text: Content, in place of that of the file.
         args: Values of the arguments of a xacro file.
+        shared: Whether the arguments are those of another file, of which this one need
+            not declare all.
 
     Raises:
         RobotLoadError: If it cannot be read.
@@ -79,23 +82,28 @@ def expanded_root(
     text = read_bytes(path, MAX_BYTES, RobotLoadError) if text is None else text
     root = parse_xml(text, path)
     if is_xacro(root):
-        return parse_xml(_expanded(text, path, package_dirs, args), path)
-    if args:
+        return parse_xml(_expanded(text, path, package_dirs, args, shared), path)
+    if args and not shared:
         message = f"{path} is not a xacro file: it has no arguments"
         raise OptionsError(message, "xacro_args")
     return root
 
 
 def _expanded(
-    text: bytes, path: Path, package_dirs: Sequence[Path], args: Mapping[str, object]
+    text: bytes,
+    path: Path,
+    package_dirs: Sequence[Path],
+    args: Mapping[str, object],
+    shared: bool,
 ) -> bytes:
-    """Expand the text of a xacro file to the text of a URDF file.
+    """Expand the text of a xacro file to the text of a URDF or SRDF file.
 
     Args:
         text: Content of the file, already checked by :func:`parse_xml`.
         path: The file; files that it includes are relative to it.
         package_dirs: Folders in which packages are searched.
         args: Values of its ``<xacro:arg>``.
+        shared: Whether the file need not declare all of them.
 
     Raises:
         RobotLoadError: If it cannot be expanded, or a package is missing.
@@ -120,7 +128,7 @@ def _expanded(
     except Exception as error:  # expressions may raise anything
         raise _unwrapped_error(error, path) from error
     declared = sorted(getattr(arguments, "declared", ()))
-    for name in words.keys() - declared:
+    for name in () if shared else words.keys() - declared:
         raise OptionsError(
             f"{path} has no xacro argument {brief(name)}{closest(name, declared)}; it "
             f"has: {brief(', '.join(declared) or 'none', 400)}",
