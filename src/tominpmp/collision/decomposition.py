@@ -116,6 +116,7 @@ def _cut_worst(parts: list[_Part], measure: Measure) -> list[_Part]:
 
 def _hull(points: Array) -> Any:
     """Convex hull of points; None if they have no volume."""
+    check()
     try:
         return ConvexHull(points)
     except (QhullError, ValueError):  # points in a plane, or too few points
