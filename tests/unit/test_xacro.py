@@ -137,6 +137,14 @@ def test_semantic_descriptions_are_expanded(arm: Path, tmp_path: Path) -> None:
         tm.load_robot(arm, srdf=srdf, xacro_args={"prefx": "left_"})
 
 
+def test_a_semantic_description_next_to_the_file_is_found(arm: Path) -> None:
+    """MoveIt writes NAME.urdf.xacro and NAME.srdf; NAME.urdf.srdf was searched."""
+    (arm.parent / "arm.srdf").write_text(
+        '<robot name="maker_arm"><group name="turn"><joint name="one"/></group></robot>'
+    )
+    assert tm.load_robot(arm, group="turn").joint_names == ("one",)
+
+
 def test_unknown_arguments_are_refused(arm: Path) -> None:
     with pytest.raises(tm.OptionsError, match=r"'prefx' .did you mean prefix"):
         tm.load_robot(arm, xacro_args={"prefx": "a"})

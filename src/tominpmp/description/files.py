@@ -112,10 +112,12 @@ def find_srdf(urdf: Path) -> Path | None:
     """Find the semantic description that belongs to a URDF file by its name.
 
     Args:
-        urdf: The file; ``NAME.srdf`` is searched next to it and in ``../srdf``.
+        urdf: The file, ``NAME.urdf``, ``NAME.xacro`` or ``NAME.urdf.xacro``;
+            ``NAME.srdf`` is searched next to it and in ``../srdf``.
     """
     # The parent of "urdf/.." is not "urdf".
-    folder, name = Path(os.path.normpath(urdf.parent)), f"{urdf.stem}.srdf"
+    folder = Path(os.path.normpath(urdf.parent))
+    name = f"{urdf.stem.removesuffix('.urdf')}.srdf"
     candidates = folder / name, folder.parent / "srdf" / name
     return next((path for path in candidates if path.is_file()), None)
 
