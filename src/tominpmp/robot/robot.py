@@ -781,8 +781,9 @@ def load_robot(
             (``"panda_description"``).
         package_dirs: Folders in which ``package://`` is resolved, in addition to the
             folders above the file and those of ROS.
-        srdf: Path or text of a semantic description; by default the SRDF file of the
-            same name next to the file or in the folder ``../srdf``.
+        srdf: Path or text of a semantic description, which may be a xacro file; by
+            default the SRDF file of the same name next to the file or in the folder
+            ``../srdf``.
         geometry: Geometry of a ``pinocchio.Model``: a ``GeometryModel`` for collisions,
             or two, for collisions and for pictures. Its collision pairs, unless it has
             no pair or all, select the link pairs to check; its reference configurations
@@ -814,7 +815,8 @@ def load_robot(
             which come from ``MotionLimits`` if the robot lacks them.
         xacro_args: Values of the arguments (``<xacro:arg>``) of a xacro file by name;
             the extra ``xacro`` expands the file. ``$(find NAME)`` is resolved as
-            ``package://`` is.
+            ``package://`` is. A semantic description that is a xacro file takes those
+            arguments that it declares.
 
     Returns:
         The robot.
