@@ -16,7 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from tominpmp.arrays import Array
-from tominpmp.solvers.loop import Loop
+from tominpmp.solvers.loop import SETTLED_RADIUS, Loop
 from tominpmp.solvers.objective import RESTORABLE
 from tominpmp.status import STOPPED, Status
 from tominpmp.transcription.exchange import exchanged
@@ -28,12 +28,13 @@ from tominpmp.verification.verification import LONGEST
 ITERATIONS, EXTENSIONS = 25, 12
 # Least trust-region radius, as a share of the initial one, after rows have joined. If
 # the motion is nearly optimal without them, it is the largest radius instead, and
-# SMALLEST the least: a step uses the whole trust region for unknowns that the duration
-# leaves free, and the violations that it causes grow with the square of the radius.
-LEAST_RADIUS, SMALLEST = 0.1, 0.01
+# SETTLED_RADIUS the least: a step uses the whole trust region for unknowns that the
+# duration leaves free, and the violations that it causes grow with the square of the
+# radius.
+LEAST_RADIUS = 0.1
 # A motion is nearly optimal if its duration has changed by at most this share since
-# rows last joined. Each exchange then halves the radius, down to SMALLEST: reversals of
-# joints with dry friction would otherwise move on, and with them the missing rows.
+# rows last joined. Each exchange then halves the radius: reversals of joints with dry
+# friction would otherwise move on, and with them the missing rows.
 SETTLED = 1e-4
 
 Revise = Callable[[NonlinearProgram, Array], tuple[NonlinearProgram, Array] | None]
@@ -121,10 +122,10 @@ class RowExchange:
         loop.program, z = changed
         joined = loop.state.on(loop.program, z)
         settled = abs(self.joined_at / loop.state.duration - 1.0) <= SETTLED
-        limit = max(0.5 * self.radius, SMALLEST) if settled else self.radius
+        limit = max(0.5 * self.radius, SETTLED_RADIUS) if settled else self.radius
         radius = max(joined.radius, limit)
         if settled:
-            radius = min(max(math.sqrt(joined.violation), SMALLEST), limit)
+            radius = min(max(math.sqrt(joined.violation), SETTLED_RADIUS), limit)
         loop.state, loop.best = replace(joined, radius=radius, gains=()), None
         loop.extended_limit = len(loop.history) + ITERATIONS
         exchange, slower = replace(self, joined_at=joined.duration, radius=limit), None

@@ -42,6 +42,9 @@ Callback = Callable[[IterationRecord], Status | None]
 Keep = Callable[[NonlinearProgram, Iterate], None]
 # Stop rule: the status with which the loop ends; None to continue.
 Rule = Callable[["Loop"], Status | None]
+# Least trust-region radius to which a settled loop is limited, as a share of its first
+# one.
+SETTLED_RADIUS = 0.01
 # Time for slowing a motion down once a stop was requested [s].
 RESTORATION_TIME = 0.2
 

@@ -34,10 +34,10 @@ from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 
-# Gauss points as shares of an interval, and weights of the quadrature, which is exact
-# for integrands of degree 5 in time.
-SHARES = (0.5 - np.sqrt(0.15), 0.5, 0.5 + np.sqrt(0.15))
-WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
+# Three Gauss points as shares of an interval, and weights of the quadrature, which is
+# exact for integrands of degree 5 in time.
+POINTS, WEIGHTS = (0.5 * each for each in np.polynomial.legendre.leggauss(3))
+SHARES = tuple((0.5 + POINTS).tolist())
 # Relative reduction of the objective below which progress has settled.
 SETTLED = 1e-6
 # Relative change of a duration for the difference quotient of the curvature along it.

@@ -36,7 +36,7 @@ from tominpmp.solvers.iterate import (
     TrialPoint,
     next_radius,
 )
-from tominpmp.solvers.loop import Loop, Rule
+from tominpmp.solvers.loop import SETTLED_RADIUS, Loop, Rule
 from tominpmp.solvers.objective import RESTORABLE, Model
 from tominpmp.solvers.stop import (
     collapsed,
@@ -59,12 +59,10 @@ OTHER_WEIGHT = 10.0
 # the others up to 1e16.
 WEIGHT_GROWTH = 10.0
 LARGEST_WEIGHT = 1e6
-# Duality gap below which a program counts as solved, as a share of the tolerance. With
-# half of it programs take more iterations; with twice as much, warm starts on a clock
-# took a period more.
+# Duality gap below which a program counts as solved, and predicted reduction below
+# which there is no progress, as a share of the tolerance. With half of it programs take
+# more iterations; with twice as much, warm starts on a clock took a period more.
 ACCURACY = 0.1
-# A predicted reduction below this share of the tolerance counts as no progress.
-QUIET = 0.1
 # Number of iterations over which progress is judged.
 WINDOW = 3
 # Rows that the step violates by more than MISSED join the program, in at most this many
@@ -85,9 +83,8 @@ CONTRACTION = 0.5
 CORRECTABLE = 1.0
 EXACT = 1e-10
 # Once the objective has settled, the second-order error of the next step may be at most
-# this share of the violation; and the least radius then, as a share of the initial one.
+# this share of the violation.
 SETTLED_ERROR = 0.05
-SETTLED_RADIUS = 0.01
 # Least duration for relative tolerances: the motion of an arm that stands at its goal
 # would become ever shorter [s].
 SHORTEST = 0.01
@@ -176,7 +173,7 @@ class TrustRegionStep:
         value = objective.value(loop.program, state.z, state.values)
         little = objective.tolerance * max(value, SHORTEST)
         slow = len(state.gains) == WINDOW and sum(state.gains) < little
-        settled = slow or outcome.predicted < QUIET * little
+        settled = slow or outcome.predicted < ACCURACY * little
         done = settled and objective.restorable(loop.program, state)
         if done and loop.best is None:
             # Slowing down does not help a motion that begins or ends moving.
