@@ -20,8 +20,8 @@ import numpy as np
 
 from tominpmp.arrays import Array
 
-# Joint displacement between two collision checks on a rounded corner [rad or m].
-CHECK_STEP = 0.05
+# Joint displacement between two collision checks on a path [rad or m].
+RESOLUTION = 0.05
 # Most halvings of a rounding that collides.
 HALVINGS = 5
 # Corners, and grid points, closer than this, as a share of the path, are merged.
@@ -90,7 +90,7 @@ class RoundedPath:
             speed = max(speeds[k - 1], speeds[k])
             for _ in range(HALVINGS):
                 path = replace(self, radii=radii)
-                count = 2 + int(2.0 * radii[k] * speed / CHECK_STEP)
+                count = 2 + int(2.0 * radii[k] * speed / RESOLUTION)
                 u = np.linspace(-1.0, 1.0, count + 1)
                 q, _, _ = path.evaluate(self.s[k] + radii[k] * u)
                 if all(is_free(row) for row in q):

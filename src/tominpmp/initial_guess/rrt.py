@@ -21,6 +21,7 @@ from itertools import takewhile
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
+from tominpmp.initial_guess.path import RESOLUTION
 from tominpmp.kinematics import units_of
 from tominpmp.stopping import check
 from tominpmp.transcription.problem_functions import PADDING, ProblemFunctions
@@ -30,9 +31,9 @@ REACH = 0.75
 # Number of random configurations towards which a tree grows at once. Of as many, a
 # failed search tells what is in their way.
 BATCH = 16
-# Spacing of collision checks on a branch, and on a shortcut, which cuts corners as far
-# as the checks allow [rad].
-RESOLUTION, FINE = 0.05, 0.0125
+# Spacing of collision checks on a shortcut, which cuts corners as far as the checks
+# allow [rad].
+FINE = 0.0125
 # Most collision checks of the first search for a path, and of the shortening of a path.
 CHECKS = 80_000
 # Distances beyond both ends to which joints without narrow limits are sampled, in turn

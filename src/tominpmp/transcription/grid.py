@@ -20,9 +20,8 @@ from tominpmp.motion.samples import multiples
 # mirrored in the last interval: found on benchmarks/random_goals.py, where without them
 # a few motions were 0.1 % slower than a time-optimal straight line.
 END_NODES = (0.05, 0.3)
-# Number of intervals of the wait before a motion.
-DELAY_INTERVALS = 10
-# Least number of intervals of a segment, unless the whole motion has fewer.
+# Number of intervals of the wait before a motion, and least number of intervals of a
+# segment, unless the whole motion has fewer.
 LEAST_INTERVALS = 10
 # A duration this close to a multiple of the period counts as the multiple, in shares of
 # the period.
@@ -69,7 +68,7 @@ def delayed_shares(intervals: int, delay: float, *, sudden: bool = True) -> Arra
         Lengths of the intervals for a whole duration of 1, shape (W + N, 2): the wait
         and the motion have a column, that is a duration, each.
     """
-    before = np.linspace(0.0, 1.0, DELAY_INTERVALS + 1)
+    before = np.linspace(0.0, 1.0, LEAST_INTERVALS + 1)
     if sudden:
         before = np.sort(np.concatenate([before, before[1] * np.array(END_NODES)]))
     after = _sine_shares(intervals, sudden)
