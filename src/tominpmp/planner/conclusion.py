@@ -29,8 +29,8 @@ from tominpmp.verification.verification import LONGEST, verify
 # Shape of the accelerations on an interval, by the degree of the positions.
 ACCELERATIONS = {2: "constant", 3: "linear", 5: "cubic"}
 # The message names a joint as saturated if its effort is at the share SATURATED of its
-# limit for the share MOSTLY of the motion, and dry friction takes MOST_FRICTION of it.
-MOSTLY, MOST_FRICTION = 0.5, 0.5
+# limit for the share MOSTLY of the motion, and dry friction takes as much of it.
+MOSTLY = 0.5
 # Sentence on motions of arms that stand at their goals already.
 STANDS = "The start already satisfies the goal: nothing has to move."
 # Shorter durations are printed with significant digits instead of decimals [s].
@@ -223,7 +223,7 @@ def _saturated(problem: Problem, motion: Trajectory) -> str:
     middle, half = effort_range(robot, problem.motion_limits)
     strength = half - np.abs(middle)
     share = robot.friction / np.maximum(strength, 1e-12)
-    weak = (share >= MOST_FRICTION) & (share <= 1.0)
+    weak = (share >= MOSTLY) & (share <= 1.0)
     often = np.where(weak, np.mean(np.abs(motion.u) >= SATURATED * strength, axis=0), 0)
     most = int(np.argmax(often))
     if often[most] < MOSTLY:

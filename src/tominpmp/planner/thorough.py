@@ -24,6 +24,7 @@ from tominpmp.initial_guess.segments import segmented_guesses
 from tominpmp.planner.coarse_search import CoarseSearch, coarse_grids_apply
 from tominpmp.planner.descent import descent_work, stop_if_hopeless, torques_rule
 from tominpmp.planner.improvements import improvements
+from tominpmp.planner.optimality import tolerance_of
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.torque_starts import torque_starts, torques_may_lead
 from tominpmp.planner.work import Schedule, Work
@@ -31,8 +32,6 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Starts of a wave, number of waves without a time limit, and most waves with one.
 WAVE, WAVES, MOST_WAVES = 8, 4, 1000
-# The search ends where the gap to the lower bound is at most this.
-PROVEN = 1e-3
 # Seeds of the independent random streams of the kinds of starts.
 DETOUR, GUESS, AROUND_BEST = 1, 2, 3
 
@@ -52,9 +51,10 @@ def thorough_search(state: PlanState) -> Schedule[None]:
         if system.parts or coarse_grids_apply(system, options)
     ]
     state.complete = True
+    proven = 1.0 + tolerance_of(options)
     most = WAVES if options.max_planning_time is None else MOST_WAVES
     for _, waves in itertools.product(range(most), searches):
-        if state.best_duration <= (1.0 + PROVEN) * state.lower_bound(problem).T:
+        if state.best_duration <= proven * state.lower_bound(problem).T:
             return
         before = state.best_duration
         yield from next(waves, ())
