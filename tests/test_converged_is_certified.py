@@ -56,19 +56,23 @@ def slower(solution, factor=1.05):
         motion,
         motion,
         {},
-        (),
         tm.verify(solution.problem, motion),
     )
 
 
-def judged(solution, attempt, **changes):
-    """What the last stage makes of an attempt."""
+def after_certificate(solution, attempt, **changes):
+    """A plan whose last stage has examined an attempt."""
     options = replace(resolve_options(solution.problem, OPTIONS), **changes)
     state = PlanState(solution.problem, options)
     state.candidates.append(attempt)
     with state.deadline.in_force():
         carried_out(state, certified(state))
-    return state.candidates[1:]
+    return state
+
+
+def judged(solution, attempt, **changes):
+    """What the last stage makes of an attempt."""
+    return after_certificate(solution, attempt, **changes).candidates[1:]
 
 
 @pytest.mark.parametrize("name", ["free", "around"])
@@ -76,7 +80,8 @@ def test_a_motion_that_is_none_is_improved_until_it_is_one(name, request):
     solution = request.getfixturevalue(name)
     attempt = slower(solution)
     assert not tm.certify(solution.problem, attempt.trajectory).ok
-    (found,) = judged(solution, attempt)
+    state = after_certificate(solution, attempt)
+    (found,) = state.candidates[1:]
     assert found.status is tm.Status.CONVERGED
     assert found.verification.ok
     assert found.duration < 1.01 * solution.T
@@ -84,7 +89,7 @@ def test_a_motion_that_is_none_is_improved_until_it_is_one(name, request):
         solution.problem, found.trajectory, verification=found.verification
     )
     assert certificate.ok, certificate.message
-    assert found.history  # iterations are accounted for
+    assert state.history  # iterations are accounted for
 
 
 def test_what_promises_half_of_what_it_may_is_gone_on_with(free, monkeypatch):

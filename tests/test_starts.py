@@ -80,7 +80,6 @@ class Made:
     """A candidate as far as its order is concerned."""
 
     verification = SimpleNamespace(seconds=0.0)
-    history = ()
     status = tm.Status.CONVERGED
     feasible = True
     refuted = dropped = False

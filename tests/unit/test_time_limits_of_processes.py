@@ -143,11 +143,12 @@ def test_a_process_without_time_ends_at_once() -> None:
     system = ProblemFunctions.of(reach())
     guess = next(initial_guesses(system, GuessRequest(1, np.random.default_rng(0))))
     options = tm.Options(method="inverse", lp_solver="piqp", intervals=160)
-    attempt, failures = descend_in_process(system, options, time.time() - 1.0, guess)
+    result = descend_in_process(system, options, time.time() - 1.0, guess)
+    attempt, failures, history = result
     assert not failures
     if attempt is not None:
         assert attempt.status is tm.Status.TIME_LIMIT
-        assert len(attempt.history) <= 1
+        assert len(history) <= 1
 
 
 def ended_by_request() -> Candidate:
@@ -156,7 +157,7 @@ def ended_by_request() -> Candidate:
     problem = tm.Problem(tm.load_robot("planar3r"), (0.5, 1.7, -1.7), goal)
     motion = tm.plan(problem, effort="quick", refine=None).trajectory
     asked = tm.Status.INTERRUPTED
-    return Candidate("a start", asked, True, motion, motion, violations={}, history=())
+    return Candidate("a start", asked, True, motion, motion, violations={})
 
 
 @pytest.mark.parametrize("asked", [False, True])
@@ -166,7 +167,7 @@ def test_processes_that_were_asked_at_the_end_of_the_time_were_not_interrupted(
     options = tm.Options(processes=2)
     state = PlanState(reach(), options)
     source = ParallelDescents(ProblemFunctions.of(state.problem), state, iter(()))
-    source.results = {0: (ended_by_request(), []), 1: (ended_by_request(), [])}
+    source.results = {number: (ended_by_request(), [], []) for number in (0, 1)}
     state.deadline.requested = asked
     with state.deadline.grace(float("inf")):
         first = source.result(0)
@@ -183,10 +184,10 @@ def test_what_a_process_has_repaired_is_not_asked_for_again(
     system = ProblemFunctions.of(reach())
     guess = next(initial_guesses(system, GuessRequest(1, np.random.default_rng(0))))
     motion, lack = ended_by_request().trajectory, {"clearance": 1e-4 / system.reach}
-    ended = Candidate("a start", tm.Status.INFEASIBLE, False, motion, motion, lack, ())
+    ended = Candidate("a start", tm.Status.INFEASIBLE, False, motion, motion, lack)
     state = PlanState(system.problem, tm.Options(processes=2))
     source = ParallelDescents(system, state, iter(()))
-    source.batch, source.results = [guess], {0: (ended, [])}
+    source.batch, source.results = [guess], {0: (ended, [], [])}
     monkeypatch.setattr("tominpmp.planner.starts.ParallelDescents", lambda *_: source)
     found = run(state, next(_descents(system, state, iter(()), 1, 1)))
     assert found is not None

@@ -103,7 +103,7 @@ class Search:
 
     def record(self, record: IterationRecord) -> Status | None:
         """Callback of optimisations on grids; a status ends the iteration."""
-        status = self.state.show_in_time(record)
+        status = self.state(record)
         return status or (Status.TIME_LIMIT if self.budget.spent else None)
 
     def optimise(self, trajectory: Trajectory, evaluations: int) -> bool:
@@ -217,7 +217,7 @@ def exact_switches(
     if system.friction is not None:
         signs = constant_signs(system, plan)
         if signs is None:
-            return replace(best, history=(), remark=TURNING)
+            return replace(best, remark=TURNING)
         # Arcs are found in torques less dry friction.
         smooth = replace(system, signs=signs)
         plan = plan.with_torques(smooth.dynamics.inverse)
@@ -232,10 +232,10 @@ def exact_switches(
     search.run(plan)
     for motion in reversed(search.found):
         sharp = sharpen(motion)
-        iterate, records = sharp.iterate, tuple(state.records)
-        result = SlpResult(Status.CONVERGED, iterate, iterate, records, sharp.program)
+        iterate = sharp.iterate
+        result = SlpResult(Status.CONVERGED, iterate, iterate, (), sharp.program)
         exact = Candidate.of(best.name, best.initial, result)
         exact = exact.verified(system.problem, state.options)
         if exact.confirmed:
             return exact
-    return replace(best, history=(), remark=KEPT)
+    return replace(best, remark=KEPT)

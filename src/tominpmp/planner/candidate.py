@@ -13,7 +13,7 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.problem.problem import Problem
 from tominpmp.solvers.iterate import Iterate, SlpResult
-from tominpmp.status import IterationRecord, Status
+from tominpmp.status import Status
 from tominpmp.transcription.base import ProgramInterface
 from tominpmp.transcription.distance_rows import times_of_rows
 from tominpmp.transcription.layout import Gridded, Layout
@@ -46,7 +46,6 @@ class Candidate:
         trajectory: The best motion.
         initial: The initial motion.
         violations: Largest violation by kind of constraint.
-        history: Records, one per iteration.
         verification: Replay of the torques; None without a replay.
         remark: A sentence for the user; may be empty.
         layout: Parameterisation of the motion; None for shooting methods, whose only
@@ -63,7 +62,6 @@ class Candidate:
     trajectory: Trajectory
     initial: Trajectory
     violations: dict[str, float]
-    history: tuple[IterationRecord, ...]
     verification: Verification | None = None
     remark: str = ""
     layout: Layout | None = None
@@ -97,7 +95,6 @@ class Candidate:
             program.trajectory(iterate.z),
             initial,
             violations,
-            result.history,
             layout=layout,
             clearance_rows=clearance_rows,
             dropped=result.dropped,
@@ -110,11 +107,8 @@ class Candidate:
         return max(self.violations.values(), default=0.0)
 
     def after(self, former: Candidate) -> Candidate:
-        """This candidate, with initial motion and history of its predecessor."""
-        count = len(former.history)
-        more = (replace(r, iteration=r.iteration + count) for r in self.history)
-        history = (*former.history, *more)
-        return replace(self, initial=former.initial, history=history)
+        """This candidate, with the initial motion of its predecessor."""
+        return replace(self, initial=former.initial)
 
     @property
     def confirmed(self) -> bool:

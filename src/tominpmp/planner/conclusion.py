@@ -45,18 +45,10 @@ def conclude(state: PlanState, options: Options, status: Status | None) -> Solut
         options: Options of the plan.
         status: How planning was stopped; None if the schedule is exhausted.
     """
-    problem, candidates = state.problem, state.candidates
-    history = tuple(
-        replace(record, start=number)
-        for number, candidate in enumerate(candidates)
-        for record in candidate.history
-    )
-    best = best_of(candidates)
+    problem, best = state.problem, best_of(state.candidates)
     if best is None:
         return without_motion(state, options, status or Status.INFEASIBLE)
     reason = "" if best.confirmed else _reason(state)
-    if not best.confirmed:
-        history = tuple(state.shown)  # of all that was tried in vain
     ended = best.status
     if status in STOPPED:
         ended = status
@@ -74,7 +66,7 @@ def conclude(state: PlanState, options: Options, status: Status | None) -> Solut
         feasible=best.confirmed,
         trajectory=best.trajectory,
         initial=best.initial,
-        history=history,
+        history=tuple(state.history),
         planning_time=state.seconds,
         violations=best.violations,
         verification=best.verification,
@@ -104,7 +96,7 @@ def without_motion(
         message,
         False,
         None,
-        history=tuple(state.shown),
+        history=tuple(state.history),
         planning_time=state.seconds,
     )
 
@@ -293,7 +285,7 @@ def _reason(state: PlanState) -> str:
 def _why_not_found(state: PlanState, status: Status, reason: str) -> str:
     """Why a plan has found no motion, in sentences."""
     coarse = [item.candidate for item in state.fallbacks[:1]]
-    tried = state.start + 1, len(state.shown)
+    tried = state.start + 1, len(state.history)
     best = best_of([*coarse, *state.candidates])
     motion = None if best is None else best.trajectory
     try:

@@ -15,7 +15,7 @@ import contextlib
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 
@@ -96,33 +96,30 @@ def on_clock(solution: Solution, state: PlanState) -> Solution:
             f"{solution.T:.4g} s: more than {MAX_SAMPLES} samples",
             "control_period",
         )
-    history, clocked, status = list(solution.history), None, None
-    bring = partial(_fastest_on_clock, period, state, history)
+    clocked, status = None, None
     try:
-        clocked = bring()
+        clocked = _fastest_on_clock(period, state)
     except (Stop, KeyboardInterrupt) as stop:
         status = state.stopped(stop)
         if status is Status.INTERRUPTED and solution.status is not status:
             # A motion off the clock is of no use: the grace period serves to move it.
             with state.saving(), contextlib.suppress(Stop, KeyboardInterrupt):
-                clocked = bring()
+                clocked = _fastest_on_clock(period, state)
     except NUMERICAL as error:
         logger.warning("the motion could not be brought to the clock: %r", error)
-    solution = replace(solution, history=tuple(history), planning_time=state.seconds)
+    history = tuple(state.history)
+    solution = replace(solution, history=history, planning_time=state.seconds)
     if clocked is None or not clocked.confirmed:
         return _without_clock(solution, period, clocked, status)
     return _with_clock(solution, period, clocked, state)
 
 
-def _fastest_on_clock(
-    period: float, state: PlanState, history: list[IterationRecord]
-) -> Candidate | None:
+def _fastest_on_clock(period: float, state: PlanState) -> Candidate | None:
     """The fastest candidate that can be moved to the clock, as a motion on it.
 
     Args:
         period: The period [s].
         state: The plan.
-        history: The records of all trials are appended to it.
 
     Returns:
         The motion on the clock; if there is none, the last one that was tried.
@@ -132,8 +129,6 @@ def _fastest_on_clock(
     clocked = None
     for former in sorted(motions.values(), key=lambda c: c.duration):
         clocked = _bring_to_clock(period, former, state)
-        number, before = state.candidates.index(former), len(former.history)
-        history.extend(replace(r, start=number) for r in clocked.history[before:])
         if clocked.confirmed:
             break
     return clocked
@@ -357,7 +352,7 @@ class ClockTrial:
         def shown(record: IterationRecord) -> None:
             # A callback that has interrupted the plan sees no more iterations.
             if not state.deadline.interrupted:
-                state.show_in_time(record)
+                state(record)
 
         def make(system: ProblemFunctions, _: int, __: Candidate | None) -> Candidate:
             return self._solved(system, options, shown).verified(problem, options)

@@ -55,9 +55,8 @@ def on_finer_grids(result: Descended, state: PlanState) -> Descended:
         state: The plan.
 
     Returns:
-        The result on the last grid that gained enough, with the records of all grids;
-        the given result if finer grids gain next to nothing, or the transcription has
-        no grid that can be refined.
+        The result on the last grid that gained enough; the given result if finer grids
+        gain next to nothing, or the transcription has no grid that can be refined.
     """
     best, options, program = result.best, state.options, result.program
     if best is None or result.dropped:
@@ -71,7 +70,6 @@ def on_finer_grids(result: Descended, state: PlanState) -> Descended:
             return result
     usual = options.refine == "auto" and options.effort != "thorough"
     worth = WORTH if usual else LITTLE_WORTH
-    first = len(state.records) - len(result.history)
     warm, finest = warm_start_options(options, RADIUS, ITERATIONS), result
     coarsest = best.duration
     step, stop = trust_regions(warm)
@@ -104,9 +102,7 @@ def on_finer_grids(result: Descended, state: PlanState) -> Descended:
             break
     if best.duration > (1.0 - GAINED * worth) * coarsest:
         return result
-    records = state.records[first:]
-    history = tuple(replace(r, iteration=r.iteration - first) for r in records)
-    return replace(finest, status=result.status, history=history)
+    return replace(finest, status=result.status)
 
 
 def round_ends(worth: float) -> Rule:

@@ -175,7 +175,7 @@ class CertifiedDescent:
         if result.best is None:
             return best
         faster = Candidate.of(best.name, best.initial, result)
-        faster = replace(faster, remark=best.remark, history=())
+        faster = replace(faster, remark=best.remark)
         if faster.trajectory.duration >= best.duration:
             return best
         faster = faster.verified(self.system.problem, self.state.options)
@@ -183,9 +183,8 @@ class CertifiedDescent:
 
     def _concluded(self, best: Candidate, findings: Examination) -> Candidate:
         """The motion with its certified status, and a remark on the predicted gain."""
-        history = tuple(self.state.records)
         if findings.certificate.ok:
-            return replace(best, status=Status.CONVERGED, history=history)
+            return replace(best, status=Status.CONVERGED)
         converged = best.status is Status.CONVERGED
         status = Status.STALLED if converged else best.status
         promise = 100.0 * findings.certificate.stationarity
@@ -196,4 +195,4 @@ class CertifiedDescent:
         if findings.certificate.stationarity <= self.tolerance:  # other condition
             remark += f". {findings.certificate.message}".rstrip(".")
         remark = f"{best.remark} {remark}.".strip()
-        return replace(best, status=status, history=history, remark=remark)
+        return replace(best, status=status, remark=remark)

@@ -80,7 +80,7 @@ class PlanState:
             search that follows is open-ended: a time limit then is its regular end.
         callback_error: Error that the callback has raised; None without one.
         failures: Errors of candidates that have led to no motion.
-        shown: Records of all iterations, with the numbers of their candidates.
+        history: Records of all iterations, with the numbers of their candidates.
         searches: Success of the searches for paths around obstacles.
         tried: Keys of the starts from which descents on coarse grids and shooting
             began, see :func:`start_key`.
@@ -106,7 +106,7 @@ class PlanState:
         self.complete = False
         self.callback_error: Exception | None = None
         self.failures: list[Exception] = []
-        self.shown: list[IterationRecord] = []
+        self.history: list[IterationRecord] = []
         self.searches = PathSearches()
         self.tried: set[int] = set()
         self._bounds: list[tuple[list[Goal], LowerBound]] = []
@@ -145,7 +145,7 @@ class PlanState:
             candidate: The candidate.
             changes: New values of its attributes.
         """
-        self.candidates.append(replace(candidate, history=(), **changes))
+        self.candidates.append(replace(candidate, **changes))
 
     def begin(self) -> None:
         """Begin the next candidate."""
@@ -270,15 +270,8 @@ class PlanState:
         Raises:
             Stop: If planning is to end.
         """
-        self.records.append(replace(record, iteration=len(self.records)))
-        return self.show_in_time(record)
-
-    def show_in_time(self, record: IterationRecord) -> Status | None:
-        """Show a record and check the deadline, without adding it to the history.
-
-        Raises:
-            Stop: If planning is to end.
-        """
+        record = replace(record, iteration=len(self.records))
+        self.records.append(record)
         self.show(record)
         if record.violation <= self._enough:
             return Status.FEASIBLE
@@ -287,7 +280,7 @@ class PlanState:
         return None
 
     def show(self, record: IterationRecord) -> None:
-        """Show a record to the callback of the options.
+        """Add a record to the history, and show it to the callback of the options.
 
         An error of the callback ends the plan, and is raised at its end.
 
@@ -295,7 +288,7 @@ class PlanState:
             Stop: If the callback says so, or raises an error.
         """
         record = replace(record, start=self.start, seconds=self.seconds)
-        self.shown.append(record)
+        self.history.append(record)
         callback = self.options.callback
         try:
             stops = callback is not None and callback(record)

@@ -164,6 +164,5 @@ def _as_candidate(
     converged = all(part.status is Status.CONVERGED for part in parts)
     status = Status.CONVERGED if converged else Status.STALLED
     candidate = as_candidate("segments", kept, kept, status)
-    candidate = replace(candidate, history=tuple(state.records))
     with state.saving():
         return candidate.verified(system.problem, state.options)

@@ -52,7 +52,7 @@ from tominpmp.planner.work import Schedule, Work, run, use_fallback
 from tominpmp.problem.problem import Problem
 from tominpmp.solvers.loop import Loop
 from tominpmp.solvers.stop import first_of
-from tominpmp.status import STOPPED, Status
+from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Stop
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -279,18 +279,18 @@ class ParallelDescents:
             if completed is None:
                 raise Stop(requested=False)  # the process was late
             self.results[self.first + completed[0]] = completed[1]
-        candidate, failures = self.results.pop(number)
+        candidate, failures, history = self.results.pop(number)
+        for record in history:
+            self.state.show(record)
         if candidate is None:
             raise failures[-1] if failures else Stop(requested=False)
-        for record in candidate.history:
-            self.state.show(record)
         return self._with_status_here(candidate)
 
     def unclaimed(self) -> list[Candidate]:
         """Candidates whose turn has not come, the fastest first."""
         for number, result in self.done:
             self.results[self.first + number] = result
-        made = [item for item, _ in self.results.values() if item is not None]
+        made = [item for item, *_ in self.results.values() if item is not None]
         return sorted(map(self._with_status_here, made), key=lambda item: item.duration)
 
     def _with_status_here(self, candidate: Candidate) -> Candidate:
@@ -305,7 +305,7 @@ class ParallelDescents:
         return replace(candidate, status=Status.TIME_LIMIT)
 
 
-Result = tuple[Candidate | None, list[Exception]]
+Result = tuple[Candidate | None, list[Exception], list[IterationRecord]]
 
 
 def descend_in_process(
@@ -323,7 +323,8 @@ def descend_in_process(
         guess: The guess.
 
     Returns:
-        The candidate, or None if there is no motion, and the errors that occurred.
+        The candidate, or None if there is no motion; the errors that occurred; and the
+        records of all iterations.
     """
     options = replace(options, max_planning_time=max(end_time - time.time(), 1e-3))
     state = PlanState(system.problem, options, stop_requested=stop_requested)
@@ -331,7 +332,7 @@ def descend_in_process(
         candidate = run(state, descent_work(system, options, guess, state))
         if candidate and candidate.status in STOPPED and not candidate.confirmed:
             use_fallback(state, candidate.status)
-    return state.incumbent or candidate, state.failures
+    return state.incumbent or candidate, state.failures, state.history
 
 
 # -- warm starts -----------------------------------------------------------------------

@@ -18,7 +18,6 @@ from tominpmp.solvers.loop import Rule, Step, solve
 from tominpmp.solvers.objective import MinimumTime
 from tominpmp.solvers.penalty import penalty_rounds
 from tominpmp.solvers.trust_region_step import trust_regions
-from tominpmp.status import IterationRecord
 from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.controls import torque_shares
 from tominpmp.transcription.grid import interval_shares
@@ -142,7 +141,6 @@ def shoot(
     passes = 2 if gradual and (paper or penalty) else 1
     objective = MinimumTime.of(options, 0.0 if paper else options.smoothing or 0.0)
     initial = program.trajectory(z)
-    history: list[IterationRecord] = []
     for _ in range(passes):
         if penalty:
             method = penalty_rounds(options, z)
@@ -157,8 +155,6 @@ def shoot(
             callback=state,
             keep=state.keep,
         )
-        history += result.history
         program, z = result.program, result.iterate.z
-    result = replace(result, history=tuple(history))
     best = result.best or result.iterate
     return Candidate.of("shooting", initial, result), best.z

@@ -202,7 +202,6 @@ def _from_iterates(state: PlanState, work: Work, status: Status) -> Candidate | 
         for item in feasible or state.kept_iterates[-1:]:
             try:
                 last = as_candidate(work.name, item, initial, status)
-                last = replace(last, history=tuple(state.records))
                 candidate = last.verified(work.system.problem, state.options)
             except (Stop, KeyboardInterrupt) as again:
                 state.stopped(again)
