@@ -10,9 +10,10 @@ from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.warm_start import former_motion
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
+from tominpmp.planner.automatic_options import PROMISE
 from tominpmp.planner.barriers import barrier_on_way
 from tominpmp.planner.candidate import Candidate
-from tominpmp.planner.plan_state import PROMISE, PlanState
+from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import Schedule
 from tominpmp.problem.problem import Problem
 from tominpmp.stopping import Stop

@@ -20,6 +20,12 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 JUMPS_SHARE = 1e-4
 # Shooting methods: their torques are constant over the intervals of a fixed grid.
 SHOOTING = ("adjoint", "penalty")
+# Trust-region radius of a warm start, as a share of the usual one: the motion changes
+# little.
+WARM_RADIUS = 0.3
+# Least predicted gain for which a coarse motion is finished, a grid refined, or a joint
+# turned further than to the nearest angle, as a share of T.
+PROMISE = 3e-3
 
 
 def resolve_options(problem: Problem, options: Options) -> Options:

@@ -26,6 +26,7 @@ from tominpmp.initial_guess.bumps import bumps
 from tominpmp.initial_guess.guess import SAMPLED, CachedGuesses, Guess
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Control, Options
+from tominpmp.planner.automatic_options import PROMISE
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.descent import (
     MANY_INTERVALS,
@@ -35,7 +36,7 @@ from tominpmp.planner.descent import (
     stop_if_hopeless,
     torques_rule,
 )
-from tominpmp.planner.plan_state import PROMISE, PlanState, start_key
+from tominpmp.planner.plan_state import PlanState, start_key
 from tominpmp.planner.torque_starts import FEW_JOINTS, torque_starts, torques_may_lead
 from tominpmp.planner.work import Schedule, Work
 from tominpmp.solvers.loop import Loop, Rule

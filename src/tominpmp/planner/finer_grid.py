@@ -16,7 +16,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tominpmp.planner.automatic_options import minimum_time, warm_start_options
+from tominpmp.planner.automatic_options import (
+    PROMISE,
+    WARM_RADIUS,
+    minimum_time,
+    warm_start_options,
+)
 from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.loop import Loop, Rule, solve
@@ -38,13 +43,11 @@ Descended = SlpResult[NonlinearProgram]
 ITERATIONS = 6
 # Most rounds of halving.
 ROUNDS = 5
-# Least gain that a round must predict, as a share of T; and where planning time matters
-# less than T.
-WORTH, LITTLE_WORTH = 3e-3, 3e-4
+# Least gain that a round must predict where planning time matters less than T, as a
+# share of T.
+LITTLE_PROMISE = 3e-4
 # Finer grids are kept if they gain this share of the least gain of a round.
 GAINED = 0.2
-# Trust-region radius as a share of the usual one: the motion changes little.
-RADIUS = 0.3
 
 
 def on_finer_grids(result: Descended, state: PlanState) -> Descended:
@@ -69,8 +72,8 @@ def on_finer_grids(result: Descended, state: PlanState) -> Descended:
         if best.duration >= rival.trajectory.duration:
             return result
     usual = options.refine == "auto" and options.effort != "thorough"
-    worth = WORTH if usual else LITTLE_WORTH
-    warm, finest = warm_start_options(options, RADIUS, ITERATIONS), result
+    worth = PROMISE if usual else LITTLE_PROMISE
+    warm, finest = warm_start_options(options, WARM_RADIUS, ITERATIONS), result
     coarsest = best.duration
     step, stop = trust_regions(warm)
     for _ in range(ROUNDS):

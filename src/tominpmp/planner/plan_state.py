@@ -24,9 +24,6 @@ from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Deadline, Stop
 from tominpmp.transcription.base import ProgramInterface
 
-# Least predicted gain over the incumbent for which a coarse motion is finished, or a
-# joint turned further than to the nearest angle, as a share of T.
-PROMISE = 0.003
 # Iterates kept per candidate in addition to the newest, one per nonlinear program.
 MOST_KEPT = 4
 # Time reserved for the last replay: REPLAYS times the longest replay so far, between

@@ -36,7 +36,7 @@ from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
-from tominpmp.planner.automatic_options import JUMPS_SHARE, SHOOTING
+from tominpmp.planner.automatic_options import JUMPS_SHARE, SHOOTING, WARM_RADIUS
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.coarse_search import GAP, MOST_PATHS, coarse_grids_apply, search
 from tominpmp.planner.descent import descent_work, stop_if_hopeless
@@ -74,8 +74,6 @@ BATCH = 4
 # Processes hand over their candidates this long before the end of the planning time:
 # share of the time, and [s].
 HANDOVER_SHARE, HANDOVER = 0.02, 0.05
-# Trust-region radius of a warm start, as a share of the usual one.
-WARM_RADIUS = 0.3
 # A warm start whose violation stays above this is dropped: a good one becomes feasible
 # within a few iterations, and otherwise the search takes less time.
 WARM_FAR = 0.05
