@@ -19,7 +19,7 @@ from scipy.optimize import minimize_scalar
 from tominpmp.arrays import Array
 from tominpmp.checks import of_kind
 from tominpmp.exceptions import ProblemError, ScenarioError
-from tominpmp.initial_guess.guess import Guess
+from tominpmp.initial_guess.guess import SAMPLES, Guess
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.joint_limits import joint_limits
@@ -36,8 +36,6 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.stages import checked_in_segments
 
-# Number of samples of the shape of a motion.
-SAMPLES = 400
 # The guess begins at a later state of the motion if that is closer to the new start, by
 # this factor, than both ends of the motion, and the motion leads closer to the goal.
 CLOSER = 0.5

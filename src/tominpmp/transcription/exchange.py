@@ -59,10 +59,10 @@ LEAST = 1e-5
 # exceed theirs by this share of the tolerance become rows: otherwise most of them would
 # join one after another.
 JOINING_SHARE = 0.5
-# Pairs of shares of each interval between which torque rates are inspected.
-RATES_INSPECTED = (
-    *(0.1, 0.15, 0.22, 0.27, 0.35, 0.4, 0.475, 0.525),
-    *(0.6, 0.65, 0.73, 0.78, 0.85, 0.9),
+# Pairs of shares of each interval, around its eighths, between which torque rates are
+# inspected.
+RATES_INSPECTED = tuple(
+    (np.arange(1, 8)[:, None] / 8 + (-0.025, 0.025)).ravel().tolist()
 )
 # Number of steps in each interval between which velocities are compared for reversals.
 REVERSAL_STEPS = 8

@@ -13,10 +13,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from tominpmp.arrays import Array, BoolArray
 from tominpmp.transcription.inverse import InverseTranscription
-from tominpmp.transcription.layout import Gridded
+from tominpmp.transcription.layout import MOST_INTERVALS, Gridded
 
-# Largest number of intervals of a grid.
-MOST_INTERVALS = 300
 # The intervals to halve hold this share of the sum of all losses. The loss of an
 # interval is its length times the largest jump of the controls, or of their slopes,
 # around it, or times its unused torque.

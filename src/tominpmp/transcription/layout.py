@@ -32,8 +32,9 @@ Gridded = BSplineTranscription | CollocationTranscription
 LIFTED, QUADRATIC = CollocationTranscription.degree, 2
 # Intervals shorter than this share of the mean are not taken over into a grid.
 SHORTEST = 1e-3
-# Most intervals of a segment after halving on a clock, unless its motion has more.
-MOST_INTERVALS = 400
+# Most intervals of a grid after halving; on a clock of a segment, unless its motion has
+# more.
+MOST_INTERVALS = 300
 
 
 @dataclass(frozen=True, eq=False)
