@@ -49,8 +49,8 @@ logger = logging.getLogger(__name__)
 
 # Intervals of a coarse grid.
 INTERVALS = 16
-# Tolerance and iteration limit of descents on a coarse grid.
-TOLERANCE, ITERATIONS = 2e-3, 30
+# Tolerance of descents on a coarse grid.
+TOLERANCE = 2e-3
 # Trust-region radius for finishing a coarse motion, as a share of the usual one.
 RADIUS = 0.5
 # Most intervals on which a motion ruled by torques is finished, if its grid may be
@@ -244,7 +244,6 @@ class CoarseSearch:
             intervals=INTERVALS,
             refine=None,
             tolerance=max(options.tolerance, TOLERANCE),
-            max_iterations=min(options.max_iterations, ITERATIONS),
         )
         self.fine = replace(options, trust_region=RADIUS * options.trust_region)
         if torques:

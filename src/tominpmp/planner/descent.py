@@ -25,9 +25,6 @@ from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import Status
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Most doublings of a collocation grid, whose torques are constant over an interval:
-# fast motions need short intervals, and the doublings take little time.
-REPAIRS_OF_COLLOCATION = 4
 # Least number of intervals for which a coarse search pays off, and linear accelerations
 # do: on longer intervals these lose more than constant ones where torques switch.
 MANY_INTERVALS = 24
@@ -102,10 +99,8 @@ def descent_work(
     """
     options = _with_control(system, options, guess)
     make = partial(descend, options, guess, state, stop)
-    collocation = options.method == "collocation"
-    repairs = REPAIRS_OF_COLLOCATION if collocation else REPAIRS
     touches = system.in_free_space and not is_free(system, guess.q[::10])
-    return Work(system, guess.name, make, repairs, touches, follows=follows)
+    return Work(system, guess.name, make, REPAIRS, touches, follows=follows)
 
 
 def guess_of(system: ProblemFunctions, candidate: Candidate) -> Guess:

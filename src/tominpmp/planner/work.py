@@ -26,8 +26,9 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-# Most doublings of the grid of a candidate whose replay breaks limits.
-REPAIRS = 2
+# Most doublings of the grid of a candidate whose replay breaks limits: motions by
+# collocation need short intervals, and other grids are rarely doubled twice.
+REPAIRS = 4
 # Time-scaling factors at which a fallback is tried.
 FACTORS = (*TIME_SCALINGS, 1.5, 3.0, 10.0)
 # Share of the padding of clearances that is left where it is too much.
