@@ -95,6 +95,19 @@ def test_passage_narrower_than_the_padding(room: float) -> None:
     assert solution.T < 1.001 * tm.plan(replace(problem, scene=tm.Scene())).T
 
 
+def test_a_stop_in_a_narrow_passage_returns_the_motion_through_it() -> None:
+    """It keeps all limits of the problem, but was not replayed: it lacks padding."""
+    arm = tm.load_robot(RAIL)
+    walls = [
+        tm.Box(name, size=(0.1, 0.2, 1.0), position=(0.0, side * 0.1505, 0.0))
+        for name, side in (("left", 1.0), ("right", -1.0))
+    ]
+    problem = tm.Problem(arm, [-0.5], tm.JointGoal([0.5]), tm.Scene(walls))
+    solution = tm.plan(problem, callback=lambda record: record.iteration >= 4)
+    assert solution.status is tm.Status.INTERRUPTED
+    assert solution.success and solution.verification.ok
+
+
 def test_start_with_a_velocity_towards_a_wall() -> None:
     """It can just stop, a millimetre before the wall."""
     arm = tm.load_robot(RAIL)

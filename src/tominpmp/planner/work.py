@@ -165,7 +165,9 @@ def make_and_repair(state: PlanState, work: Work) -> Candidate:
             doublings += 1
 
 
-def _lacks_padding(candidate: Candidate, reach: float, padding: float) -> bool:
+def _lacks_padding(
+    candidate: Candidate, reach: float, padding: float = PADDING
+) -> bool:
     """Whether an infeasible candidate violates the padding [m] most."""
     found = candidate.violations.items()
     clearances = [size for kind, size in found if kind.startswith("clearance")]
@@ -203,7 +205,10 @@ def _from_iterates(state: PlanState, work: Work, status: Status) -> Candidate | 
         for item in feasible or state.kept_iterates[-1:]:
             try:
                 last = as_candidate(work.name, item, initial, status)
-                candidate = last.verified(work.system.problem, state.options)
+                # A motion that lacks only padding may keep all limits of the problem.
+                usable = last.feasible or _lacks_padding(last, work.system.reach)
+                candidate = replace(last, feasible=usable)
+                candidate = candidate.verified(work.system.problem, state.options)
             except (Stop, KeyboardInterrupt) as again:
                 state.stopped(again)
                 return last  # unconfirmed: its replay was cut short
@@ -212,7 +217,7 @@ def _from_iterates(state: PlanState, work: Work, status: Status) -> Candidate | 
                 continue
             if candidate.confirmed:
                 return candidate
-            last = candidate
+            last = replace(candidate, feasible=last.feasible)
     return last
 
 
