@@ -26,8 +26,9 @@ from rich.table import Table
 
 import tominpmp as tm
 from tominpmp.options import Method
+from tominpmp.viz import figures
 from tominpmp.viz.motion_plot import plot_motion
-from tominpmp.viz.plots import plot_controls, plot_convergence
+from tominpmp.viz.plots import curve_states
 
 METHODS = ("adjoint", "collocation", "inverse", "penalty")
 CASES = ("control limits only", "joint limits + obstacle")
@@ -190,6 +191,63 @@ def write_table(path: Path, solutions: Mapping[Key, tm.Solution]) -> None:
         writer.writerow(["case", "gravity", "method", "T", "iterations", "seconds"])
         for key, solution in solutions.items():
             writer.writerow([*key, *row(solution)])
+
+
+def plot_controls(
+    task: tm.Problem, motions: Mapping[str, tm.Trajectory], path: Path
+) -> None:
+    """Plot the torques of motions by their labels, one panel for each joint."""
+    limits = task.robot.limits
+    with figures.styled():
+        figure = figures.new_figure(6.2, 4.75)
+        panels = figure.subplots(task.robot.n, 1, sharex=True)
+        for k, (name, motion) in enumerate(motions.items()):
+            times, state = curve_states(motion)
+            for panel, torque in zip(panels, state.u.T, strict=True):
+                # Later curves are thinner, so that those below them stay visible.
+                (curve,) = panel.plot(times, torque, color=figures.color(k))
+                curve.set(linewidth=max(2.2 - 0.7 * k, 0.8))
+                curve.set_label(f"{name} (T = {motion.duration:.4g} s)")
+        keys = [*panels[0].get_lines(), figures.line_key("limit", **figures.LIMIT_LOOK)]
+        for i, panel in enumerate(panels):
+            panel.axhline(limits.effort_lower[i], **figures.LIMIT_LOOK)
+            panel.axhline(limits.effort_upper[i], **figures.LIMIT_LOOK)
+            panel.set(title=task.robot.joint_names[i], ylabel=f"u{i + 1} [N m]")
+        panels[-1].set_xlabel("time [s]")
+        panels[-1].set_xlim(0.0, max(motion.duration for motion in motions.values()))
+        figures.add_legend(figure, keys, 4)
+        figures.finish(figure, path)
+
+
+LINE_STYLES = {"adjoint": "-", "collocation": "--", "inverse": "-.", "penalty": ":"}
+# Least violation that is drawn, as the axis is logarithmic; and marks of iterations.
+LEAST_VIOLATION = 1e-12
+ITERATIONS = (0, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
+
+
+def plot_convergence(
+    histories: Mapping[str, Sequence[tm.IterationRecord]], path: Path
+) -> None:
+    """Plot T and the largest violation over the iterations of each method."""
+    with figures.styled():
+        figure = figures.new_figure(6.4, 4.6)
+        above, below = figure.subplots(2, 1, sharex=True)
+        for k, (method, records) in enumerate(histories.items()):
+            look = {"color": figures.color(k), "linestyle": LINE_STYLES[method]}
+            above.plot([r.duration for r in records], label=method, **look)
+            below.plot([max(r.violation, LEAST_VIOLATION) for r in records], **look)
+        above.set_ylabel("T [s]")
+        below.set(ylabel="largest violation (scaled)", xlabel="iteration", yscale="log")
+        below.yaxis.set_major_formatter("{x:g}")
+        # Linear to 10, then logarithmic: methods differ by hundreds of iterations.
+        below.set_xscale("symlog", linthresh=10.0)
+        longest = max(map(len, histories.values()))
+        shown = [number for number in ITERATIONS if number < longest]
+        below.set_xticks(shown, map(str, shown))
+        below.minorticks_off()
+        below.set_xlim(left=-0.4)
+        figures.add_legend(figure, above.get_lines(), 4)
+        figures.finish(figure, path)
 
 
 def draw(folder: Path, solutions: Mapping[Key, tm.Solution]) -> list[Path]:

@@ -26,7 +26,6 @@ from motion_samples import (
     simple_arm,
     speed_up_and_brake,
 )
-from record_samples import record
 from sample_arms import describe, slide
 
 from tominpmp.exceptions import (
@@ -43,16 +42,9 @@ from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import load_robot
 from tominpmp.scene.meshes import Mesh
 from tominpmp.scene.scene import Scene
-from tominpmp.status import IterationRecord
 from tominpmp.viz.figures import color
-from tominpmp.viz.plots import (
-    LEAST_VIOLATION,
-    curve_states,
-    plot_controls,
-    plot_convergence,
-    plot_motion,
-    plot_trajectory,
-)
+from tominpmp.viz.motion_plot import plot_motion
+from tominpmp.viz.plots import curve_states, plot_trajectory
 
 Motions = tuple[Problem, Trajectory, Trajectory]
 
@@ -192,8 +184,6 @@ def test_trajectory_of_any_number_of_joints(n: int, tmp_path: Path) -> None:
     # No panel is squeezed to nothing.
     figure.canvas.draw()
     assert min(panel.get_window_extent().height for panel in panels) > 50.0
-    controls = plot_controls(problem, {"quintic": motion})
-    assert len([panel for panel in controls.axes if panel.axison]) == n
 
 
 def test_sliding_joints_have_their_units(tmp_path: Path) -> None:
@@ -203,96 +193,6 @@ def test_sliding_joints_have_their_units(tmp_path: Path) -> None:
     panels = np.array(plot_trajectory(problem, motion).axes).reshape(2, 3)
     assert [panel.get_ylabel() for panel in panels[0]] == ["[m]", "[m/s]", "[N]"]
     assert [panel.get_ylabel() for panel in panels[1]] == ["[rad]", "[rad/s]", "[N m]"]
-
-
-# Controls
-
-
-def test_controls_overlay_motions(motions: Motions) -> None:
-    problem, held, braked = motions
-    figure = plot_controls(problem, {"initial": held, "adjoint": braked})
-    assert len(figure.axes) == 3
-    for i, panel in enumerate(figure.axes):
-        first, second = solid_lines(panel)
-        np.testing.assert_array_equal(
-            points(first)[:, 1], curve_states(held)[1].u[:, i]
-        )
-        np.testing.assert_array_equal(
-            points(second)[:, 1], curve_states(braked)[1].u[:, i]
-        )
-        assert first.get_color() != second.get_color()
-        effort = problem.robot.limits.effort_upper[i]
-        assert limits(panel) == [-effort, effort]
-        assert panel.get_xlim() == (0.0, 1.1)
-        assert panel.get_ylabel() == f"u{i + 1} [N m]"
-        assert panel.get_title("left") == held.joint_names[i]
-    labels = ["initial (T = 1.1 s)", "adjoint (T = 0.95 s)", "limit"]
-    assert legend_texts(figure) == labels
-
-
-# Convergence
-
-
-def records(durations: list[float], start: int = 0) -> list[IterationRecord]:
-    return [
-        record(
-            i,
-            duration=duration,
-            violation=0.0 if i == len(durations) - 1 else 10.0**-i,
-            seconds=0.1 * i,
-            start=start,
-        )
-        for i, duration in enumerate(durations)
-    ]
-
-
-def test_names_that_look_like_formulas_are_shown_as_they_are(tmp_path: Path) -> None:
-    named = {r"$\frac{$": records([1.5, 1.2, 1.0])}
-    figure = plot_convergence(named, tmp_path / "formula.svg")
-    assert legend_texts(figure) == [r"$\frac{$"]
-    below = figure.axes[1]
-    assert "0.1" in [label.get_text() for label in below.get_yticklabels()]
-    drawn = (tmp_path / "formula.svg").read_text("utf-8")
-    assert "mathdefault" not in drawn and "frac{$" in drawn
-
-
-def test_convergence_of_several_methods() -> None:
-    history = {
-        "adjoint": records([1.5, 1.2, 1.0, 0.9]),
-        "inverse": records([1.4, 0.9]) + records([1.3, 1.1, 1.0], start=1),
-        "none": [],
-    }
-    above, below = (figure := plot_convergence(history)).axes
-    assert below.get_yscale() == "log"
-    assert above.get_ylabel() == "T [s]"
-    drawn = [points(line).tolist() for line in above.get_lines()]
-    assert drawn == [
-        [[0.0, 1.5], [1.0, 1.2], [2.0, 1.0], [3.0, 0.9]],
-        [[0.0, 1.4], [1.0, 0.9]],
-        [[0.0, 1.3], [1.0, 1.1], [2.0, 1.0]],
-    ]
-    adjoint, inverse, second = above.get_lines()
-    assert inverse.get_color() == second.get_color() != adjoint.get_color()
-    # Zero has no logarithm.
-    violation = points(below.get_lines()[0])[:, 1]
-    np.testing.assert_allclose(violation, [1.0, 0.1, 0.01, LEAST_VIOLATION])
-    assert legend_texts(figure) == ["adjoint", "inverse"]
-    assert below.get_xscale() == "linear"
-
-
-def test_numbers_that_begin_anew_are_counted_on() -> None:
-    history = records([0.5, 0.8]) + records([0.9, 1.0, 1.1])
-    above, _ = plot_convergence({"penalty": history}).axes
-    (line,) = above.get_lines()
-    assert points(line)[:, 0].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
-
-
-def test_short_histories_stay_readable_beside_long_ones() -> None:
-    short, long = records([1.0] * 8), records([1.0] * 300)
-    _, below = plot_convergence({"inverse": short, "penalty": long}).axes
-    assert below.get_xscale() == "symlog"
-    axis = below.transData.transform([(0.0, 1.0), (8.0, 1.0), (300.0, 1.0)])[:, 0]
-    assert (axis[1] - axis[0]) / (axis[2] - axis[0]) > 0.2
 
 
 # Motion
@@ -430,6 +330,15 @@ def test_joint_goal_and_chosen_frame(motions: Motions) -> None:
 # Files and wrong arguments
 
 
+def test_names_that_look_like_formulas_are_shown_as_they_are(
+    motions: Motions, tmp_path: Path
+) -> None:
+    problem, held, _ = motions
+    figure = plot_motion(problem, {r"$\frac{$": held}, tmp_path / "formula.svg")
+    assert figure.axes[0].get_title("left").startswith(r"$\frac{$: T = ")
+    assert "frac{$" in (tmp_path / "formula.svg").read_text("utf-8")
+
+
 @pytest.mark.parametrize("ending", ["png", "pdf", "svg"])
 def test_figures_are_written(motions: Motions, ending: str, tmp_path: Path) -> None:
     problem, held, _ = motions
@@ -453,12 +362,8 @@ def test_wrong_arguments(motions: Motions, tmp_path: Path) -> None:
         plot_trajectory(problem, held, tmp_path / "figure.xyz")
     with pytest.raises(ScenarioError, match="No such file or directory"):
         plot_trajectory(problem, held, tmp_path / "nowhere" / "figure.png")
-    for plot in (plot_controls, plot_motion):
-        with pytest.raises(ProblemError, match="no trajectory"):
-            plot(problem, {})
-    for empty in ({}, {"adjoint": []}):
-        with pytest.raises(ProblemError, match="no iteration"):
-            plot_convergence(empty)
+    with pytest.raises(ProblemError, match="no trajectory"):
+        plot_motion(problem, {})
     with pytest.raises(ProblemError, match="instants is 1"):
         plot_motion(problem, {"held": held}, instants=1)
     with pytest.raises(FrameNotFound):

@@ -1,9 +1,9 @@
-"""Plots of motions over time, of certificates, sensitivities and convergence."""
+"""Plots of motions over time, of certificates and sensitivities."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,6 @@ from tominpmp.arrays import Array
 from tominpmp.certificate.certificate import ActiveLimit, Certificate
 from tominpmp.certificate.dwells import without_dwells
 from tominpmp.checks import instance, whole, wrong
-from tominpmp.exceptions import ProblemError
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion.trajectory import State, Trajectory
 from tominpmp.notebook import GREY, LIMIT_COLOR
@@ -21,18 +20,14 @@ from tominpmp.problem.controls import controls_in
 from tominpmp.problem.joint_limits import JointBounds, joint_limits
 from tominpmp.problem.problem import Problem
 from tominpmp.sensitivities.records import LEAST, Sensitivities
-from tominpmp.status import IterationRecord
 from tominpmp.viz import figures, surroundings
 from tominpmp.viz.figures import area_key, line_key
-from tominpmp.viz.motion_plot import plot_motion
 from tominpmp.viz.shares import Shares, shares_of_limits
 from tominpmp.viz.skeleton import check_motions
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-__all__ = ["plot_controls", "plot_convergence", "plot_motion", "plot_trajectory"]
 
 # Least number of points drawn of a motion, so that curves look smooth.
 CURVE_POINTS = 500
@@ -41,13 +36,6 @@ MOMENT = 1e-3
 # Distance of a limit, as a multiple of the largest value, beyond which the limit is
 # written instead of drawn: the curve would look flat.
 FAR_LIMIT = 2.5
-# Ratio of the numbers of iterations of two methods beyond which the axis is logarithmic
-# after 10 iterations: the shorter curve would be a point.
-ITERATION_RATIO = 6.0
-# Least violation that is drawn, as the axis is logarithmic.
-LEAST_VIOLATION = 1e-12
-LINE_STYLES = ("-", "--", "-.", ":")
-MARKERS = ("o", "s", "^", "D", "v")
 # Lines at the ends of segments: darker than the grid, lighter than the axes.
 SEGMENT_COLOR = "0.55"
 SWITCHING_COLOR = "#2b3440"
@@ -165,114 +153,6 @@ def plot_on_axes(
     panels[-1].legend(fontsize="small")
     figure: Figure = panels[0].figure
     return figures.finish(figure, path)
-
-
-def plot_controls(
-    problem: Problem,
-    trajectories: Mapping[str, Trajectory],
-    path: str | Path | None = None,
-) -> Figure:
-    """Plot the torques of one or several motions over time, one panel for each joint.
-
-    Args:
-        problem: The problem, for the limits of its robot.
-        trajectories: The motions by label.
-        path: File to write (PNG, PDF or SVG by its ending), if any.
-
-    Raises:
-        ProblemError: If there is no motion, one is not of the problem's robot, or the
-            ending of the path is unknown.
-        ScenarioError: If the file cannot be written.
-        MissingDependency: If matplotlib is not installed.
-    """
-    check_motions(problem, trajectories.values())
-    robot = problem.robot
-    slides = prismatic_joints(robot).tolist()
-    with figures.styled():
-        wide = 1 if robot.n <= 3 else 2
-        rows = -(-robot.n // wide)
-        figure = figures.new_figure(3.0 + 3.2 * wide, max(2.2, 0.7 + 1.35 * rows))
-        axes = figure.subplots(rows, wide, sharex=True, squeeze=False)
-        panels = axes.reshape(-1)
-        handles, drawn = [], []
-        for k, (label, trajectory) in enumerate(trajectories.items()):
-            times, state = curve_states(trajectory)
-            *_, (_, limits, controls) = _quantities(problem, state)
-            drawn.append(controls)
-            # Later curves are thinner, so that earlier ones on a limit stay visible.
-            width = 1.4 if len(trajectories) == 1 else max(2.2 - 0.7 * k, 0.8)
-            look: dict[str, Any] = {"color": figures.color(k), "linewidth": width}
-            for i in range(robot.n):
-                panels[i].plot(times, controls[:, i], **look)
-            name = f"{label} (T = {trajectory.duration:.4g} s)"
-            handles.append(line_key(name, **look))
-        for i, joint in enumerate(robot.joint_names):
-            panel, values = panels[i], np.concatenate(drawn)[:, i]
-            _show_limits(panel, values, limits.lower[i], limits.upper[i])
-            panel.set(title=joint, ylabel=f"u{i + 1} [{limits.kind.units[slides[i]]}]")
-        for extra in panels[robot.n :]:
-            extra.set_axis_off()
-            axes[-2, -1].tick_params(labelbottom=True)
-            axes[-2, -1].set_xlabel("time [s]")
-        figure.align_ylabels()
-        _time_axes(axes, max(item.duration for item in trajectories.values()))
-        figures.add_legend(figure, [*handles, _limit_keys()[0]], 4)
-        return figures.finish(figure, path)
-
-
-def plot_convergence(
-    histories: Mapping[str, Sequence[IterationRecord]],
-    path: str | Path | None = None,
-) -> Figure:
-    """Plot T and the largest violation over the iterations of one or several methods.
-
-    Args:
-        histories: The records by label; each start of a multi-start has a separate
-            line.
-        path: File to write (PNG, PDF or SVG by its ending), if any.
-
-    Returns:
-        The figure: T above, the violation on a logarithmic axis below.
-
-    Raises:
-        ProblemError: If there is no record, or the ending of the path is unknown.
-        ScenarioError: If the file cannot be written.
-        MissingDependency: If matplotlib is not installed.
-    """
-    if not any(len(history) for history in histories.values()):
-        raise ProblemError("there is no iteration to plot", "histories")
-    with figures.styled():
-        figure = figures.new_figure(6.4, 4.6)
-        above, below = figure.subplots(2, 1, sharex=True)
-        handles = []
-        for k, (label, history) in enumerate(histories.items()):
-            look: dict[str, Any] = {"color": figures.color(k), "markersize": 3.2}
-            look |= {"linestyle": LINE_STYLES[k % len(LINE_STYLES)], "linewidth": 1.3}
-            starts = sorted({record.start for record in history})
-            for start in starts:
-                records = [record for record in history if record.start == start]
-                look["marker"] = MARKERS[k % len(MARKERS)] if len(records) <= 60 else ""
-                look["alpha"] = 1.0 if start == starts[0] else 0.45
-                steps = np.diff([record.iteration for record in records], prepend=-1)
-                # Iteration numbers that begin anew are continued.
-                iteration = np.cumsum(np.where(steps > 0, steps, 1)) - 1
-                violation = [max(r.violation, LEAST_VIOLATION) for r in records]
-                above.plot(iteration, [r.duration for r in records], **look)
-                below.plot(iteration, violation, **look)
-            if starts:
-                handles.append(above.get_lines()[-len(starts)])
-                handles[-1].set_label(label)
-        above.set_ylabel("T [s]")
-        below.set(ylabel="largest violation (scaled)", xlabel="iteration", yscale="log")
-        below.yaxis.set_major_formatter("{x:g}")
-        below.yaxis.set_minor_formatter("")
-        lengths = [len(history) for history in histories.values() if history]
-        if max(lengths) > ITERATION_RATIO * min(lengths):
-            _spread_first_iterations(below, max(lengths))
-        else:
-            below.xaxis.get_major_locator().set_params(integer=True)
-        figures.add_legend(figure, handles, 4)
-        return figures.finish(figure, path)
 
 
 def plot_certificate(
@@ -458,16 +338,6 @@ def _show_limits(panel: Axes, values: Array, lower: float, upper: float) -> None
     look: dict[str, Any] = {"ha": "right", "va": "bottom", "color": LIMIT_COLOR}
     if far:
         _note(panel, far[0], (1.0, 1.02), fontsize=6.5, **look)
-
-
-def _spread_first_iterations(panel: Axes, longest: int) -> None:
-    """Make the axis of iterations linear to 10, then logarithmic."""
-    panel.set_xscale("symlog", linthresh=10.0, linscale=1.0)
-    ticks = [0, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10000]
-    ticks = [tick for tick in ticks if tick < longest]
-    panel.set_xticks(ticks, map(str, ticks))
-    panel.minorticks_off()
-    panel.set_xlim(left=-0.4)
 
 
 def _plot_joint(
