@@ -49,6 +49,11 @@ def test_velocities(run: Run, planner: Planner) -> None:
     np.testing.assert_array_equal(planner.problem.goal.v, [0.1, -0.2, 0.3])
 
 
+def test_acceleration_at_the_start(run: Run, planner: Planner) -> None:
+    assert run(*PLAN, "--start-acceleration", "joint3=0.2").exit_code == 0
+    np.testing.assert_array_equal(planner.problem.a_start, [0.0, 0.0, 0.2])
+
+
 def test_goal_position(run: Run, planner: Planner) -> None:
     args = ["plan", "planar3r", "--start", "start", "--goal-position", "tip", 4, -1, 0]
     assert run(*args, "--goal-velocity", 0, 1, 0).exit_code == 0

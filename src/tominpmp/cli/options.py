@@ -126,6 +126,8 @@ class ProblemOptions(SceneOptions):
         goal_pose (FRAME X Y Z QX QY QZ QW): Bring a frame to a point (m) and an
             orientation (quaternion).
         start_velocity (VALUES): Joint velocities at the start instead of rest.
+        start_acceleration (VALUES): Joint accelerations at the start instead of zero,
+            for limits of jerk or torque rate.
         goal_velocity (VALUES): Joint velocities at the end instead of rest; for a goal
             on a frame, the three components of its velocity (m/s).
         degrees: Take start and goal of revolute joints in degrees. All other values are
@@ -148,6 +150,7 @@ class ProblemOptions(SceneOptions):
     goal_position: tuple[str, float, float, float] | None = None
     goal_pose: tuple[str, float, float, float, float, float, float, float] | None = None
     start_velocity: str | None = None
+    start_acceleration: str | None = None
     goal_velocity: str | None = None
     degrees: bool = False
     request: Path | None = None

@@ -402,11 +402,14 @@ def _typed_problem(name: str, args: ProblemOptions) -> Problem:
         raise ProblemError(f"{message}: give {flags}", "goal")
     scene = _obstacles(args, robot)
     q_start = positions(args, "start", robot)
-    v_start = velocities(args, "start_velocity", robot)
+    v, a = (
+        rates(args, "start_velocity", robot),
+        rates(args, "start_acceleration", robot),
+    )
     goal = _goal(args, robot, q_start)
     more = _changes(args, robot, {})
     try:
-        return Problem(robot, q_start, goal, scene, v_start=v_start, **more)
+        return Problem(robot, q_start, goal, scene, v_start=v, a_start=a, **more)
     except ProblemError as error:
         # The hint about radians is replaced by a hint about --degrees.
         message = str(error).removesuffix(IN_RADIANS)
@@ -429,7 +432,7 @@ def _goal(args: ProblemOptions, robot: Robot, q_start: Array) -> Goal:
     text = args.goal_velocity
     if args.goal is not None:
         q = positions(args, "goal", robot, q_start)
-        return JointGoal(q, velocities(args, "goal_velocity", robot), wrap=_wrap(args))
+        return JointGoal(q, rates(args, "goal_velocity", robot), wrap=_wrap(args))
     if args.wrap is not None:
         raise OptionsError("--wrap is about the joints of a --goal", "--wrap")
     v = None if text is None else np.array(vector(words(text), "--goal-velocity"))
@@ -446,10 +449,18 @@ def _wrap(args: ProblemOptions) -> bool | list[str]:
     return [name.strip() for name in str(args.wrap).split(",")]
 
 
-def velocities(args: ProblemOptions, name: str, robot: Robot) -> Array | None:
-    """The joint velocities of an option, shape (n,) [rad/s or m/s]; None if not typed.
+def rates(args: ProblemOptions, name: str, robot: Robot) -> Array | None:
+    """The joint velocities, or accelerations, of an option; None if not typed.
 
-    The text has numbers in joint order, or ``JOINT=VALUE`` pairs; other joints rest.
+    The text has numbers in joint order, or ``JOINT=VALUE`` pairs; other joints have 0.
+
+    Args:
+        args: The options.
+        name: Name of the option.
+        robot: The robot.
+
+    Returns:
+        Shape (n,) [rad/s or m/s, rad/s^2 or m/s^2].
 
     Raises:
         OptionsError: If a word is not a number, or a joint is unknown or named twice.
