@@ -8,6 +8,7 @@ from planar_samples import OBSTACLE, START, planar
 from sample_arms import DOWNWARD, make_arm, rod, slide
 
 import tominpmp as tm
+from tominpmp.constraints.friction import Signs
 from tominpmp.linear_programs.choice import make_solver
 from tominpmp.solvers import loop
 from tominpmp.solvers.objective import MinimumTime
@@ -291,3 +292,18 @@ def test_what_a_grid_of_torques_cannot_do_is_said():
     solution = tm.plan(problem, options)
     assert not solution.success
     assert "keeps torques for up to" in solution.message
+
+
+def test_torques_overcome_the_friction_of_the_actual_direction() -> None:
+    """An assumed direction may be wrong where no torque is near its limit."""
+    robot = make_arm(slide(2.0), effort=100.0, friction=3.0)
+    problem = tm.Problem(robot, [0.0], tm.JointGoal([1.0]))
+    system = ProblemFunctions.of(problem)
+    transcription = CollocationTranscription(system, np.full((4, 1), 0.25), 1.0)
+    x = np.array([[0.0, 0.0], [0.125, 1.0], [0.5, 2.0], [0.875, 1.0], [1.0, 0.0]])
+    force = 8.0 * np.array([[1.0], [1.0], [-1.0], [-1.0]])
+    z = transcription.pack(x, force, np.ones(1))
+    backwards = Signs.of(system.friction, -np.ones((4, 1)))
+    assert transcription.with_signs(1.0, backwards).with_signs_of(z) is None
+    motion = transcription.with_signs(1.0, backwards).trajectory(z)
+    assert motion.u[:4, 0] == pytest.approx([11.0, 11.0, -5.0, -5.0])

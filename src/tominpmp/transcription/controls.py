@@ -173,7 +173,8 @@ class TorqueTranscription(Transcription[SteppedMotion]):
         """The motion of an iterate, by Hermite interpolation between its nodes.
 
         Its torques are motor torques: it has additional nodes where joints with dry
-        friction reverse. Without known velocity signs they are taken from the motion.
+        friction reverse. An assumed sign counts only where a joint rests: elsewhere
+        that of the motion may differ, as long as no torque exceeds its limit.
         """
         motion, n = self.motion(z), self._n
         held = Trajectory(
@@ -192,7 +193,7 @@ class TorqueTranscription(Transcription[SteppedMotion]):
         sign = held.turns.at(middle)
         if signs is not None:
             index = np.searchsorted(held.t, middle) - 1
-            sign = np.where(signs.both[index], sign, signs.sign[index])
+            sign = np.where(sign == 0.0, signs.sign[index], sign)
         u, nodes = held(middle).u + friction * sign, held(t)
         return replace(held, t=t, q=nodes.q, v=nodes.v, u=np.vstack([u, u[-1:]]))
 
