@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -292,6 +294,25 @@ def test_a_motion_goes_on_with_its_acceleration(
     np.testing.assert_allclose(begin.a, state.a, atol=1e-5)
     jerks = solution.trajectory(np.linspace(0.0, solution.T, 500), 3)
     assert np.max(np.abs(jerks)) <= 200.0 * (1.0 + 5e-3)
+
+
+def test_a_jump_of_the_acceleration_at_the_start_breaks_the_jerk_limit(
+    smooth: tm.Solution,
+) -> None:
+    state, goal = smooth.trajectory(0.3 * smooth.T), smooth.problem.goal
+    problem = tm.Problem(
+        UR5,
+        state.q,
+        goal,
+        v_start=state.v,
+        a_start=state.a,
+        motion_limits=SMOOTH,
+    )
+    solution = tm.plan(problem, effort="quick", start=smooth)
+    assert solution.verification.ok
+    from_rest = tm.verify(replace(problem, a_start=None), solution.trajectory)
+    (jump,) = from_rest.violations
+    assert jump.kind == "jerk" and jump.time == 0.0
 
 
 def test_the_acceleration_of_the_start_holds_on_the_first_segment(

@@ -145,7 +145,11 @@ def limit_violations(
         """
         if item.kind.quantity == "j":
             rounding = ROUNDING * np.max(np.abs(q), axis=0)
-            return _rates(replay.t, ends, a[0], item.upper, rounding=rounding)
+            # Before the motion the arm has the acceleration of the problem.
+            first = problem.a_start if replay.t[0] == 0.0 else None
+            return _rates(
+                replay.t, ends, a[0], item.upper, first=first, rounding=rounding
+            )
         if item.kind.quantity == "du":
             return _rates(replay.t, ends, u, item.upper, robot.friction * directions)
         return t, np.min([item.beyond(q, v, accel, u) for accel in a], axis=0)
@@ -279,6 +283,7 @@ def _rates(
     values: Array,
     limit: Array,
     friction: Array | None = None,
+    first: Array | None = None,
     rounding: Array | float = 0.0,
 ) -> tuple[Array, Array]:
     """Excesses of jerks or torque rates; a jump counts as if it took a millisecond.
@@ -290,6 +295,7 @@ def _rates(
         limit: The largest rates, shape (n,).
         friction: Possible torques of dry friction, shape (k, m + P, n): their jumps
             where a joint reverses are allowed, as no motor can follow them.
+        first: Values just before the first time, shape (n,); None if not known.
         rounding: Rounding error of the second integrals of the values, shape (n,).
 
     Returns:
@@ -303,6 +309,8 @@ def _rates(
         return before, after
 
     before, after = sides(values)
+    if first is not None:
+        before[0] = first
     dt = np.diff(t)[:, None]
     steps = np.maximum(np.abs(before[1:] - after[:-1]) - rounding / dt**2, 0.0) / dt
     jumps = after - before
