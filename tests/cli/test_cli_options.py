@@ -51,7 +51,7 @@ def test_what_a_problem_has_beside_start_and_goal_are_options() -> None:
 
     Segments and what may touch are in scenario files alone.
     """
-    elsewhere = {"robot", "q_start", "goal", "scene", "v_start"}
+    elsewhere = {"robot", "q_start", "goal", "scene", "v_start", "a_start"}
     elsewhere |= {"segments", "may_touch"}
     options = {item.name for item in fields(ProblemOptions)}
     for item in fields(Problem):

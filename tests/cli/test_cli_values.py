@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from tominpmp.cli.options import ProblemOptions
 from tominpmp.cli.parser import join_lists
-from tominpmp.cli.problem import joint_values, obstacle, positions, velocities
+from tominpmp.cli.problem import joint_values, obstacle, positions, rates
 from tominpmp.exceptions import OptionsError, SceneError
 from tominpmp.robot.robot import Robot, load_robot
 from tominpmp.scene.obstacles import Capsule, Cylinder
@@ -48,7 +48,7 @@ def test_degrees_are_for_joints_that_turn(slider: Robot) -> None:
     read = positions(given, "goal", slider, base=base)
     np.testing.assert_allclose(read, [0.25, -math.pi], rtol=1e-15)
     given = ProblemOptions(start_velocity="slide=2,swing=180", degrees=True)
-    read = velocities(given, "start_velocity", slider)
+    read = rates(given, "start_velocity", slider)
     assert read is not None
     np.testing.assert_allclose(read, [2.0, math.pi], rtol=1e-15)
 

@@ -380,8 +380,12 @@ def _guesses(
     problem, rng = system.problem, request.rng
     final = problem.goal.configuration
     lines = [(_line_guess(system, q), q) for q in ends]
-    onward = request.onward or (lambda q: 0.0)
-    lines.sort(key=lambda line: (not line[0].keeps, _pace(line[0]) + onward(line[1])))
+    lines.sort(key=lambda line: (not line[0].keeps, _pace(line[0])))
+    if request.onward is not None:
+        # Only the first guess looks ahead, so that further ones differ from it.
+        onward = [_pace(line) + request.onward(q) for line, q in lines]
+        best = min(range(len(lines)), key=lambda i: (not lines[i][0].keeps, onward[i]))
+        lines.insert(0, lines.pop(best))
     straight, ends = zip(*lines, strict=True)
     moving = filter(None, (_moving_guess(system, q) for q in ends))
     direct = (*sorted(moving, key=_pace), *straight)
