@@ -266,11 +266,19 @@ class RobotDynamics:
         return a
 
     def _acceleration(self, q: Array, v: Array, u: Array) -> Array:
-        rows = _interruptible(zip(q, v, u, strict=True))
-        return np.array([self.acceleration_at(*row) for row in rows]).reshape(q.shape)
+        robot, model, data = self.robot, self.robot.model, self._data
+        if robot.expansion_matrix is not None:
+            rest = u - self._smooth(q, v, np.zeros_like(v))
+            return np.asarray(np.linalg.solve(self.mass(q), rest[..., None])[..., 0])
+        aba, force = pin.aba, u - robot.damping * v
+        rows = _interruptible(zip(q, v, force, strict=True))
+        return np.array([aba(model, data, *row) for row in rows]).reshape(q.shape)
 
     def acceleration_at(self, q: Array, v: Array, u: Array) -> Array:
         """Accelerations at a single state, without the overhead of a batch of rows.
+
+        Integrators ask for one state at a time. For many states a batch is faster, as
+        its algebra is done for all rows together.
 
         Args:
             q: Positions, shape (n,) [rad or m].
@@ -352,6 +360,9 @@ class DoubleIntegrator(RobotDynamics):
         """The accelerations, and their derivatives: zero by q and v, identity by a."""
         none = np.zeros((len(q), self.n, self.n))
         return InverseJacobians(np.array(a), none, none, self.mass(q))
+
+    def _acceleration(self, q: Array, v: Array, u: Array) -> Array:
+        return np.array(u)
 
     def acceleration_at(self, q: Array, v: Array, u: Array) -> Array:
         """The controls, shape (n,)."""
