@@ -402,14 +402,13 @@ def _typed_problem(name: str, args: ProblemOptions) -> Problem:
         raise ProblemError(f"{message}: give {flags}", "goal")
     scene = _obstacles(args, robot)
     q_start = positions(args, "start", robot)
-    v, a = (
-        rates(args, "start_velocity", robot),
-        rates(args, "start_acceleration", robot),
-    )
+    v_start = rates(args, "start_velocity", robot)
+    a_start = rates(args, "start_acceleration", robot)
     goal = _goal(args, robot, q_start)
     more = _changes(args, robot, {})
     try:
-        return Problem(robot, q_start, goal, scene, v_start=v, a_start=a, **more)
+        start = q_start, goal, scene
+        return Problem(robot, *start, v_start=v_start, a_start=a_start, **more)
     except ProblemError as error:
         # The hint about radians is replaced by a hint about --degrees.
         message = str(error).removesuffix(IN_RADIANS)

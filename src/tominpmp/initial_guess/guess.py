@@ -345,10 +345,7 @@ def initial_guesses(system: ProblemFunctions, request: GuessRequest) -> Iterator
     Raises:
         ProblemError: If no limit keeps a joint from moving arbitrarily fast.
     """
-    final = system.problem.goal.configuration
-    ends, blocked = (
-        final_configurations(system, request) if final is None else ([final], False)
-    )
+    ends, blocked = final_configurations(system, request)
     if ends:
         guesses = _guesses(system, ends, request)
         for guess in itertools.islice(guesses, request.count):
@@ -358,8 +355,14 @@ def initial_guesses(system: ProblemFunctions, request: GuessRequest) -> Iterator
 def final_configurations(
     system: ProblemFunctions, request: GuessRequest
 ) -> tuple[list[Array], bool]:
-    """Configurations that reach the goal, and whether all of them are in collision."""
-    target = Target(system, system.problem.goal, beyond=request.beyond)
+    """Configurations that reach the goal, and whether all of them are in collision.
+
+    That of a goal which gives a configuration was checked with the problem.
+    """
+    goal = system.problem.goal
+    if goal.configuration is not None:
+        return [goal.configuration], False
+    target = Target(system, goal, beyond=request.beyond)
     found, lost = list[Array](), False
     for count in (KINEMATIC_STARTS, MORE_STARTS):
         search = find_configurations(target, count, request.rng)

@@ -106,25 +106,24 @@ def _times_onward(
         last segment, and for all of them if no choice can be made.
     """
     count, q = len(system.parts), system.problem.q_start
-    none: list[Callable[[Array], float] | None] = [None] * count
+    times: list[Callable[[Array], float] | None] = [None] * count
     if all(part.final_configuration is not None for part in system.parts[:-1]):
-        return none
+        return times
     weights = speed_weights(system.problem.robot.limits.velocity)
     layers: list[Array] = []
     for place, part in enumerate(system.parts):
         single = _alone(part, q, np.zeros_like(q)).passing(np.array([q]))
-        final = single.problem.goal.configuration
         own = replace(request, beyond=_constraints_after(system, place))
-        ends = [final] if final is not None else final_configurations(single, own)[0]
+        ends, _ = final_configurations(single, own)
         if not ends:
-            return none
+            return times
         layers.append(np.stack(ends))
         q = ends[0]
-    out, left = none, np.zeros(len(layers[-1]))
+    left = np.zeros(len(layers[-1]))
     for place in reversed(range(count - 1)):
         onward = partial(_least_time_through, layers[place + 1], left, weights)
-        out[place], left = onward, np.array([onward(q) for q in layers[place]])
-    return out
+        times[place], left = onward, np.array([onward(q) for q in layers[place]])
+    return times
 
 
 def _least_time_through(ends: Array, left: Array, weights: Array, q: Array) -> float:

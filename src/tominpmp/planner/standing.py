@@ -54,9 +54,9 @@ def _motion(problem: Problem, options: Options) -> Trajectory | None:
     v, limits = problem.v_start, problem.phases[0].motion_limits
     nodes, ends, now = [0.0], [], 0.0
     tolerance = options.feasibility * (1.0 + ROUNDING)
-    if limits is not None and limits.continuous:
-        if np.any(np.abs(problem.a_start) > tolerance):
-            return None
+    jumps = limits is None or not limits.continuous
+    if not jumps and np.any(np.abs(problem.a_start) > tolerance):
+        return None
     segments = problem.segments or (Segment(problem.goal),)
     for phase, segment in zip(problem.phases, segments, strict=True):
         misses = phase.goal.misses(RobotKinematics(phase.robot), q, v)

@@ -165,9 +165,7 @@ def make_and_repair(state: PlanState, work: Work) -> Candidate:
             doublings += 1
 
 
-def _lacks_padding(
-    candidate: Candidate, reach: float, padding: float = PADDING
-) -> bool:
+def _lacks_padding(candidate: Candidate, reach: float, padding: float) -> bool:
     """Whether an infeasible candidate violates the padding [m] most."""
     found = candidate.violations.items()
     clearances = [size for kind, size in found if kind.startswith("clearance")]
@@ -206,7 +204,8 @@ def _from_iterates(state: PlanState, work: Work, status: Status) -> Candidate | 
             try:
                 last = as_candidate(work.name, item, initial, status)
                 # A motion that lacks only padding may keep all limits of the problem.
-                usable = last.feasible or _lacks_padding(last, work.system.reach)
+                reach = work.system.reach
+                usable = last.feasible or _lacks_padding(last, reach, PADDING)
                 candidate = replace(last, feasible=usable)
                 candidate = candidate.verified(work.system.problem, state.options)
             except (Stop, KeyboardInterrupt) as again:

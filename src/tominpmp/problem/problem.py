@@ -341,8 +341,8 @@ class Problem(Record):
             ProblemError: If the state is in collision, or exceeds a limit.
         """
         self._checks.start(self.q_start, self.v_start)
-        names, limits = self.robot.joint_names, self.motion_limits or MotionLimits()
-        if not limits.continuous:
+        names, limits = self.robot.joint_names, self.motion_limits
+        if limits is None or not limits.continuous:
             return
         most = limits.by_joint("acceleration", names)
         # The start may be a state of a planned motion, as in _slow_start.
