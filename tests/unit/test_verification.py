@@ -21,6 +21,7 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import EffortCurve, MotionLimits
 from tominpmp.options import Options, Tolerances
 from tominpmp.problem.problem import Problem
+from tominpmp.problem.segments import Segment
 from tominpmp.robot.robot import Robot, load_robot
 from tominpmp.scene.obstacles import Sphere
 from tominpmp.scene.scene import Scene
@@ -347,6 +348,59 @@ def test_motion_limits_are_judged() -> None:
     only_scale = MotionLimits(effort_scale=0.9)
     found = verify(replace(rail_problem(), motion_limits=only_scale), rail_motion())
     assert found.worst["effort"].amount == pytest.approx(0.1 * FORCE)
+
+
+SMOOTH = {"jerk": MotionLimits(jerk=6.0), "effort rate": MotionLimits(effort_rate=12.0)}
+
+
+def accelerating(
+    a: float, jerk: float, begin: float = 0.0, speed: float = 0.0
+) -> Trajectory:
+    """A motion of constant jerk on a rail from a state, over one second."""
+    t = np.linspace(0.0, 1.0, 5)[:, None]
+    inverse = RobotDynamics(rail_problem().robot).inverse
+    q = begin + speed * t + a * t**2 / 2.0 + jerk * t**3 / 6.0
+    v = speed + a * t + jerk * t**2 / 2.0
+    u = inverse(q, v, a + jerk * t)
+    return Trajectory(("joint1",), t[:, 0], q, v, u, inverse_dynamics=inverse)
+
+
+@pytest.mark.parametrize("kind", SMOOTH)
+@pytest.mark.parametrize(
+    ("a", "jerk", "time"), [(2.0, -2.0, 0.0), (0.0, 2.0, 1.0), (0.0, 0.0, None)]
+)
+def test_accelerations_that_jump_at_an_end_break_limits_of_rates(
+    kind: str, a: float, jerk: float, time: float | None
+) -> None:
+    motion = accelerating(a, jerk)
+    goal, limits = JointGoal(motion.q[-1], motion.v[-1]), SMOOTH[kind]
+    found = verify(replace(rail_problem(), goal=goal, motion_limits=limits), motion)
+    assert [item.time for item in found.violations] == ([] if time is None else [time])
+    assert all(item.kind == kind for item in found.violations)
+
+
+@pytest.mark.parametrize("kind", SMOOTH)
+@pytest.mark.parametrize("continuous", [True, False])
+def test_accelerations_that_jump_between_segments_break_limits_of_rates(
+    kind: str, continuous: bool
+) -> None:
+    first, robot = accelerating(0.0, 2.0), rail_problem().robot
+    a = 2.0 if continuous else 0.0
+    state = float(first.q[-1, 0]), float(first.v[-1, 0])
+    second = accelerating(a, -a, *state)
+    q, v, u = (
+        np.concatenate([getattr(first, name), getattr(second, name)[1:]])
+        for name in ("q", "v", "u")
+    )
+    t = np.append(first.t, 1.0 + second.t[1:])
+    motion = replace(first, t=t, q=q, v=v, u=u, segment_ends=np.array([1.0, 2.0]))
+    passed = Segment(JointGoal(first.q[-1]), stop=False)
+    segments = [passed, Segment(JointGoal(q[-1], v[-1]))]
+    limits = SMOOTH[kind]
+    problem = Problem(robot, [0.0], segments=segments, motion_limits=limits)
+    jumps = verify(problem, motion).violations
+    places = [(item.kind, item.time, item.segment) for item in jumps]
+    assert places == ([] if continuous else [(kind, 1.0, 2)])
 
 
 def test_motions_of_other_joints_are_refused() -> None:

@@ -109,7 +109,11 @@ class LimitViolation:
 
 
 def limit_violations(
-    problem: Problem, replay: Replay, torque: Pieces, tolerance: float
+    problem: Problem,
+    replay: Replay,
+    torque: Pieces,
+    tolerance: float,
+    outside: Array,
 ) -> list[LimitViolation]:
     """The worst violation of each kind of limit along a replay.
 
@@ -122,6 +126,9 @@ def limit_violations(
         replay: The motion.
         torque: Torques of the motion, as polynomials between their jumps.
         tolerance: Tolerated excess, as a share of the limits.
+        outside: Accelerations just before the first row and just after the last one,
+            shape (2, n): limits of jerk and torque rate hold there, too. NaN where they
+            are not known.
     """
     check()
     robot = problem.robot
@@ -145,13 +152,15 @@ def limit_violations(
         """
         if item.kind.quantity == "j":
             rounding = ROUNDING * np.max(np.abs(q), axis=0)
-            # Before the motion the arm has the acceleration of the problem.
-            first = problem.a_start if replay.t[0] == 0.0 else None
-            return _rates(
-                replay.t, ends, a[0], item.upper, first=first, rounding=rounding
-            )
+            return _rates(replay.t, ends, a[0], item.upper, outside, rounding=rounding)
         if item.kind.quantity == "du":
-            return _rates(replay.t, ends, u, item.upper, robot.friction * directions)
+            both, dynamics = [0, replay.t.size - 1], RobotDynamics(robot)
+            state = q[both], v[both], u[both], directions[0, both]
+            # Only accelerations jump there, not the direction of friction.
+            jumps = outside - dynamics.forward_along(*state)
+            beyond = u[both] + (dynamics.mass(q[both]) @ jumps[..., None])[..., 0]
+            friction = robot.friction * directions
+            return _rates(replay.t, ends, u, item.upper, beyond, friction)
         return t, np.min([item.beyond(q, v, accel, u) for accel in a], axis=0)
 
     worst = _worst_of(robot, [(item, *excesses(item)) for item in limits], tolerance)
@@ -175,7 +184,9 @@ def planned_violations(
         tolerance: Tolerated excess, as a share of the limits.
     """
     torque = torque_pieces(problem.robot, motion)
-    return limit_violations(problem, planned(motion, torque=torque), torque, tolerance)
+    replay = planned(motion, torque=torque)
+    outside = np.stack([problem.a_start, 0.0 * problem.a_start])
+    return limit_violations(problem, replay, torque, tolerance, outside)
 
 
 def _worst_of(
@@ -282,8 +293,8 @@ def _rates(
     ends: IntArray,
     values: Array,
     limit: Array,
+    outside: Array,
     friction: Array | None = None,
-    first: Array | None = None,
     rounding: Array | float = 0.0,
 ) -> tuple[Array, Array]:
     """Excesses of jerks or torque rates; a jump counts as if it took a millisecond.
@@ -293,9 +304,10 @@ def _rates(
         ends: Indices of the times at which the values may jump, shape (P,).
         values: Accelerations or torques at the rows, shape (m + P, n).
         limit: The largest rates, shape (n,).
+        outside: Values just before the first row and just after the last one, shape
+            (2, n); NaN where they are not known.
         friction: Possible torques of dry friction, shape (k, m + P, n): their jumps
             where a joint reverses are allowed, as no motor can follow them.
-        first: Values just before the first time, shape (n,); None if not known.
         rounding: Rounding error of the second integrals of the values, shape (n,).
 
     Returns:
@@ -303,14 +315,13 @@ def _rates(
     """
 
     def sides(values: Array) -> tuple[Array, Array]:
-        after = values[: t.size]
-        before = after.copy()
+        before, after = values[: t.size].copy(), values[: t.size].copy()
         before[ends] = values[t.size :]
         return before, after
 
     before, after = sides(values)
-    if first is not None:
-        before[0] = first
+    before[0] = np.where(np.isnan(outside[0]), before[0], outside[0])
+    after[-1] = np.where(np.isnan(outside[1]), after[-1], outside[1])
     dt = np.diff(t)[:, None]
     steps = np.maximum(np.abs(before[1:] - after[:-1]) - rounding / dt**2, 0.0) / dt
     jumps = after - before

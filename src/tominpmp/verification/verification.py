@@ -21,6 +21,7 @@ from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import choice, instance
 from tominpmp.collision.bodies import Geometry
 from tominpmp.collision.checker import CollisionChecker
+from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import BRIEF, shortened
 from tominpmp.motion.joining import checked_motion
 from tominpmp.motion.samples import Samples
@@ -319,14 +320,21 @@ def judge(
     """
     limits: list[LimitViolation] = []
     ends: list[LimitViolation] = []
-    distance = np.inf
+    distance, before = np.inf, stages[0].problem.a_start
     for stage, checker in zip(stages, checkers, strict=True):
         problem, (section, pieces) = stage.problem, stage.section(replay, torque)
         if not section.t.size:
             lost = replay.duration, np.inf, "m or rad", np.inf, True
             ends.append(stage.named(LimitViolation("goal", "the arm", *lost)))
             continue
-        worst = limit_violations(problem, section, pieces, tolerances.limits)
+        # After the motion the arm has no acceleration.
+        ends_here = section.complete and stage is stages[-1]
+        outside = np.stack([before, np.full_like(before, 0.0 if ends_here else np.nan)])
+        worst = limit_violations(problem, section, pieces, tolerances.limits, outside)
+        if section.complete and stage.begin < stage.end:
+            q, v, u, way = section.q, section.v, section.u, section.way
+            dynamics = RobotDynamics(problem.robot)
+            (before,) = dynamics.forward_along(q[-1:], v[-1:], u[-1:], way[-1:])
         nearest = nearest_pair(problem, section, checker, tolerances.contact)
         if nearest is not None:
             worst.append(nearest[0])
