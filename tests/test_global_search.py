@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from sample_arms import make_arm, slide
 from two_link_cases import all_cases
 
 import tominpmp as tm
@@ -120,6 +122,23 @@ def test_detours_from_the_base_begin_with_its_joint():
     away = np.abs(detour.q - guess.q).max(axis=0)
     assert away[0] > 0.5  # the limits of the joint are nearer than its height
     np.testing.assert_array_equal(away[1:], 0.0)
+
+
+def test_detours_are_slow_enough_for_the_motors():
+    """On long rails they took 100 programs each, as they were far too fast."""
+    rails = make_arm(slide(1.0), slide(1.0, (0.0, 1.0, 0.0)), effort=(9.0, 8.0))
+    problem = tm.Problem(rails, [0.0, 0.0], tm.JointGoal([0.3, 0.2]))
+    coarse, guess = search_of(problem)
+    for detour in itertools.islice(
+        bumps(coarse.system, guess, np.random.default_rng(0)), 4
+    ):
+        assert np.ptp(detour.q) > 3.0
+        v = np.gradient(detour.q, detour.t, axis=0)
+        a = np.gradient(v, detour.t, axis=0)
+        assert np.max(np.abs(coarse.system.torque(detour.q, v, a))) <= 6.0
+        rough = rough_of(coarse, detour)
+        assert rough is None or rough.duration < 2.0
+    assert len(coarse.state.history) < 80
 
 
 def test_starts_are_compared_by_what_the_finished_one_gained():

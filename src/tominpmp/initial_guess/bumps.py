@@ -14,7 +14,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.initial_guess.guess import Guess
+from tominpmp.initial_guess.guess import FAR_TOO_FAST, Guess, least_time
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Height of a bump in a single joint [rad]: smaller ones lead back to the same optimum,
@@ -59,11 +59,11 @@ def bumps(
 
 
 def bumped(system: ProblemFunctions, guess: Guess, heights: Array) -> Guess:
-    """A guess with bumps.
+    """A guess with bumps, slowed down if it is far too fast with them.
 
     Args:
         system: Functions of the problem.
-        guess: The guess.
+        guess: The guess, at instants spaced evenly in time.
         heights: Heights by number of arcs and joint, shape (k, n), in rad, or in shares
             of the reach for prismatic joints.
     """
@@ -73,4 +73,6 @@ def bumped(system: ProblemFunctions, guess: Guess, heights: Array) -> Guess:
     limits = system.problem.robot.limits
     q = guess.q + (arc[:, None] * waves) @ (heights * system.step_scale)
     q = np.clip(q, limits.position_lower, limits.position_upper)
-    return Guess("detour", guess.t, q, False)
+    too_fast = least_time(system, q) / guess.duration
+    slower = max(1.0, too_fast / FAR_TOO_FAST)
+    return Guess("detour", slower * guess.t, q, False)

@@ -40,6 +40,10 @@ STRAIGHT_LINES = 10
 FEW_LINES = 3
 # Durations of untimed guesses, as multiples of an estimate of the minimum time.
 DURATION_FACTOR = 2.0
+# Guesses that are too fast by a larger factor are slowed down: a descent from them
+# would take many iterations. Slower detours lead back to the straight line, although
+# an arm that swings is faster.
+FAR_TOO_FAST = 2.0
 # A joint is at rest at an end of a guess if its speed there is below this share of its
 # mean speed up to the next sample.
 RESTS = 0.5
@@ -299,13 +303,18 @@ def _quintic() -> Array:
 
 
 def _untimed_guess(system: ProblemFunctions, q: Array, name: str) -> Guess:
-    duration = DURATION_FACTOR * _least_time(system, q)
+    duration = DURATION_FACTOR * least_time(system, q)
     times = duration * np.linspace(0.0, 1.0, SAMPLES)
     return _paced(system, times, q, name, timed=False)
 
 
-def _least_time(system: ProblemFunctions, q: Array) -> float:
-    """Least duration of a path, estimated from speed and torque limits [s]."""
+def least_time(system: ProblemFunctions, q: Array) -> float:
+    """Least duration of a path, estimated from speed and torque limits [s].
+
+    Args:
+        system: Functions of the problem.
+        q: Configurations at instants spaced evenly in time, shape (m, n).
+    """
     limits, count = system.problem.robot.limits, q.shape[0]
     unit = np.linspace(0.0, 1.0, count)
     v = np.gradient(q, unit, axis=0)

@@ -81,16 +81,16 @@ FAR_ABOVE, MOST_JOINTS = 2.0, 10
 # A descent among obstacles on the requested grid is stopped at any iteration where the
 # gap to the lower bound exceeds this. Coarse grids follow.
 LARGE_GAP = 0.1
-# Stop rule of probes: number of consecutive starts that predict no gain, in free space
-# and where obstacles move, as a path can be followed with different timing; and among
+# Stop rule of probes: number of consecutive starts without a gain, in free space and
+# where obstacles move, as a path can be followed with different timing; and among
 # obstacles at rest. For a Panda under a table a second such path leads to a faster
 # motion in one of 16 problems (by 13 %), and takes a fifth of their time; for a Fetch a
 # tenth, without a gain in 19.
 FAILURES, FAILED_PATHS = 4, 1
-# Most further starts, as each one that predicts a gain resets the stop rule. For arms
-# of few joints among obstacles, whose lower bounds say little, all of them are tried:
-# of 42 problems of a planar arm 7 ended 0.2 to 45 % faster by the 7th to 14th path, two
-# 0.1 and 0.2 % slower, in 1.1 times the time; 28 found nothing more.
+# Most further starts, as each one with a gain resets the stop rule. For arms of few
+# joints among obstacles, whose lower bounds say little, all of them are tried: of 42
+# problems of a planar arm 7 ended 0.2 to 45 % faster by the 7th to 14th path, two 0.1
+# and 0.2 % slower, in 1.1 times the time; 28 found nothing more.
 MOST_PATHS = 14
 # Number of random torque starts if a motion may have to swing.
 TORQUE_STARTS = 3
@@ -266,7 +266,7 @@ class CoarseSearch:
 
     @property
     def patience(self) -> int:
-        """Number of consecutive probes predicting no gain that end the search."""
+        """Number of consecutive probes without a gain that end the search."""
         if self.system.in_free_space:
             return FAILURES
         if not self.many_joints:
@@ -402,7 +402,7 @@ class CoarseSearch:
 
         Args:
             guesses: The guesses.
-            patience: Stop rule: number of consecutive guesses that predict no gain.
+            patience: Stop rule: number of consecutive guesses without a gain.
         """
         failures = 0
         for guess in guesses:
@@ -411,11 +411,12 @@ class CoarseSearch:
             timed = (rough.guess for rough in self.known if rough.guess.timed)
             slow = _too_slow(guess, (other.duration for other in timed))
             rough = None if slow else (yield from self.solve_coarse(guess))
-            failures += 1
+            failures, before = failures + 1, self.state.best_duration
             if rough is not None and self._promises(rough):
-                failures = 0
                 yield from self.finish(rough)
                 self.calibrate_loss()
+            if self.state.best_duration < (1.0 - PROMISE) * before:
+                failures = 0
             if failures >= patience:
                 return
 
