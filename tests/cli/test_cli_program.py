@@ -80,6 +80,17 @@ def test_play_writes_a_page(run: Run, planner: Planner) -> None:
     assert "a.csv: joint joint3 is up to 1.7 away from 0" in other.stderr
 
 
+def test_play_shows_a_motion_that_ends_in_an_obstacle(
+    run: Run, planner: Planner
+) -> None:
+    run(*PLAN, "-o", "a.csv")
+    ball = ("--obstacle", "sphere:ball:r=9:at=0,0,0")
+    assert "start in collision" in run(*PLAN, *ball).stderr
+    result = run("play", "a.csv", "--robot", "planar3r", *ball, "-o", "a.html")
+    assert result.exit_code == 0, result.stderr
+    assert "1 obstacle" in Path("a.html").read_text(encoding="utf-8")
+
+
 # As a program
 
 

@@ -611,7 +611,7 @@ def test_page_is_the_same_every_time(tmp_path: Path) -> None:
 
 
 def test_names_cannot_break_the_page() -> None:
-    nasty = "</title></script><script>alert(1)</script>{{VIEWER}}<!-- -->"
+    nasty = "</title></script><script>alert(1)</script>{{VIEWER}}<!-- --><!--<script>"
     shares = Shares((nasty,), np.array([0.0, 1.0]), np.zeros((2, 1)), np.zeros((2, 1)))
     page = build_page(
         [{"type": "delete", "path": nasty}],
@@ -622,6 +622,7 @@ def test_names_cannot_break_the_page() -> None:
     )
     assert "alert(1)</script>" not in page
     assert page.count("</script>") == 3
+    assert "<!--<script" not in page  # inside a script, its end would not be found
     assert page_commands(page) == [{"type": "delete", "path": nasty}]
 
 

@@ -139,8 +139,11 @@ def play(motion: RecordedMotion, /, *, args: PlayOptions) -> None:
     samples = load_motion(motion)
     arm, scene = load_scene(args)
     trajectory = join(samples, arm, motion).trajectory
-    goal = JointGoal(trajectory.q[-1], trajectory.v[-1], wrap=False)
-    problem = Problem(arm, trajectory.q[0], goal, scene=scene, v_start=trajectory.v[0])
+    q, v = trajectory.q, trajectory.v
+    goal = JointGoal(q[-1], v[-1], wrap=False)
+    # The obstacles come last: a motion is shown even if it begins or ends in them.
+    alone = Problem(arm, q[0], goal, v_start=v[0], self_collision=False)
+    problem = alone._altered("checker", "margins", scene=scene)
     say(f"page  {Path(play(problem, trajectory, path=args.output))}")
 
 

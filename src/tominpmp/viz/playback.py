@@ -190,8 +190,8 @@ def build_page(
         "SPEED_COLOR": SPEED_COLOR,
         "TORQUE_COLOR": TORQUE_COLOR,
         "CONTROL": shares.control,
-        # A name with "</script>" must not end the script.
-        "SHARES": json.dumps(shown).replace("</", "<\\/"),
+        # A name with "</script>" or "<!--<script>" must not move the end of the script.
+        "SHARES": json.dumps(shown).replace("<", "\\u003c"),
         "SLOPE": json.dumps(math.tan(math.radians(meshcat_scene.FIELD_OF_VIEW / 2))),
         "ASPECT": json.dumps(meshcat_scene.ASPECT),
         "COMMANDS": json.dumps([base64.b64encode(p).decode("ascii") for p in packed]),
