@@ -307,12 +307,7 @@ def _limits(args: ProblemOptions, robot: Robot) -> MotionLimits | None:
     """The motion limits of the options, which override the file of --motion-limits."""
     path = args.motion_limits
     table: dict[str, Any] = {} if path is None else {"file": str(path)}
-    typed = typed_values(args)
-    for name in LIMITS:
-        if name in typed:
-            value = typed[name]
-            text = isinstance(value, str)
-            table[name] = joint_values(value, _flag(name)) if text else value
+    table |= _values(typed_values(args), LIMITS)
     return scenario.read_motion_limits(Typed(table or None), robot)
 
 
@@ -344,13 +339,23 @@ def load_changed_robot(
         "kinematic": args.kinematic,
         "xacro_args": _xacro_args(args),
     }
-    for name in ("srdf", "joint_limits", "gravity", *OVERRIDES):
-        value = getattr(args, name)
-        if isinstance(value, Path):
-            table[name] = str(value)
-        elif value is not None:
-            table[name] = joint_values(value, _flag(name))
+    table |= _values(vars(args), ("srdf", "joint_limits", "gravity", *OVERRIDES))
     return scenario.read_robot(Typed(table))
+
+
+def _values(typed: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
+    """Values of options in the form of a table: paths as texts, texts as numbers.
+
+    Raises:
+        OptionsError: If a word is not a number or a joint is named twice.
+    """
+
+    def value(name: str, given: Any) -> Any:
+        if isinstance(given, str):
+            return joint_values(given, _flag(name))
+        return str(given) if isinstance(given, Path) else given
+
+    return {name: value(name, typed[name]) for name in names if name in typed}
 
 
 def _xacro_args(args: RobotOptions) -> dict[str, str]:
