@@ -195,6 +195,36 @@ def test_sliding_joints_have_their_units(tmp_path: Path) -> None:
     assert [panel.get_ylabel() for panel in panels[1]] == ["[rad]", "[rad/s]", "[N m]"]
 
 
+def test_long_joint_names_stay_beside_the_labels_of_the_axis(tmp_path: Path) -> None:
+    """The lines of a name were centred, and met the units and the numbers."""
+    robot = simple_arm(tmp_path, ["1 0 0", "0 0 1"], ["prismatic", "revolute"])
+    name = "a_joint_of_the_linear_axis_with_a_very_long_name"
+    text = robot.urdf_path.read_text(encoding="utf-8")
+    first = robot.joint_names[0]
+    robot.urdf_path.write_text(text.replace(f'"{first}"', f'"{name}"'))
+    robot = load_robot(robot.urdf_path)
+    problem = Problem(robot, np.zeros(2), JointGoal([0.1, 0.2]))
+    motion = quintic(robot, [0.0, 0.0], [0.1, 0.2], 1.0, 5)
+    figure = plot_trajectory(problem, motion)
+    figure.canvas.draw()
+    panel = figure.axes[0]
+    (shown,) = (t for t in panel.texts if "limit" not in t.get_text())
+    assert shown.get_text().count("\n") >= 3
+    assert shown.get_window_extent().x1 < panel.yaxis.label.get_window_extent().x0
+
+
+def test_long_names_leave_room_for_the_bars(tmp_path: Path) -> None:
+    """A long name of a joint left a fraction of the figure for the bars."""
+    name = "a_joint_of_the_linear_axis_with_a_very_long_name"
+    path = tmp_path / "arm.urdf"
+    path.write_text(describe([slide(1.0)]).replace("joint1", name))
+    robot = load_robot(path, effort=1.0, velocity=1.0)
+    found = plan(Problem(robot, [0.0], JointGoal([1.0])), effort="quick", refine=None)
+    figure = found.sensitivities.plot()
+    labels = [text.get_text() for text in figure.axes[0].get_yticklabels()]
+    assert "a_joint_of_the_linea\u2026y_long_name: effort  +1 %" in labels
+
+
 # Motion
 
 

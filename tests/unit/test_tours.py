@@ -17,7 +17,8 @@ from tominpmp.arrays import Array
 from tominpmp.cell.tours.legs import JointTimes, Legs, direct_motion
 from tominpmp.cell.tours.lower_bound import tour_bound
 from tominpmp.cell.tours.planning import TourSearch
-from tominpmp.cell.tours.station import Rules, TourTask
+from tominpmp.cell.tours.station import Rules, TourTask, Visit
+from tominpmp.cell.tours.tour import _draw_bars
 from tominpmp.exceptions import OptionsError, PlanningFailed, ProblemError
 from tominpmp.robot.robot import Robot
 from tominpmp.verification.verification import verify
@@ -148,6 +149,17 @@ def test_the_whole_cycle_is_verified_and_written(tour: tm.Tour, tmp_path: Path) 
     legend = [text.get_text() for text in figure.legends[0].get_texts()]
     assert legend[:2] == ["motion", "dwell"]
     assert "p3" in tour.table() and "6 stations" in repr(tour)
+
+
+def test_long_names_of_stations_leave_room_for_the_bars() -> None:
+    pytest.importorskip("matplotlib")
+    from matplotlib.figure import Figure
+
+    panel = Figure().subplots()
+    name = "the station at the far end of the cell, behind the door"
+    _draw_bars(panel, 1.0, [Visit(name, np.zeros(3), 0.4, 1.0)])
+    labels = [text.get_text() for text in panel.get_yticklabels()]
+    assert labels == ["the station at the far end of the cel..."]
 
 
 def test_ways_may_end_at_the_last_station_and_keep_precedence(

@@ -95,9 +95,10 @@ def plot_trajectory(
             title += "" if mixed else f" [{units[slides[0]]}]"
             axes[0, column].set_title(title)
         for i, joint in enumerate(robot.joint_names):
-            look = _name_look(i) | {"ha": "center", "va": "center"}
-            look |= {"rotation": 90, "annotation_clip": False}
-            _note(axes[i, 0], _in_lines(joint), (-0.36, 0.5), **look)
+            # Further lines of a name go to the left, away from the labels of the axis.
+            look = _name_look(i) | {"ha": "right", "va": "center"}
+            look |= {"rotation": 90, "transform": axes[i, 0].transAxes}
+            axes[i, 0].text(-0.32, 0.5, _in_lines(joint), **look)
         _time_axes(axes, trajectory.duration)
         for panel in axes.reshape(-1):
             for end in surroundings.inner_segment_ends(trajectory):
@@ -239,7 +240,7 @@ def plot_sensitivities(
     with figures.styled():
         figure = figures.new_figure(7.0, 0.24 * bars + 1.0)
         panel = figure.subplots()
-        labels = [f"{item.label}  +{item.more}" for item in shown]
+        labels = [f"{_short(k.label)}  +{k.more}" for k in shown]
         for place, item in enumerate(shown):
             side = figures.color(2 if item.effect < 0.0 else 1)
             bar = panel.barh(place, 100.0 * item.effect, color=side, height=0.7)
@@ -287,15 +288,16 @@ def _time_axes(panels: Any, duration: float) -> None:
         panel.set_xlabel("time [s]")
 
 
-def _note(panel: Axes, text: str, place: tuple[float, float], **look: Any) -> None:
-    """Write a text at a place given in shares of the panel."""
-    panel.annotate(text, place, xycoords="axes fraction", **look)
-
-
 def _in_lines(name: str) -> str:
     """The name of a joint in lines that fit next to its row."""
     ends = r"[ /_-]|(?<=[a-z])(?=[A-Z])|$"
     return "\n".join(re.findall(rf".{{1,13}}(?:{ends})|.{{1,13}}", name))
+
+
+def _short(name: str, most: int = 40) -> str:
+    """A name, without its middle if it is long: names of pairs differ at both ends."""
+    short = f"{name[: most // 2]}\u2026{name[most // 2 + 1 - most :]}"
+    return name if len(name) <= most else short
 
 
 def _name_look(joint: int) -> dict[str, Any]:
@@ -337,7 +339,7 @@ def _show_limits(panel: Axes, values: Array, lower: float, upper: float) -> None
         far = [f"limits {both}" if lower != -upper else f"limits \u00b1{upper:.3g}"]
     look: dict[str, Any] = {"ha": "right", "va": "bottom", "color": LIMIT_COLOR}
     if far:
-        _note(panel, far[0], (1.0, 1.02), fontsize=6.5, **look)
+        panel.text(1.0, 1.02, far[0], transform=panel.transAxes, fontsize=6.5, **look)
 
 
 def _plot_joint(
@@ -386,13 +388,10 @@ def _plot_limits(panel: Axes, limits: Sequence[tuple[ActiveLimit, str]]) -> None
         for begin, end, strength in zip(item.begin, item.end, strengths, strict=True):
             look: dict[str, Any] = {"color": shade, "alpha": strength, "linewidth": 0.0}
             panel.broken_barh([(begin, end - begin)], (row - 0.36, 0.72), **look)
-        # Names of pairs differ at both ends.
-        name = item.name
-        short = name if len(name) <= 30 else f"{name[:15]}\u2026{name[-14:]}"
-        labels.append(f"{item.kind}, {short}")
+        labels.append(f"{item.kind}, {_short(item.name, 30)}")
     panel.set_yticks(range(len(labels)), labels, fontsize=6.5)
     panel.set_ylim(-0.6, max(len(labels), 1) - 0.4)
     panel.grid(False, axis="y")
     if not labels:
-        look = {"ha": "center", "va": "center", "fontsize": 7.0}
-        _note(panel, "no limit holds the motion", (0.5, 0.5), **look)
+        look = {"ha": "center", "va": "center", "transform": panel.transAxes}
+        panel.text(0.5, 0.5, "no limit holds the motion", fontsize=7.0, **look)

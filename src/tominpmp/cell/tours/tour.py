@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tominpmp.cell.tours.station import Station, Visit
-from tominpmp.exceptions import PlanningFailed, ProblemError, brief
+from tominpmp.exceptions import PlanningFailed, ProblemError, brief, shortened
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.sequence import in_sequence, joined
@@ -38,8 +38,9 @@ SAME = 1e-9
 # Predicted gain of two joined motions, as a share of their time, above which they are
 # too far from an optimum for the sensitivity of the place between them.
 MOST_PROMISE = 0.02
-# Largest number of stations whose names a chart shows; of more every k-th is named.
-MOST_NAMES = 40
+# Largest number of stations whose names a chart shows; of more every k-th is named; and
+# most characters of a name.
+MOST_NAMES, LONGEST_NAME = 40, 40
 MOTION_COLOR = "#8fa3b8"
 # Least length of the bar of a dwell, as a share of the cycle.
 LEAST_BAR = 0.002
@@ -338,7 +339,7 @@ def _draw_bars(axes: Axes, duration: float, bars: Sequence[Visit]) -> list[Any]:
         names.append("end")
     stride = 1 + len(names) // MOST_NAMES
     shown = list(range(0, len(names), stride))
-    axes.set_yticks(shown, [names[row] for row in shown])
+    axes.set_yticks(shown, [shortened(names[row], LONGEST_NAME) for row in shown])
     axes.set_ylim(len(names) - 0.4, -0.6)
     axes.grid(False, axis="y")
     return kinds
