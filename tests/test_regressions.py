@@ -82,12 +82,23 @@ def test_request_in_the_place_of_a_scene(tmp_path: Path) -> None:
         tm.load_moveit_scene(path)
 
 
-def test_empty_motion_limits(tmp_path: Path) -> None:
+@pytest.mark.parametrize("text", ["{}\n", "", "# acceleration: 15\n"])
+def test_empty_motion_limits(text: str, tmp_path: Path) -> None:
     """A file that says nothing was taken for one without limits."""
     path = tmp_path / "limits.yaml"
-    path.write_text("{}\n", encoding="utf-8")
+    path.write_text(text, encoding="utf-8")
     with pytest.raises(tm.ScenarioError, match="is empty, expected acceleration"):
         tm.load_motion_limits(path, tm.load_robot("planar3r"))
+
+
+def test_scaling_factor_of_zero(tmp_path: Path) -> None:
+    """The message on a factor of 0 named a range with 0 in it."""
+    path = tmp_path / "joint_limits.yaml"
+    text = "default_velocity_scaling_factor: 0\njoint_limits: {}\n"
+    path.write_text(text, encoding="utf-8")
+    told = "default_velocity_scaling_factor: is 0, expected a share greater than 0"
+    with pytest.raises(tm.ScenarioError, match=told):
+        tm.load_joint_limits(path)
 
 
 def test_payload_is_saved_with_its_robot(planar3r: tm.Robot, tmp_path: Path) -> None:

@@ -240,10 +240,7 @@ def load_joint_limits(path: str | Path) -> MoveItLimits:
                 notes.append(f"the larger of {limits.key}.max_(ac|de)celeration")
         notes += _unread(limits)
     warn_of_keys(path, "not used", notes)
-    speed, acceleration = (
-        table.get(key).number("a factor from 0 to 1", default=1.0, above=0.0, most=1.0)
-        for key in _SCALINGS
-    )
+    speed, acceleration = (_share(table.get(key)) for key in _SCALINGS)
     return MoveItLimits(
         path, **values, velocity_scaling=speed, acceleration_scaling=acceleration
     )
@@ -298,12 +295,10 @@ def load_motion_limits(path: str | Path, robot: Robot) -> MotionLimits:
     instance(robot, Robot, "robot")
     document = Field(read_yaml(path), path)
     kinds = kinds_of(MotionLimits, numbers=True)
-    document.only("effort_scale", "joints", *kinds)
     if not document.given:
         document.fail(f"is empty, expected {', '.join(kinds)}, effort_scale or joints")
-    share = document.get("effort_scale").number(
-        "a share greater than 0, at most 1", default=1.0, above=0.0, most=1.0
-    )
+    document.only("effort_scale", "joints", *kinds)
+    share = _share(document.get("effort_scale"))
     values: dict[str, dict[str, Any]] = {
         name: dict.fromkeys(robot.joint_names, _positive(item, kind))
         for name, kind in kinds.items()
@@ -322,6 +317,11 @@ def load_motion_limits(path: str | Path, robot: Robot) -> MotionLimits:
                 own = values.setdefault("effort_curves" if curve else name, {})
                 own[joint] = read
     return MotionLimits(**values, effort_scale=share)
+
+
+def _share(item: Field) -> float:
+    expected = "a share greater than 0, at most 1"
+    return item.number(expected, default=1.0, above=0.0, most=1.0)
 
 
 def _positive(item: Field, kind: LimitKind) -> float:
