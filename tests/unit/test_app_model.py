@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 from unittest.mock import MagicMock
 
 import numpy as np
@@ -33,6 +34,8 @@ from tominpmp.exceptions import (
 )
 from tominpmp.viz.playback import build_page
 from tominpmp.viz.shares import Shares
+from tominpmp.viz.surfaces import robot_bodies
+from tominpmp.viz.surroundings import GOAL_RGB, START_RGB
 
 PLANAR = EXAMPLES["planar3r"]
 TURNED = (0.0, 0.0, 0.382683, 0.92388)
@@ -137,6 +140,23 @@ def test_robots_have_a_first_request(name: str) -> None:
 
 def test_the_tool_is_found() -> None:
     assert tool_frame(loaded(known("planar3r"))) == "tip"
+    arm = Path(__file__).parents[2] / "docs" / "static" / "arm.urdf"
+    assert tool_frame(loaded(known(str(arm)))) == "tool"
+
+
+def test_ghosts_that_coincide_do_not_flicker() -> None:
+    """Surfaces of the ghosts at start and goal showed stripes of both colours."""
+    drawn: dict[str, Any] = {}
+    scene = SimpleNamespace(
+        add_frame=lambda name, **_: SimpleNamespace(),
+        add_mesh_simple=lambda name, *_, **look: drawn.update({name: look}),
+    )
+    robot = loaded(known("planar3r"))
+    bodies = robot_bodies(robot)
+    stage.Arm(scene, "/q_start", robot, bodies, START_RGB)
+    stage.Arm(scene, "/q_goal", robot, bodies, GOAL_RGB)
+    sizes = {name.split("/")[1]: look["scale"] for name, look in drawn.items()}
+    assert 1.0 < sizes["q_start"] < sizes["q_goal"] < 1.05
 
 
 def test_wrong_robots_are_named() -> None:

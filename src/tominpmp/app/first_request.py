@@ -39,7 +39,7 @@ ARMS: dict[str, tuple[tuple[str, float], ...]] = {
 # Names of group states for the start, in order of preference.
 START_NAMES = ("ready", "default", "home", "start", "neutral", "half_sitting", "arm_up")
 # Suffixes of the names of tool frames, in order of preference.
-TOOLS = ("hand_tcp", "tcp", "tool0", "tip", "tool_link", "eef", "ee_link", "hand")
+TOOLS = "hand_tcp tcp tool0 tip tool tool_link eef ee_link hand".split()
 # Displacement of a joint from the start to a default goal [rad or m].
 SWING = 1.2
 # Number of random configurations tried for a start, and for a goal.

@@ -23,10 +23,12 @@ from tominpmp.viz.surfaces import (
     shaded,
     triangle_colors,
 )
-from tominpmp.viz.surroundings import PATH_RGB
+from tominpmp.viz.surroundings import GOAL_RGB, PATH_RGB, START_RGB
 
 Color = tuple[float, float, float]
-GHOST_OPACITY, GHOST_SCALE = 0.28, 1.015
+# Opacity of ghosts, and their sizes relative to the robot, by colour: surfaces of equal
+# size would flicker where they coincide.
+GHOST_OPACITY, GHOSTS = 0.28, {START_RGB: 1.015, GOAL_RGB: 1.025}
 # Field of view of the camera [rad], aspect ratio of the window between the panels that
 # it is placed for, and factor of the distance at which it sees the links' axes.
 FIELD_OF_VIEW, ASPECT, MARGIN = 0.75, 0.67, 1.25
@@ -103,8 +105,7 @@ def _put(scene: Any, name: str, body: Body, tint: Color | None) -> None:
     parts, opacity = _by_color(body), float(body.color[3])
     if tint is not None:
         parts, opacity = [(body.surface, tint)], GHOST_OPACITY
-        # Ghosts are slightly larger: coincident surfaces would flicker.
-        look |= {"scale": GHOST_SCALE, "cast_shadow": False, "receive_shadow": False}
+        look |= {"scale": GHOSTS[tint], "cast_shadow": False, "receive_shadow": False}
     for number, (surface, color) in enumerate(parts):
         put_surface(scene, f"{name}/{number}", surface, color, opacity, **look)
 
