@@ -103,6 +103,20 @@ def program(*args: str, **options: Any) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.skipif(sys.platform == "darwin", reason="names of files are UTF-8 there")
+@pytest.mark.parametrize("encoding", ["ascii", "utf-8:strict"])
+def test_names_that_a_terminal_cannot_show(encoding: str, tmp_path: Path) -> None:
+    """A report on a file with such a name ended as a defect."""
+    arm = Path(__file__).parents[2] / "docs" / "static" / "arm.urdf"
+    path = tmp_path / os.fsdecode(b"\xc3\xa4\xff.urdf")
+    path.write_bytes(arm.read_bytes())
+    env = {**os.environ, "PYTHONIOENCODING": encoding}
+    result = program("info", str(path), env=env)
+    assert (result.returncode, result.stderr) == (0, "")
+    shown = "\\xe4" if encoding == "ascii" else "\xe4"
+    assert f"{shown}\\udcff.urdf" in result.stdout
+
+
 def test_module_is_the_command() -> None:
     result = program("--help")
     assert result.returncode == 0
