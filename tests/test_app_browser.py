@@ -109,6 +109,24 @@ def test_a_port_that_is_taken_is_told(page: object) -> None:
         check_port("127.0.0.1", 99999999)
 
 
+@pytest.mark.skipif(not socket.has_ipv6, reason="needs IPv6")
+def test_a_page_at_any_free_port_of_an_ipv6_address_opens() -> None:
+    """Such hosts were refused, and port 0 stood in the address."""
+    from tominpmp.app.page import Page
+
+    found = Page(first_request(known("planar3r")), "::1", 0)
+    try:
+        assert found.address.startswith("http://[::1]:")
+        assert not found.address.endswith(":0")
+        address = found.address.replace("http", "ws")
+        version = f"viser-v{viser.__version__}"
+        client.connect(
+            address, subprotocols=[version], max_size=None, open_timeout=PATIENCE
+        ).close()
+    finally:
+        found.close()
+
+
 def test_a_dragged_goal_leads_to_a_new_verified_motion(page: object) -> None:
     first = awaited(page, 1)
     assert first.ok

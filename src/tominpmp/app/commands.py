@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import webbrowser
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from tominpmp.cli.commands import RobotName
@@ -43,8 +43,8 @@ def app(robot: RobotName = "panda", /, *, args: AppOptions = AppOptions()) -> No
 
     import_viser()
     path = Path(robot)
-    choice = known(str(path.resolve()) if path.is_file() else robot)
-    choice = replace(choice, kinematic=args.kinematic)
+    source = str(path.resolve()) if path.is_file() else robot
+    choice = known(source, kinematic=args.kinematic)
     page = Page(first_request(choice), args.host, args.port)
     say(f"page  {page.address}  (Ctrl-C ends it)")
     if not args.no_browser:

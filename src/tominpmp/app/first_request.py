@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -46,9 +47,14 @@ SWING = 1.2
 TRIALS = 60
 
 
-def known(source: str) -> RobotChoice:
-    """The choice of a robot by its name, with joints such as fingers locked."""
-    return RobotChoice(source, locked=ARMS.get(source, ()))
+def known(source: str, **others: Any) -> RobotChoice:
+    """The choice of a robot by its name, with joints such as fingers locked.
+
+    Args:
+        source: Name of the robot, or path of a URDF file.
+        **others: Further fields of the choice.
+    """
+    return RobotChoice(source, **{"locked": ARMS.get(source, ())} | others)
 
 
 def first_request(choice: RobotChoice) -> Request:

@@ -17,7 +17,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout, suppress
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -93,9 +92,8 @@ def check_port(host: str, port: int) -> None:
         OptionsError: If the port is in use, or cannot be opened on this machine.
     """
     try:
-        with socket.socket() as trial:
-            trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            trial.bind((host, port))
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        socket.create_server((host, port), family=family).close()
     except (OSError, OverflowError) as error:
         raise OptionsError(
             f"port {port} of {host} cannot be used ({error}); try another port or host",
@@ -140,7 +138,9 @@ class Page:
         with redirect_stdout(io.StringIO()):
             # viser prints the address, which the caller prints.
             self.server = serve(viser, host, port)
-        self.address = f"http://{'localhost' if host == '127.0.0.1' else host}:{port}"
+        name = f"[{host}]" if ":" in host else host
+        name = {"127.0.0.1": "localhost"}.get(host, name)
+        self.address = f"http://{name}:{self.server.get_port()}"
         self._lock = threading.RLock()
         self._ended = threading.Event()
         self._arms: dict[str, stage.Arm] = {}
@@ -464,8 +464,7 @@ class Panel:
 
     def _choose(self, source: str, **options: Any) -> None:
         """Choose a robot by its name or path, with or without its dynamics."""
-        kinematic = bool(self._kinematic.value)
-        self._page.choose(replace(known(source), kinematic=kinematic, **options))
+        self._page.choose(known(source, kinematic=self._kinematic.value, **options))
 
     def _choose_part(self) -> None:
         """Choose the same robot with another group of joints or other limits."""
