@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from optimum_cases import ROD
@@ -82,6 +84,21 @@ def test_room_that_is_missing_to_stop_or_for_a_run_up_is_told() -> None:
     run_up = why_impossible(moving(0.5, 0.0, 0.9, -1.0), TOLERANCE)
     assert "has 1 rad/s at the goal, 0.1 rad from its position limit of 1" in run_up
     assert run_up.endswith("and needs 0.25 rad to reach this speed.")
+
+
+def test_torque_that_is_missing_for_the_acceleration_at_the_start_is_told() -> None:
+    """Such a start was searched until the time limit."""
+    arm = make_arm(ROD, effort=50.0)
+    goal, jerk = tm.JointGoal([0.5]), tm.MotionLimits(jerk=1e3)
+    start = partial(tm.Problem, arm, [0.0], goal, motion_limits=jerk)
+    solution = tm.plan(start(a_start=[400.0]))
+    assert solution.status is Status.INFEASIBLE and not solution.history
+    assert solution.message.startswith("No motion exists: joint 'joint1' needs ")
+    assert "for its acceleration at the start, [-50, 50] allowed." in solution.message
+    assert why_impossible(start(a_start=[1.0]), TOLERANCE) == ""
+    # Without limits of jerk the acceleration jumps.
+    jumping = tm.Problem(arm, [0.0], goal, a_start=[400.0])
+    assert why_impossible(jumping, TOLERANCE) == ""
 
 
 @pytest.mark.parametrize(

@@ -33,9 +33,12 @@ from tominpmp.bounds.joints import joint_bounds, joints_of, reach_of, tightest_l
 from tominpmp.bounds.least_time import SHARE, TOLERANCE
 from tominpmp.bounds.result import LowerBound
 from tominpmp.checks import instance, number
+from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import warn_caller
 from tominpmp.goals.base import Goal
 from tominpmp.kinematics import units_of
+from tominpmp.motion_limits import EFFORT
+from tominpmp.problem.controls import effort_range
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import arrival_window
 
@@ -114,7 +117,8 @@ def why_impossible(problem: Problem, tolerance: float) -> str:
     Returns:
         The sentence; empty without a proof.
     """
-    why = _without_room(problem) or _late_arrival(problem, tolerance)
+    why = _beyond_motors(problem, tolerance) or _without_room(problem)
+    why = why or _late_arrival(problem, tolerance)
     return why and f"No motion exists: {why}."
 
 
@@ -131,6 +135,27 @@ def _late_arrival(problem: Problem, tolerance: float) -> str:
                 f"the goal of segment {k} is to be reached by {latest:.4g} s, and no "
                 f"motion gets there before {bound.T:.4g} s{why}"
             )
+    return ""
+
+
+def _beyond_motors(problem: Problem, tolerance: float) -> str:
+    """The first joint without the torque for the acceleration at the start; or empty.
+
+    It needs this torque where accelerations may not jump. Dry friction may help it.
+    """
+    robot, limits = problem.phases[0].robot, problem.phases[0].motion_limits
+    if limits is None or not limits.continuous:
+        return ""
+    start = problem.q_start[None], problem.v_start[None], problem.a_start[None]
+    (needed,) = RobotDynamics(robot, dry=False).inverse(*start)
+    middle, half = effort_range(robot, limits)
+    most = (1.0 + 2.0 * tolerance) * half + robot.friction
+    for i in np.flatnonzero(np.abs(needed - middle) > most).tolist():
+        return (
+            f"joint {robot.joint_names[i]!r} needs {needed[i]:.4g} "
+            f"{units_of(robot, EFFORT)[i]} for its acceleration at the start, "
+            f"[{middle[i] - half[i]:.4g}, {middle[i] + half[i]:.4g}] allowed"
+        )
     return ""
 
 
