@@ -223,3 +223,4 @@ def test_a_plan_without_time_for_its_meshes_names_the_mesh(
     decomposition_cache._known_pieces.cache_clear()
     assert solution.status is tm.Status.TIME_LIMIT and not solution.success
     assert "link' was being cut into convex pieces" in solution.message
+    assert "which may need more planning time, or fewer than its " in solution.message

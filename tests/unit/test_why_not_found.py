@@ -247,3 +247,14 @@ def test_a_goal_where_the_motors_cannot_hold_the_arm_is_refused_at_once() -> Non
     # The arm may swing through the goal.
     passed = tm.plan(tm.Problem(weak, start, segments=[tm.Segment(goal), back]), **few)
     assert passed.iterations > 0
+
+
+def test_iterations_that_are_used_up_are_told_with_their_option() -> None:
+    """The advice was on errors of integration, while the duration was still falling."""
+    problem = tm.Problem(make_arm(ROD, effort=5.0), [0.0], tm.JointGoal([1.0]))
+    few = {"method": "adjoint", "step_rule": "paper", "max_iterations": 5}
+    solution = tm.plan(problem, **few)
+    assert solution.status is Status.ITERATION_LIMIT and not solution.success
+    assert solution.message.endswith(
+        " 5 iterations a start were allowed; max_iterations allows more."
+    )

@@ -91,7 +91,8 @@ def _known_pieces(content: Content, folder: Path) -> ConvexPieces | None:
     except Stop as stop:
         stop.prevented = (
             f"{what} was being cut into convex pieces, once; meshes that are cut are "
-            "kept, so that the next plan gets further"
+            "kept, and the next plan begins with this one, which may need more "
+            f"planning time, or fewer than its {content.mesh.num_tris} triangles"
         )
         raise
     if pieces is not None:

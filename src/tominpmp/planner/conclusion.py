@@ -176,14 +176,17 @@ def _turned(problem: Problem, motion: Trajectory) -> str:
 
 
 def _advice(problem: Problem, options: Options, status: Status, best: Candidate) -> str:
-    """Advice if a method has found no motion, or the planning time was used up.
+    """Advice if a method has found no motion, or time or iterations were used up.
 
     Methods whose torques are constant over an interval need short intervals if the arm
     leaves its path without feedback.
     """
     advice = ""
     interrupted = status is Status.INTERRUPTED
-    if not (best.confirmed or interrupted or options.method == "inverse"):
+    if status is Status.ITERATION_LIMIT and not best.confirmed:
+        most = options.max_iterations
+        advice = f" {most} iterations a start were allowed; max_iterations allows more."
+    elif not (best.confirmed or interrupted or options.method == "inverse"):
         longest = float(np.max(np.diff(best.trajectory.t)))
         advice = (
             f" Method {options.method!r} keeps torques for up to {longest:.3g} s, in "

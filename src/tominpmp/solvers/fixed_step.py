@@ -70,7 +70,7 @@ class FixedStep:
 
     Attributes:
         lp: Solver of the linear programs.
-        control_step: Largest change rho of a torque, as a share of its limit.
+        control_step: Largest change rho of a torque [N m or N].
         time_step: Largest change epsilon of the duration [s].
     """
 
