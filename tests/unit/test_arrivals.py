@@ -43,6 +43,24 @@ def test_a_via_point_is_passed_in_time():
     assert late.T > free.T + 0.1
 
 
+@pytest.mark.parametrize(
+    ("segments", "duration"),
+    [
+        ([to(0.0, arrival=(0.5, 1.0)), to(1.0)], 2.5),
+        ([to(0.0, arrival=(0.5, 1.0), stop=True), to(1.0)], 2.5),
+        ([to(1.0, arrival=(3.0, 3.0)), to(1.0, arrival=(4.0, 5.0))], 4.0),
+    ],
+)
+def test_an_arm_waits_where_it_is(segments, duration):
+    """A segment that ends where it begins was too short to become long enough."""
+    solution = tm.plan(rail(*segments), **QUICK)
+    assert solution.success, solution.message
+    assert solution.iterations < 20
+    assert solution.T <= duration * 1.01
+    first = segments[0].arrival
+    assert first[0] - 1e-5 <= solution.segments[0].arrival <= first[1] + 1e-5
+
+
 def test_the_replay_tells_who_is_late():
     motion = tm.plan(rail(to(1.0)), **QUICK).trajectory
     verdict = tm.verify(rail(to(1.0, arrival=(0.0, 1.5))), motion)

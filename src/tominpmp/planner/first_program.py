@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from tominpmp.arrays import Array
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.initial_guess.warm_start import WarmStart
 from tominpmp.options import Options
+from tominpmp.problem.segments import Segment, arrival_window
 from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.exchange import exchanged
@@ -65,8 +67,31 @@ def first_program(
     eta = np.full(shares.shape[1], guess.duration)
     layout = Layout(degree or QUADRATIC, shares, eta, ends)
     transcription = layout.transcription(system)
+    if ends:
+        eta = eta * _waiting_scales(system.problem.segments, timed * guess.durations)
     z = transcription.start(guess.position, guess.duration, timed * eta)
     return NonlinearProgram.of(transcription).at(z), z
+
+
+def _waiting_scales(segments: Sequence[Segment], durations: Array) -> Array:
+    """Time-scaling factors of segments that must not end before an earliest arrival.
+
+    Steps change durations by shares: a segment that ends where it begins, of nearly no
+    duration, would not become long enough.
+
+    Args:
+        segments: The segments; empty for a problem without segments.
+        durations: Durations of the segments of a guess, without dwells, shape (k,) [s].
+
+    Returns:
+        Shape (k,), 1 for segments that are long enough.
+    """
+    scales, now = np.ones(durations.size), 0.0
+    for k, segment in enumerate(segments):
+        earliest, _ = arrival_window(segment)
+        scales[k] = max(1.0, (earliest - now) / durations[k])
+        now += scales[k] * durations[k] + segment.dwell
+    return scales
 
 
 def collocated(
