@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
+from tests.sample_arms import make_arm, slide
 from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.planner import starts
@@ -152,6 +153,20 @@ def test_going_on_shortly_before_the_end(planar3r, free, frame):
     warm = tm.plan(problem, start=free)
     assert warm.success
     assert warm.T <= (free.T - at) * (1.0 + 1e-4)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.5, 0.9])
+def test_going_on_with_constant_accelerations(share):
+    """What is left was kept with the torques of the whole motion: too many rows."""
+    arm = make_arm(slide(1.0), effort=np.array([1.0]))
+    options = tm.Options(control="constant", effort="quick", refine=None)
+    problem = tm.Problem(arm, [0.0], tm.JointGoal([1.0]))
+    first = tm.plan(problem, options)
+    state = first.trajectory(share * first.T)
+    rest = replace(problem, q_start=state.q, v_start=state.v)
+    again = tm.plan(rest, options, start=first)
+    assert again.success, again.message
+    assert again.T <= (1.0 - share) * first.T * (1.0 + 1e-4)
 
 
 def test_the_way_back_begins_with_the_whole_motion(planar3r, free):

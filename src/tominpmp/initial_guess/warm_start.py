@@ -83,27 +83,18 @@ class WarmStart(Guess):
         """Whether its accelerations count as continuous: those of degrees 3 and 5."""
         return not self.torques_held and self.trajectory.degree > 2
 
-    def remainder(self, system: ProblemFunctions) -> Trajectory | None:
-        """The former motion after its entry; None if the guess was bent.
+    def whole(self, system: ProblemFunctions) -> Trajectory | None:
+        """The former motion; None if the guess was bent, or begins at a later entry.
 
-        None also for a later entry into a motion whose accelerations are not given by
-        interval. Torques follow from the inverse dynamics of the new problem, unless
-        the motion is defined by its torques.
+        Torques follow from the inverse dynamics of the new problem, unless the motion
+        is defined by its torques.
         """
-        motion = self.trajectory
-        if self.bend is not None or (self.torques_held and self.entry > 0.0):
+        if self.bend is not None or self.entry > 0.0:
             return None
+        motion = self.trajectory
         if self.torques_held:
             return motion
-        inverse, a = system.motor_dynamics.inverse, motion.a
-        if self.entry > 0.0:
-            if a is None or a.shape[0] == motion.t.size:
-                return None
-            t = np.concatenate([[self.entry], self.nodes[1:] + self.entry])
-            state = motion(t)
-            motion = replace(motion, t=t - self.entry, q=state.q, v=state.v)
-            a = a[a.shape[0] + 1 - t.size :]
-        return replace(motion, a=a).with_torques(inverse)
+        return motion.with_torques(system.motor_dynamics.inverse)
 
     @property
     def nodes(self) -> Array:

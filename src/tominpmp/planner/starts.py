@@ -369,7 +369,7 @@ def _keep_former(
     Returns:
         Whether the replay keeps them.
     """
-    motion = None if system.parts else former.remainder(system)
+    motion = None if system.parts else former.whole(system)
     if motion is None:
         return False
     same = replace(
