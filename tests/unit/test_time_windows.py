@@ -38,6 +38,18 @@ def with_a_slow_beginning(slow: float, until: float) -> float:
     return until + (peak - slow) + peak
 
 
+@pytest.mark.parametrize("intervals", [16, 40])
+def test_torques_between_the_rows_of_a_window_keep_its_limit(intervals):
+    """Short intervals at the start have no row: their torques were at the limits."""
+    slow = tm.ToolAcceleration("tip", 0.5, during=(0.0, 0.5))
+    options = {**QUICK, "intervals": intervals, "method": "collocation"}
+    solution = tm.plan(rail(slow), **options)
+    assert solution.success, solution.message
+    assert solution.iterations < 40
+    times = np.linspace(0.0, 0.49, 500)
+    assert np.max(np.abs(solution.trajectory(times).u)) <= 0.5 * 1.006
+
+
 @pytest.mark.parametrize("method", ["inverse", "collocation"])
 def test_a_speed_limit_at_the_beginning_takes_the_time_of_the_closed_form(method):
     slow = tm.ToolSpeed("tip", 0.3, during=(0.0, 0.8))

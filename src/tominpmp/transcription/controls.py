@@ -42,6 +42,8 @@ class TorqueTranscription(Transcription[SteppedMotion]):
             friction, or before they are taken from a motion.
     """
 
+    inspected = ((0.1, 0.5, 0.9),)
+
     def __init__(
         self,
         system: ProblemFunctions,
