@@ -307,3 +307,18 @@ def test_torques_overcome_the_friction_of_the_actual_direction() -> None:
     assert transcription.with_signs(1.0, backwards).with_signs_of(z) is None
     motion = transcription.with_signs(1.0, backwards).trajectory(z)
     assert motion.u[:4, 0] == pytest.approx([11.0, 11.0, -5.0, -5.0])
+
+
+def test_starts_have_torques_within_the_limits_of_their_directions():
+    """Torques beyond them stayed there: bounds of steps only keep them from leaving."""
+    arm = make_arm(slide(1.0), effort=np.array([1.0]), friction=0.3)
+    problem = tm.Problem(arm, [0.0], tm.JointGoal([1.0]))
+    shares = np.full((INTERVALS, 1), 1.0 / INTERVALS)
+    of = CollocationTranscription(ProblemFunctions.of(problem), shares, 1.0)
+    # So fast that the torques of all intervals are at their limits.
+    z = of.start(lambda t: t[:, None] ** 2, 1.0, np.array([0.01]))
+    directed = of.scaled_at(z)
+    lower, upper = directed.torque_bounds
+    assert np.all(directed.signs.sign == 1.0)
+    assert np.all(lower <= directed.shares_at(z))
+    assert np.all(directed.shares_at(z) <= upper)

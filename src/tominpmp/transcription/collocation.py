@@ -81,7 +81,7 @@ class CollocationTranscription(TorqueTranscription):
         """Stack states, torques and lengths into z.
 
         States given at the ends replace the arguments; all states and torques are
-        clipped to their limits.
+        clipped to their limits, torques to those for the directions of the joints.
 
         Args:
             x: States (q, v) at the nodes, shape (N + 1, 2n).
@@ -93,6 +93,9 @@ class CollocationTranscription(TorqueTranscription):
         """
         free, shares = np.isnan(self._given), torque_shares(self.system, u)
         x = np.where(free, np.clip(x, self._low, self._high), self._given)
+        if self.system.friction is not None:
+            signs = self.signs or first_signs(self.system, x[:, self._n :])
+            shares = np.clip(shares, signs.lower, signs.upper)
         return np.concatenate([x.ravel(), shares.ravel(), eta])
 
     def start(self, position: PositionFunction, guessed: float, eta: Array) -> Array:
