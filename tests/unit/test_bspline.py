@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -164,6 +165,16 @@ def test_effort_scale_leaves_a_reserve(rail):
     top = rail.limits.effort_upper[0]
     assert np.max(np.abs(part.trajectory.u)) <= 0.81 * top * (1 + 1e-5)
     assert part.T / full.T == pytest.approx(1 / 0.9, rel=1e-3)
+
+
+def test_effort_scale_leaves_a_share_of_each_limit(rail):
+    limits = replace(rail.limits, effort_lower=0.5 * rail.limits.effort_lower)
+    weaker = replace(rail, limits=limits)
+    scaled = MotionLimits(effort_scale=0.5)
+    problem = tm.Problem(weaker, [0.0], tm.JointGoal([0.2]), motion_limits=scaled)
+    u, top = plan_quickly(problem).trajectory.u, limits.effort_upper[0]
+    assert np.max(u) == pytest.approx(0.5 * top, rel=1e-3)
+    assert np.min(u) == pytest.approx(-0.25 * top, rel=1e-3)
 
 
 @pytest.mark.parametrize("control", ["linear", "spline"])

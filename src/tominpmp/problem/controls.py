@@ -57,18 +57,16 @@ def effort_range(robot: Robot, limits: MotionLimits | None) -> tuple[Array, Arra
 
     Args:
         robot: The robot.
-        limits: Motion limits in addition to the limits of its description, whose
-            ``effort_scale`` narrows the range to a share.
+        limits: Motion limits in addition to the limits of its description, of which
+            their ``effort_scale`` leaves a share.
 
     Returns:
         Shape (n,) each [N m or N]; accelerations for a kinematic robot [rad/s^2 or
         m/s^2].
     """
     lower, upper = control_bounds(robot, limits)
-    half = 0.5 * (upper - lower)
-    if limits is not None:
-        half = limits.effort_scale * half
-    return 0.5 * (lower + upper), half
+    share = 0.5 if limits is None else 0.5 * limits.effort_scale
+    return share * (lower + upper), share * (upper - lower)
 
 
 def accelerations_alone(robot: Robot, limits: MotionLimits | None, q: Array) -> Array:
