@@ -72,8 +72,9 @@ class Verification:
             also if it is within the tolerance.
         violations: Violations beyond the tolerances, violations of the goal included.
         min_clearance: Smallest measured distance to obstacles and between links during
-            the motion [m]; infinite without pairs, minus infinity for a motion that is
-            too long to be replayed.
+            the motion [m], above the least one by at most a tenth of what exceeds the
+            margin; infinite without pairs, minus infinity for a motion that is too long
+            to be replayed.
         deviation: Largest distance of each joint from the plan, shape (n,) [rad or m].
         defect: Largest distance in position by which the integration of an interval
             from its first node misses its last node [rad or m]; None for a motion
