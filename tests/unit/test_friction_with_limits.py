@@ -78,6 +78,7 @@ def test_acceleration_at_the_stop_is_that_of_the_motion(sign: float) -> None:
         replace(found.replay, v=v),
         torque_pieces(robot, motion),
         1e-3,
+        np.zeros((2, robot.n)),
     )
     assert [item for item in limits if item.violated] == []
     assert "acceleration" in {item.kind for item in limits}

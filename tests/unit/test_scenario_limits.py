@@ -117,7 +117,7 @@ def test_wrapped_as_parameters_of_ros_2(tmp_path: Path) -> None:
         (
             "joint_limits: {}\ndefault_velocity_scaling_factor: 2",
             "default_velocity_scaling_factor",
-            "from 0 to 1",
+            "greater than 0, at most 1",
         ),
     ],
 )

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.initial_guess.guess import FAR_TOO_FAST, Guess, least_time
+from tominpmp.initial_guess.guess import Guess, least_time
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Height of a bump in a single joint [rad]: smaller ones lead back to the same optimum,
@@ -24,6 +24,10 @@ HEIGHT = 2.0
 # their factors by the number of arcs.
 SPREADS = (0.8, 1.6, 0.3, 2.4)
 ARCS = (1.0, 0.6, 0.4)
+# Detours that are too fast by a larger factor are slowed down to it: far too fast ones
+# take a hundred programs. Slower ones lead back to the straight line, although an arm
+# that swings is faster.
+TOO_FAST = 3.0
 
 
 def bumps(
@@ -74,5 +78,5 @@ def bumped(system: ProblemFunctions, guess: Guess, heights: Array) -> Guess:
     q = guess.q + (arc[:, None] * waves) @ (heights * system.step_scale)
     q = np.clip(q, limits.position_lower, limits.position_upper)
     too_fast = least_time(system, q) / guess.duration
-    slower = max(1.0, too_fast / FAR_TOO_FAST)
+    slower = max(1.0, too_fast / TOO_FAST)
     return Guess("detour", slower * guess.t, q, False)

@@ -40,10 +40,6 @@ STRAIGHT_LINES = 10
 FEW_LINES = 3
 # Durations of untimed guesses, as multiples of an estimate of the minimum time.
 DURATION_FACTOR = 2.0
-# Guesses that are too fast by a larger factor are slowed down: a descent from them
-# would take many iterations. Slower detours lead back to the straight line, although
-# an arm that swings is faster.
-FAR_TOO_FAST = 2.0
 # A joint is at rest at an end of a guess if its speed there is below this share of its
 # mean speed up to the next sample.
 RESTS = 0.5

@@ -19,7 +19,7 @@ from scipy.optimize import minimize_scalar
 from tominpmp.arrays import Array
 from tominpmp.checks import of_kind
 from tominpmp.exceptions import ProblemError, ScenarioError
-from tominpmp.initial_guess.guess import FAR_TOO_FAST, SAMPLES, Guess
+from tominpmp.initial_guess.guess import SAMPLES, Guess
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.joint_limits import joint_limits
@@ -39,6 +39,9 @@ from tominpmp.verification.stages import checked_in_segments
 # The guess begins at a later state of the motion if that is closer to the new start, by
 # this factor, than both ends of the motion, and the motion leads closer to the goal.
 CLOSER = 0.5
+# A former motion that is too fast by a larger factor is slowed down: a descent from it
+# would take many iterations.
+FAR_TOO_FAST = 2.0
 # Weight of differences in velocity, as a share of the duration.
 SPEED_WEIGHT = 0.1
 # Least duration of a segment [s].

@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 
 # Largest number of instants at which ends of recorded segments are searched for.
 MOST_SAMPLES = 20_000
+# Ends of segments closer to a node than this share of the duration are at the node:
+# accelerations in an interval so short are rounding errors.
+AT_NODE = 1e-6
 # Residual below which a goal counts as met, as a share of the tolerance.
 MET = 1e-3
 
@@ -160,6 +163,9 @@ def with_segments(
     if trajectory.segment_dynamics or not segments:
         return trajectory
     ends = _segment_ends(problem, trajectory, tolerances)
+    node = trajectory.t[np.argmin(np.abs(trajectory.t[:, None] - ends), axis=0)]
+    near = np.abs(node - ends) <= AT_NODE * trajectory.duration
+    ends = np.where(near, node, ends)
     motion = replace(_with_nodes(trajectory, ends), segment_ends=ends)
     if trajectory.inverse_dynamics is None:
         return motion
