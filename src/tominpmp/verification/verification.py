@@ -332,7 +332,7 @@ def judge(
         ends_here = section.complete and stage is stages[-1]
         outside = np.stack([before, np.full_like(before, 0.0 if ends_here else np.nan)])
         worst = limit_violations(problem, section, pieces, tolerances.limits, outside)
-        if section.complete and stage.begin < stage.end:
+        if section.complete and not ends_here and stage.begin < stage.end:
             q, v, u, way = section.q, section.v, section.u, section.way
             dynamics = RobotDynamics(problem.robot)
             (before,) = dynamics.forward_along(q[-1:], v[-1:], u[-1:], way[-1:])
