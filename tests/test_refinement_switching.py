@@ -11,11 +11,13 @@ import pytest
 from clocks import Clock
 from optimum_cases import DOWNWARD, GRAVITY, HANGING, ROD, Case
 from sample_arms import make_arm, slide
+from scipy.optimize import OptimizeResult, minimize
 from two_link_cases import CASES, all_cases
 
 import tominpmp as tm
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exact import switching_refinement as exact
+from tominpmp.exact import switching_times
 from tominpmp.exact.shooting import CLEARANCE, ArcProgram
 from tominpmp.exact.structure import Arcs, read_arcs
 from tominpmp.exact.switching_functions import torque_slopes
@@ -223,6 +225,22 @@ def test_lengths_of_a_rail() -> None:
     assert found is not None
     assert found.feasible
     np.testing.assert_allclose(found.arcs.lengths, np.sqrt(1 / 5.0), rtol=1e-9)
+
+
+def test_steps_away_from_the_equations_are_not_taken(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of the iterates of SLSQP the best one counts, not the last one."""
+
+    def astray(*args: object, callback: Any, **settings: object) -> OptimizeResult:
+        found = minimize(*args, callback=callback, **settings)
+        return minimize(lambda y: -found.x @ y, 1.1 * found.x, callback=callback)
+
+    monkeypatch.setattr(switching_times, "minimize", astray)
+    rough = arcs([0.3, 0.8], [1.0, -1.0])
+    found = solve_lengths(rail_system(), rough, still, Budget())
+    assert found is not None
+    assert found.feasible
 
 
 def test_useless_arcs_vanish() -> None:

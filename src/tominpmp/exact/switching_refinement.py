@@ -49,8 +49,8 @@ GRID_ITERATIONS = 30
 LONGER = 1e-6
 UNCONFIRMED = 0.02
 # Least number of initial guesses that are tried, largest number of evaluations of the
-# dynamics for each of these and for the first look at the plan, and largest number of
-# motors for which other guesses are tried.
+# dynamics for each of these, and largest number of motors for which other guesses are
+# tried.
 TRIES = 12
 TRY_EVALUATIONS = 40_000
 EXPLORED_MOTORS = 3
@@ -137,14 +137,11 @@ class Search:
         """Optimise arcs of the plan, of other guesses, and of finer grids."""
         small = driven_joints(self.system).size <= EXPLORED_MOTORS
         options = self.state.options
-        near = self.optimise(plan, TRY_EVALUATIONS if small else EVALUATIONS)
+        near = self.optimise(plan, EVALUATIONS)
         # No multi-start for options with a single start, nor with assumed velocity
         # signs, which other motions would not have.
         if small and options.starts != 1 and self.system.signs is None:
             self._explore(plan)
-        # Arcs near the plan remain of interest even if others were found.
-        if small and not near:
-            near = self.optimise(plan, EVALUATIONS)
         most = min(options.max_iterations, GRID_ITERATIONS)
         few = replace(options, max_iterations=most)
         guess = Guess.of_motion("plan", plan)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -199,6 +200,9 @@ def _constraints(program: ArcProgram, first: Shot) -> list[dict[str, Any]]:
 def _minimize(program: ArcProgram, y: Array, budget: Budget, *, rough: bool) -> Array:
     """Unknowns of least duration, with the watched limits as rows.
 
+    Near the optimum the steps of SLSQP may lead away from the equations again: of the
+    iterates that satisfy them the shortest is returned, without any the last one.
+
     Args:
         program: The program.
         y: Initial unknowns.
@@ -216,20 +220,23 @@ def _minimize(program: ArcProgram, y: Array, budget: Budget, *, rough: bool) -> 
     def stop_if_converged(z: Array) -> None:
         # SLSQP's own stop criterion is stricter than the accuracy of the integration.
         nonlocal last, paid
-        shot, last = program.shoot(z), z.copy()
+        shot = program.shoot(z)
         violation = np.inf if shot is None else _violation(shot)
         durations.append(float(cost @ z) if violation < exact else np.inf)
         violations.append(violation)
+        if durations[-1] <= min(durations):
+            last = z.copy()
         budget.spend(program.evaluations - paid)
         paid = program.evaluations
         for steps, progress in STOPS[: 1 + rough]:
             before = durations[-1 - steps] if len(durations) > steps else np.inf
-            if before - durations[-1] < progress:
+            if before - min(durations[-steps:]) < progress:
                 raise StopIteration
         if max(exact, FALL * min(violations[:-SLOW], default=np.inf)) < violation:
             raise StopIteration
 
-    try:
+    # SciPy before 1.16 passes on what its callback raises.
+    with suppress(StopIteration):
         found = minimize(
             lambda z: float(cost @ z),
             y,
@@ -240,10 +247,8 @@ def _minimize(program: ArcProgram, y: Array, budget: Budget, *, rough: bool) -> 
             callback=stop_if_converged,
             options={"maxiter": ITERATIONS, "ftol": 1e-11},
         )
-    except StopIteration:
-        return np.asarray(np.clip(last, low, high))
-    logger.debug("%s after %d iterations", found.message, found.nit)
-    return np.asarray(np.clip(found.x, low, high))
+        logger.debug("%s after %d iterations", found.message, found.nit)
+    return np.asarray(np.clip(last, low, high))
 
 
 def _independent(rows: Array) -> Array:
