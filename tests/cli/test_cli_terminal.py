@@ -54,7 +54,7 @@ def test_modules_that_the_package_imports_are_few() -> None:
 
 
 # Version 5 of cyclopts, for Python 3.11 and later, asks for the values of options.
-of_values = pytest.mark.skipif(
+needs_completion_of_values = pytest.mark.skipif(
     importlib.metadata.version("cyclopts").startswith("4."),
     reason="cyclopts 4, for Python 3.10, completes commands and options only",
 )
@@ -66,7 +66,7 @@ def completed(*words: object, kind: str = "plan") -> list[str]:
     return [line.split("\t")[0] for line in shown.split("begin\n")[1].splitlines()]
 
 
-@of_values
+@needs_completion_of_values
 def test_names_that_a_shell_completes(tmp_path: Path) -> None:
     assert "planar3r" in completed("plan")
     joints = ["joint1=", "joint2=", "joint3="]
@@ -81,7 +81,7 @@ def test_names_that_a_shell_completes(tmp_path: Path) -> None:
         assert completed(robot, "--group", "") == []
 
 
-@of_values
+@needs_completion_of_values
 def test_files_that_a_shell_completes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -110,7 +110,7 @@ def test_the_completion_of_a_shell_is_shown(
     assert "tominpmp" in shown.stdout
 
 
-@of_values
+@needs_completion_of_values
 @pytest.mark.parametrize(
     ("typed", "expected"),
     [
