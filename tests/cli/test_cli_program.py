@@ -91,6 +91,17 @@ def test_play_shows_a_motion_that_ends_in_an_obstacle(
     assert "1 obstacle" in Path("a.html").read_text(encoding="utf-8")
 
 
+def test_play_shows_a_motion_that_begins_and_ends_beyond_limits(
+    run: Run, planner: Planner
+) -> None:
+    """Such motions were refused, although they are those to look at."""
+    run(*PLAN, "-o", "a.csv")
+    beyond = ("--position-upper", "1.5", "--velocity", "0.1", "--effort", "0.01")
+    result = run("play", "a.csv", "--robot", "planar3r", *beyond, "-o", "a.html")
+    assert result.exit_code == 0, result.stderr
+    assert "planar3r: T = 2 s" in Path("a.html").read_text(encoding="utf-8")
+
+
 # As a program
 
 

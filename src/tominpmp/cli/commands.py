@@ -130,7 +130,7 @@ def play(motion: RecordedMotion, /, *, args: PlayOptions) -> None:
     from tominpmp.cli.output_files import PAGE_ENDINGS, check_target
     from tominpmp.cli.problem import load_scene
     from tominpmp.files.export import load_motion
-    from tominpmp.goals.joints import JointGoal
+    from tominpmp.goals.joints import JointRegionGoal
     from tominpmp.motion.joining import join
     from tominpmp.problem.problem import Problem
     from tominpmp.viz.playback import play
@@ -139,10 +139,11 @@ def play(motion: RecordedMotion, /, *, args: PlayOptions) -> None:
     samples = load_motion(motion)
     arm, scene = load_scene(args)
     trajectory = join(samples, arm, motion).trajectory
-    q, v = trajectory.q, trajectory.v
-    goal = JointGoal(q[-1], v[-1], wrap=False)
-    # The obstacles come last: a motion is shown even if it begins or ends in them.
-    alone = Problem(arm, q[0], goal, v_start=v[0], self_collision=False)
+    # The ends are not checked, and the obstacles come last: a motion is shown even if it
+    # begins or ends beyond limits, or in an obstacle.
+    lower, upper = arm.limits.position_lower, arm.limits.position_upper
+    q = trajectory.q[0].clip(lower, upper)
+    alone = Problem(arm, q, JointRegionGoal(q), self_collision=False)
     problem = alone._altered("checker", "margins", scene=scene)
     say(f"page  {Path(play(problem, trajectory, path=args.output))}")
 
