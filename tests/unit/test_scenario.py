@@ -440,7 +440,7 @@ joint_limits:
         ),
         (
             ('"planar3r"', '"planar3r"\njoint_limits = "no.yaml"'),
-            None,
+            "robot.joint_limits",
             r"there is no file .*no\.yaml",
         ),
         (("[start]\n", "[start]\nq = [1, 2]\n#"), "start.q", "2 numbers, expected 3"),
@@ -533,6 +533,11 @@ joint_limits:
             ("[goal]", "[motion_limits]\nacceleration = -1\n[goal]"),
             "motion_limits",
             "expected positive numbers",
+        ),
+        (
+            ("[goal]", '[motion_limits]\nfile = "no.yaml"\n[goal]'),
+            "motion_limits.file",
+            r"there is no file .*no\.yaml",
         ),
         (
             ("[goal]", "[motion_limits.effort_curves]\njoint1 = {speed = [0]}\n[goal]"),

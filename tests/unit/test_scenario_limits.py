@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+import tominpmp as tm
 from tominpmp.exceptions import ScenarioError
 from tominpmp.files.limits import load_joint_limits
 from tominpmp.robot.robot import load_robot
@@ -81,10 +82,21 @@ def test_overrides(tmp_path: Path) -> None:
     assert scaled["velocity"] == pytest.approx({"joint1": 0.25, "joint3": 0.1})
 
 
-def test_wrapped_as_parameters_of_ros_2(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "node", ["/**", "/move_group", "rviz: {ros__parameters: {a: 1}}\nmove_group"]
+)
+def test_wrapped_as_parameters_of_ros_2(node: str, tmp_path: Path) -> None:
+    """``ros2 param dump`` and files of several nodes have the names of nodes."""
     inner = "\n".join(f"      {line}" for line in FULL.splitlines())
-    text = f"/**:\n  ros__parameters:\n    robot_description_planning:{inner}\n"
+    text = f"{node}:\n  ros__parameters:\n    robot_description_planning:{inner}\n"
     assert load_joint_limits(write(tmp_path, text)).velocity["joint1"] == 2.5
+
+
+def test_limits_of_ros2_control(tmp_path: Path) -> None:
+    text = "controller_manager: {ros__parameters: {update_rate: 9, joint_limits: {%s}}}"
+    path = write(tmp_path, text % "joint2: {max_velocity: 2}")
+    with pytest.warns(tm.TominpmpWarning, match="not used: update_rate"):
+        assert load_joint_limits(path).velocity == {"joint2": 2.0}
 
 
 @pytest.mark.parametrize(
@@ -118,6 +130,11 @@ def test_wrapped_as_parameters_of_ros_2(tmp_path: Path) -> None:
             "joint_limits: {}\ndefault_velocity_scaling_factor: 2",
             "default_velocity_scaling_factor",
             "greater than 0, at most 1",
+        ),
+        (
+            "a: {joint_limits: {}}\nb: {ros__parameters: {joint_limits: {}}}",
+            "b.ros__parameters.joint_limits",
+            "is in the table a, too",
         ),
     ],
 )

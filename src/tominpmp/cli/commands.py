@@ -139,8 +139,8 @@ def play(motion: RecordedMotion, /, *, args: PlayOptions) -> None:
     samples = load_motion(motion)
     arm, scene = load_scene(args)
     trajectory = join(samples, arm, motion).trajectory
-    # The ends are not checked, and the obstacles come last: a motion is shown even if it
-    # begins or ends beyond limits, or in an obstacle.
+    # The ends are not checked, and the obstacles come last: a motion is shown even if
+    # it begins or ends beyond limits, or in an obstacle.
     lower, upper = arm.limits.position_lower, arm.limits.position_upper
     q = trajectory.q[0].clip(lower, upper)
     alone = Problem(arm, q, JointRegionGoal(q), self_collision=False)

@@ -26,7 +26,7 @@ joint, where they take precedence.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -50,8 +50,6 @@ from tominpmp.motion_limits import (
 )
 from tominpmp.robot.robot import Robot, RobotSource, load_robot, read_source
 
-# Keys that may enclose the table: nodes of ROS 2, namespaces of parameters.
-_WRAPPERS = ("/**", "ros__parameters", "robot_description_planning")
 _SCALINGS = ("default_velocity_scaling_factor", "default_acceleration_scaling_factor")
 # By quantity: the key that says whether it is limited, and the key of the limit.
 _KEYS = {
@@ -207,7 +205,9 @@ def load_joint_limits(path: str | Path) -> MoveItLimits:
 
     A limit counts unless the file disables it (``has_velocity_limits: false``); then
     the limit of the URDF remains. If a deceleration is limited too, the smaller of the
-    two limits holds for both. Keys that are not read cause a warning.
+    two limits holds for both. Keys that are not read cause a warning. The table
+    ``joint_limits`` may be among the parameters of a node, as ``ros2 param dump`` and
+    files of controllers have it.
 
     Args:
         path: The file.
@@ -219,10 +219,11 @@ def load_joint_limits(path: str | Path) -> MoveItLimits:
         ScenarioError: If the file cannot be read or is wrong; names the key.
     """
     path = checked_path(path, "path", ScenarioError)
-    table = Field(read_yaml(path), path)
-    for wrapper in _WRAPPERS:
-        if "joint_limits" not in table.table() and table.get(wrapper).given:
-            table = table.get(wrapper)
+    document = Field(read_yaml(path), path)
+    table, *others = [*_tables_of_limits(document)] or [document]
+    for other in others:
+        fault = f"is in the table {table.key}, too, expected one of them"
+        other.get("joint_limits").fail(fault)
     joints = table.need("joint_limits").table()
     values: dict[str, dict[str, float]] = {name: {} for name in _KEYS}
     notes = [k for k in table.table() if k not in ("joint_limits", *_SCALINGS)]
@@ -244,6 +245,16 @@ def load_joint_limits(path: str | Path) -> MoveItLimits:
     return MoveItLimits(
         path, **values, velocity_scaling=speed, acceleration_scaling=acceleration
     )
+
+
+def _tables_of_limits(table: Field) -> Iterator[Field]:
+    """Tables with the key ``joint_limits``, which parameters of ROS nodes enclose."""
+    if "joint_limits" in table.table():
+        yield table
+        return
+    for item in table.table().values():
+        if isinstance(item.value, dict):
+            yield from _tables_of_limits(item)
 
 
 def _limit(limits: Field, flag: str, key: str) -> float | None:

@@ -61,13 +61,14 @@ def blaming(item: Field) -> Iterator[None]:
     """Turn errors of the library within this block into errors about a file's value.
 
     Raises:
-        ScenarioError: In place of any other error of the library.
+        ScenarioError: In place of any other error of the library, also of errors about
+            another file, which the value names.
     """
     try:
         yield
-    except ScenarioError:
-        raise
     except TominpmpError as error:
+        if isinstance(error, ScenarioError) and error.path == item.path:
+            raise
         item.blame(error)
 
 

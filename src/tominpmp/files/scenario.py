@@ -155,7 +155,8 @@ def read_motion_limits(table: Field, robot: Robot) -> MotionLimits | None:
     table.only("file", *known[kind])
     values: dict[str, Any] = {}
     if file is not None and file.value is not None:
-        below = load_motion_limits(file.path.parent / file.text(), robot)
+        with blaming(file):
+            below = load_motion_limits(file.path.parent / file.text(), robot)
         values = {item.name: getattr(below, item.name) for item in fields(below)}
     for name, item in items.items():
         values[name] = _limit(name, item, values.get(name) or {})
@@ -529,12 +530,12 @@ def read_robot(table: Field) -> Robot:
         if limits is not None:
             limits = limits.over(robot.motion_limits, robot.joint_names)
             robot = replace(robot, motion_limits=limits)
-    except ScenarioError:
-        raise
     except TominpmpError as error:
         option = getattr(error, "option", None)
-        where = table.get(option) if option in ROBOT_KEYS else table
-        where.blame(error)
+        if isinstance(error, ScenarioError):  # of this file, or of that of MoveIt
+            option = "joint_limits"
+        with blaming(table.get(option) if option in ROBOT_KEYS else table):
+            raise
     for item in table.get("payloads").items():
         with blaming(item):
             robot = robot.with_payload(_read_payload(item))
