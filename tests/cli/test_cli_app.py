@@ -36,6 +36,9 @@ def test_a_port_that_is_taken_and_a_robot_that_is_none_are_told() -> None:
     code, told = run("planar3r", "--host", "no.invalid", "--no-browser")
     assert code == 2
     assert "of no.invalid cannot be used" in told and "another port or host" in told
+    code, told = run("planar3r", "--host", "", "--no-browser")
+    assert code == 2
+    assert "an empty host would let others on the network open it" in told
     code, told = run("planar4r", "--no-browser")
     assert code == 2
     assert "planar4r" in told

@@ -12,9 +12,16 @@ from cli_samples import GOAL, PLAN, SCENARIO, START, Planner, Run, needs_panda
 from command_line import invoke
 
 from tominpmp.arrays import field_type
-from tominpmp.cli.option_fields import attribute_texts, fields_of, typed_values
+from tominpmp.cli.option_fields import (
+    attribute_texts,
+    fields_of,
+    number,
+    typed_values,
+)
 from tominpmp.cli.options import ProblemOptions
 from tominpmp.cli.parser import new_app
+from tominpmp.exceptions import ScenarioError
+from tominpmp.files.scenario import parse_toml
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 from tominpmp.problem.problem import Problem
@@ -282,3 +289,12 @@ def test_a_motion_is_judged_with_the_tolerances_that_are_typed(run: Run) -> None
     assert run("verify", "s.toml", "m.csv").exit_code == 0
     assert run("verify", "s.toml", "m.csv", "--goal-tolerance", 0.01).exit_code == 1
     assert "--seed" not in option_names(run, "verify")
+
+
+@pytest.mark.parametrize("word", ["1_000", "1_0.5", "1__0", "_1", "1_", "+2e3"])
+def test_numbers_are_written_as_in_scenario_files(word: str) -> None:
+    try:
+        written = parse_toml(f"x = {word}".encode(), Path("a.toml")).value["x"]
+    except ScenarioError:
+        written = None
+    assert number(word) == written

@@ -83,6 +83,9 @@ from tominpmp.robot.robot import load_robot
         (one_joint(axis="0 0 0"), "joint j1: the axis .* has no direction"),
         (one_joint(axis="0 0"), "axis xyz='0 0', expected 3 numbers"),
         (one_joint(axis="0 0 nan"), "expected 3 numbers"),
+        # Other readers would stop at the underscore.
+        (one_joint(axis="0 0 1_0"), "expected 3 numbers"),
+        (one_joint(limit='<limit effort="1_0"/>'), "effort='1_0' is not a number"),
         (one_joint(axis="0 0 1e300"), "expected 3 numbers"),
         (one_joint(limit='<limit effort="x"/>'), "limit effort='x' is not a number"),
         (one_joint(limit='<limit effort="nan"/>'), "effort='nan' is not a number"),

@@ -18,7 +18,7 @@ from urllib.parse import urlsplit
 from tominpmp.exceptions import TominpmpError, brief
 
 # Addresses that stand for all addresses of this machine.
-EVERY = ("", "0.0.0.0", "::")
+EVERY = ("0.0.0.0", "::")
 
 
 def names_of(host: str) -> frozenset[str]:

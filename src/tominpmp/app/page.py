@@ -92,6 +92,8 @@ def check_port(host: str, port: int) -> None:
         OptionsError: If the port is in use, or cannot be opened on this machine.
     """
     try:
+        if not host:
+            raise OSError("an empty host would let others on the network open it")
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         socket.create_server((host, port), family=family).close()
     except (OSError, OverflowError) as error:

@@ -282,7 +282,10 @@ def typed_values(record: Any) -> dict[str, Any]:
 
 
 def number(word: str) -> float | None:
-    """Read a number that was typed; None if the word is not a number."""
+    """Read a number that was typed; None if the word is not a number.
+
+    Digits may be grouped, 1_000, as in scenario files: TOML and Python agree on that.
+    """
     try:
         return float(word)
     except ValueError:

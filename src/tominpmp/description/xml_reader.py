@@ -193,7 +193,7 @@ class XmlContext:
 def to_number(text: str) -> float:
     """Convert a word to a number; NaN if it is not a number."""
     try:
-        return float(text)
+        return math.nan if "_" in text else float(text)  # Python alone allows 1_0
     except ValueError:
         return math.nan
 
