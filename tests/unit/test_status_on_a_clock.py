@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ import pytest
 import tominpmp as tm
 from tominpmp.certificate.allowances import clock_share, with_bound
 from tominpmp.certificate.minimum_principle import certify
-from tominpmp.planner.control_period import status_on_clock
+from tominpmp.planner.control_period import _with_clock, status_on_clock
 
 START = np.array([0.5, 1.7, -1.7])
 
@@ -54,6 +56,19 @@ def test_what_takes_more_than_a_period_is_not_called_optimal(
     assert free.trajectory is not None
     same = status_on_clock(free, free.trajectory, free.verification, 0.004)
     assert same == (tm.Status.CONVERGED, "")
+
+
+def test_a_clock_that_costs_nothing_costs_no_less(free: tm.Solution) -> None:
+    """The message said "-0.00 % above the motion without such a clock"."""
+    motion = free.trajectory
+    assert motion is not None
+    longer = replace(free, trajectory=replace(motion, t=(1.0 + 1e-7) * motion.t))
+    clocked: Any = SimpleNamespace(
+        trajectory=motion, verification=free.verification, remark=""
+    )
+    state: Any = SimpleNamespace(seconds=0.0)
+    told = _with_clock(longer, free.T / 100, clocked, state).message
+    assert " 0.00 % above the motion without such a clock" in told
 
 
 def test_the_share_of_a_clock(free: tm.Solution) -> None:

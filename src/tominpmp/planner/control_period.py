@@ -144,10 +144,10 @@ def _with_clock(
     except (Stop, KeyboardInterrupt) as stop:
         status, promise = state.stopped(stop), ""
     T, bound = motion.duration, solution.lower_bound
+    longer = round(100.0 * (T / solution.T - 1.0), 2) + 0.0  # never -0.00
     message = (
         f"{status.value} T = {T:.4f} s, {ticks_of(T, period)} periods of "
-        f"{period:g} s, {100 * (T / solution.T - 1.0):.2f} % above the motion "
-        "without such a clock"
+        f"{period:g} s, {longer:.2f} % above the motion without such a clock"
     )
     gap = "" if bound is None else bound.comparison(T)
     if gap:
