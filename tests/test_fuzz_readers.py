@@ -26,6 +26,7 @@ import pytest
 
 import tominpmp as tm
 from tominpmp.description.srdf import read_srdf
+from tominpmp.description.xacro_files import Arguments
 from tominpmp.robot.robot import Robot, load_robot
 
 pytestmark = pytest.mark.filterwarnings("ignore::tominpmp.TominpmpWarning")
@@ -320,7 +321,7 @@ def make_readers(folder: Path, planar: Robot) -> dict[str, Reader]:
         Reader(
             "srdf.srdf",
             SRDF.encode(),
-            lambda p: read_srdf(p, arm.description),
+            lambda p: read_srdf(p, arm.description, Arguments()),
             robot,
         ),
         Reader("scenario.toml", TOML.encode(), tm.load_scenario, scenario),

@@ -321,7 +321,8 @@ class MotionLimits(Record):
         if value is None:
             return {}
         if isinstance(value, Mapping):
-            known_joints(value, joint_names)
+            with naming(name):
+                known_joints(value, joint_names)
             return dict(value)
         if value.ndim == 1:
             one_per_joint(value, name, joint_names)

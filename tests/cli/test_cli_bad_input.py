@@ -93,7 +93,7 @@ BAD = {
     "weak": ("plan planar3r --start start --goal 1,1,1 --effort 1", "cannot hold"),
     "effort by stranger": (
         "plan planar3r --start start --goal 1,1,1 --effort elbow=1",
-        "no joint 'elbow'",
+        "error: effort: there is no joint 'elbow'",
     ),
     "search effort as torque limit": (
         "plan planar3r --start start --goal 1,1,1 --effort quick",

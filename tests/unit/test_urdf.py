@@ -27,6 +27,7 @@ from tominpmp.description.model import build_model
 from tominpmp.description.srdf import read_srdf
 from tominpmp.description.tree import Mimic
 from tominpmp.description.urdf import read_urdf
+from tominpmp.description.xacro_files import Arguments
 from tominpmp.exceptions import (
     JointNotFound,
     OptionsError,
@@ -318,7 +319,7 @@ def test_srdf(tmp_path: Path) -> None:
       <disable_collisions link1="l1" link2="tool"/>
     </robot>"""
     path = write(tmp_path, text, "sample.srdf")
-    found = read_srdf(path, read(tmp_path, chain("", "")))
+    found = read_srdf(path, read(tmp_path, chain("", "")), Arguments())
     assert found.disabled_pairs == (("l1", "l2"),)
     assert found.group_states == {"home": {"j1": 0.5, "j2": -1.0}}
     assert found.path == path
@@ -347,7 +348,7 @@ def test_srdf(tmp_path: Path) -> None:
 def test_wrong_srdf(tmp_path: Path, text: str, message: str) -> None:
     path = write(tmp_path, text, "sample.srdf")
     with pytest.raises(RobotLoadError, match=message):
-        read_srdf(path, read(tmp_path, one_joint()))
+        read_srdf(path, read(tmp_path, one_joint()), Arguments())
 
 
 POINTS = (

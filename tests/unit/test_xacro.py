@@ -137,6 +137,26 @@ def test_semantic_descriptions_are_expanded(arm: Path, tmp_path: Path) -> None:
         tm.load_robot(arm, srdf=srdf, xacro_args={"prefx": "left_"})
 
 
+def test_arguments_of_the_semantic_description_alone(arm: Path, tmp_path: Path) -> None:
+    """They were refused, as the robot's own file does not declare them."""
+    text = f"""<robot name="r" {NAMESPACE}><xacro:arg name="rest" default="0"/>
+      <group_state name="rest" group="all"><joint name="%s" value="$(arg rest)"/>
+      </group_state></robot>"""
+    given = {"rest": 0.25, "model": "m5"}
+    robot = tm.load_robot(arm, srdf=text % "one", xacro_args=given)
+    assert robot.group_states["rest"] == {"one": 0.25}
+    srdf = tmp_path / "planar.srdf.xacro"
+    srdf.write_text(text % "joint2")
+    plain = tm.load_robot("planar3r", srdf=srdf, xacro_args={"rest": 0.25})
+    assert plain.group_states["rest"] == {"joint2": 0.25}
+    problem = tm.Problem(plain, [0.5, 0.1, 0.2], tm.JointGoal([0.6, 0.2, 0.2]))
+    tm.save_scenario(tmp_path / "a.toml", problem)
+    again = tm.load_scenario(tmp_path / "a.toml").problem.robot
+    assert again.group_states == plain.group_states
+    with pytest.raises(tm.OptionsError, match=r"planar3r\.urdf has no .* 'model'"):
+        tm.load_robot("planar3r", srdf=srdf, xacro_args=given)
+
+
 def test_a_semantic_description_next_to_the_file_is_found(arm: Path) -> None:
     """MoveIt writes NAME.urdf.xacro and NAME.srdf; NAME.urdf.srdf was searched."""
     (arm.parent / "arm.srdf").write_text(

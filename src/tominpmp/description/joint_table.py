@@ -20,6 +20,7 @@ from tominpmp.exceptions import (
     ProblemError,
     RobotLoadError,
     brief,
+    naming,
     warn_caller,
 )
 
@@ -112,7 +113,8 @@ def _check_positions(
         raise wrong(locked_joints, "locked_joints", expected, OptionsError)
     for name, position in locked_joints.items():
         if name not in names:
-            raise JointNotFound(name, names)
+            with naming("locked_joints"):
+                raise JointNotFound(name, names)
         if not abs(number_or_nan(position)) <= FARTHEST:
             raise OptionsError(
                 f"locked_joints: joint {name} got {brief(position)}, expected a finite "
@@ -390,7 +392,8 @@ class JointTable:
             if name in not_free:
                 raise OptionsError(f"{option}: joint {name} {not_free[name]}", option)
             if name not in names:
-                raise JointNotFound(name, names)
+                with naming(option):
+                    raise JointNotFound(name, names)
             array = array_or_nan(value)
             if pairs and array.ndim == 0 and not array < 0:
                 array = np.array([-array, array])

@@ -18,7 +18,7 @@ from xml.etree.ElementTree import Element
 from tominpmp.arrays import Record
 from tominpmp.description.paths import checked_path
 from tominpmp.description.tree import JointDescription, UrdfDescription
-from tominpmp.description.xacro_files import expanded_root
+from tominpmp.description.xacro_files import Arguments, expanded_root
 from tominpmp.description.xml_reader import (
     XmlContext,
     add,
@@ -170,25 +170,33 @@ class SemanticDescription(Record):
 
 
 def read_srdf(
-    source: str | os.PathLike[str], description: UrdfDescription
+    source: str | os.PathLike[str],
+    description: UrdfDescription,
+    args: Arguments,
 ) -> SemanticDescription:
     """Read the SRDF file of a robot, from a path or a text.
 
-    A xacro file is expanded with those arguments of the robot's own xacro file that it
-    declares. Entries about links and joints that the robot lacks are dropped, as one
-    SRDF file often serves several variants of a robot.
+    A xacro file is expanded with those arguments that it declares. Entries about links
+    and joints that the robot lacks are dropped, as one SRDF file often serves several
+    variants of a robot.
+
+    Args:
+        source: The path or the text.
+        description: The robot.
+        args: Values of arguments, of which the robot's own file may declare some.
 
     Raises:
         RobotLoadError: If the file is not an SRDF file, every link pair that it
             disables has a link that the robot lacks, an attribute is missing or wrong,
             or a group contains itself.
+        OptionsError: If neither this file nor the robot's own declares an argument.
     """
     text = given_text(source)
     path = Path("<text of an SRDF file>")
     if text is None:
         path = checked_path(source, "srdf", RobotLoadError).absolute()
-    args = dict(description.xacro_args)
-    root = expanded_root(path, description.package_dirs, text, args, shared=True)
+    root = expanded_root(path, description.package_dirs, text, args)
+    args.check_declared(description.path)
     context = XmlContext(path)
     if root.tag != "robot":
         context.fail(f"is not an SRDF file: its root is <{root.tag}>, not <robot>")

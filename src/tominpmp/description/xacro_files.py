@@ -46,20 +46,50 @@ def is_xacro(root: Element) -> bool:
     return any(element.tag.startswith("xacro:") for element in root.iter())
 
 
-class _Arguments(dict[str, str]):
-    """Values of arguments; records which arguments the file declares."""
+class Arguments(dict[str, str]):
+    """Values of the arguments of a robot's files; records which ones they declare.
+
+    Args:
+        given: The values by name; None for no values.
+
+    Raises:
+        OptionsError: If they are not given by name.
+    """
+
+    def __init__(self, given: Mapping[str, object] | None = None) -> None:
+        given = {} if given is None else given
+        if not isinstance(given, Mapping):
+            raise wrong(given, "xacro_args", "values by name", OptionsError)
+        # xacro writes truth values in lower case.
+        words = ((k, str(v), isinstance(v, bool)) for k, v in given.items())
+        super().__init__({k: v.lower() if flag else v for k, v, flag in words})
+        self.declared: set[str] | None = None
 
     def __contains__(self, name: object) -> bool:
-        self.declared = {*getattr(self, "declared", ()), str(name)}
+        """Record a name, which a file declares, as xacro looks it up."""
+        self.declared = {*(self.declared or ()), str(name)}
         return super().__contains__(name)
+
+    def check_declared(self, path: Path) -> None:
+        """Check that every argument is declared by a file that was expanded.
+
+        Args:
+            path: The robot's file, for messages.
+
+        Raises:
+            OptionsError: If an argument is not declared.
+        """
+        for name in self.keys() - (self.declared or ()):
+            known = sorted(self.declared or ())
+            fault = f"has no xacro argument {brief(name)}{closest(name, known)}; it "
+            fault += f"has: {brief(', '.join(known) or 'none', 400)}"
+            if self.declared is None:
+                fault = "is not a xacro file: it has no arguments"
+            raise OptionsError(f"{path} {fault}", "xacro_args")
 
 
 def expanded_root(
-    path: Path,
-    package_dirs: Sequence[Path],
-    text: bytes | None,
-    args: Mapping[str, object] | None,
-    shared: bool = False,
+    path: Path, package_dirs: Sequence[Path], text: bytes | None, args: Arguments
 ) -> Element:
     """Root of a robot file or a text, expanded if it uses xacro.
 
@@ -68,33 +98,20 @@ def expanded_root(
         package_dirs: Folders in which packages are searched.
         text: Content, in place of that of the file.
         args: Values of the arguments of a xacro file.
-        shared: Whether the arguments are those of another file, of which this one need
-            not declare all.
 
     Raises:
         RobotLoadError: If it cannot be read.
-        OptionsError: If the file does not declare such an argument.
         MissingDependency: If it is a xacro file and xacrodoc is not installed.
     """
-    args = {} if args is None else args
-    if not isinstance(args, Mapping):
-        raise wrong(args, "xacro_args", "values by name", OptionsError)
     text = read_bytes(path, MAX_BYTES, RobotLoadError) if text is None else text
     root = parse_xml(text, path)
     if is_xacro(root):
-        return parse_xml(_expanded(text, path, package_dirs, args, shared), path)
-    if args and not shared:
-        message = f"{path} is not a xacro file: it has no arguments"
-        raise OptionsError(message, "xacro_args")
+        return parse_xml(_expanded(text, path, package_dirs, args), path)
     return root
 
 
 def _expanded(
-    text: bytes,
-    path: Path,
-    package_dirs: Sequence[Path],
-    args: Mapping[str, object],
-    shared: bool,
+    text: bytes, path: Path, package_dirs: Sequence[Path], args: Arguments
 ) -> bytes:
     """Expand the text of a xacro file to the text of a URDF or SRDF file.
 
@@ -103,37 +120,24 @@ def _expanded(
         path: The file; files that it includes are relative to it.
         package_dirs: Folders in which packages are searched.
         args: Values of its ``<xacro:arg>``.
-        shared: Whether the file need not declare all of them.
 
     Raises:
         RobotLoadError: If it cannot be expanded, or a package is missing.
-        OptionsError: If the file does not declare an argument.
         MissingDependency: If xacrodoc is not installed.
     """
     with optional("xacrodoc", "xacro", f"{path} is a xacro file; expanding it"):
         import xacro
         import xacrodoc
-    # xacro writes truth values in lower case.
-    words = {
-        k: str(v).lower() if isinstance(v, bool) else str(v) for k, v in args.items()
-    }
-    arguments, printed = _Arguments(words), StringIO()
+    printed = StringIO()
     try:
         with _LOCK, _guarded(path, package_dirs), redirect_stderr(printed):
             xacro.init_stacks(str(path.absolute()))
             document = xacrodoc.XacroDoc.from_string(
-                text.decode("utf-8-sig"), subargs=arguments, resolve_packages=False
+                text.decode("utf-8-sig"), subargs=args, resolve_packages=False
             )
             content: bytes = document.dom.toxml(encoding="utf-8")
     except Exception as error:  # expressions may raise anything
         raise _unwrapped_error(error, path) from error
-    declared = sorted(getattr(arguments, "declared", ()))
-    for name in () if shared else words.keys() - declared:
-        raise OptionsError(
-            f"{path} has no xacro argument {brief(name)}{closest(name, declared)}; it "
-            f"has: {brief(', '.join(declared) or 'none', 400)}",
-            "xacro_args",
-        )
     # xacro repeats its warnings for each use of a macro.
     if lines := dict.fromkeys(printed.getvalue().splitlines()):
         warn_caller(f"{path}: {shortened('; '.join(lines), LONGEST_WARNING)}")

@@ -62,7 +62,7 @@ from tominpmp.description.srdf import (
 )
 from tominpmp.description.tree import UrdfDescription
 from tominpmp.description.urdf import read_parsed, read_urdf
-from tominpmp.description.xacro_files import expanded_root
+from tominpmp.description.xacro_files import Arguments, expanded_root
 from tominpmp.description.xml_reader import given_text
 from tominpmp.exceptions import (
     FrameNotFound,
@@ -608,7 +608,7 @@ def read_source(
     """
     if isinstance(source, RobotSource):
         return source
-    folders = check_folders(package_dirs)
+    folders, args = check_folders(package_dirs), Arguments(xacro_args)
     parts = _pinocchio_parts(source, geometry)
     if geometry is not None and parts is None:
         raise RobotLoadError(
@@ -625,15 +625,15 @@ def read_source(
     else:
         files, packages, text = _find_files(source)
         folders = (*folders, *packages)
-        root = expanded_root(files.urdf, folders, text, xacro_args)
+        root = expanded_root(files.urdf, folders, text, args)
         if root.tag == "mujoco":
             description, embedded, effort = describe_mjcf(files.urdf, text, folders)
         else:
             description = read_urdf(files.urdf, folders, root)
-            args = {} if xacro_args is None else xacro_args
             description = replace(description, xacro_args=tuple(args.items()))
         name, srdf = files.name, files.srdf if srdf is None else srdf
-    semantics = embedded if srdf is None else read_srdf(srdf, description)
+    semantics = embedded if srdf is None else read_srdf(srdf, description, args)
+    args.check_declared(description.path)
     return RobotSource(name, description, semantics, {"effort": effort})
 
 
