@@ -132,6 +132,23 @@ def test_sensitivities_to_arrival_times_are_refused_before_planning(
     assert planner.problem is None
 
 
+@pytest.mark.parametrize("option", ["--certificate", "--sensitivities"])
+def test_certificates_of_dwells_among_moving_obstacles_are_refused_before_planning(
+    option: str, run: Run, planner: Planner, free: None
+) -> None:
+    """The motion was planned and written before the error."""
+    segment = "[[segments]]\ndwell = 0.2\n[segments.goal]\n"
+    text = Path("free.toml").read_text().replace("[goal]\n", segment)
+    ball = 'type = "sphere"\nname = "a"\nradius = 0.1\nposition = [0, 9, 0]\n'
+    motion = 'motion = {type = "constant_velocity", velocity = [0, 1, 0]}\n'
+    text += f"[[scene.obstacles]]\n{ball}{motion}"
+    Path("moving.toml").write_text(text)
+    result = run("plan", "moving.toml", option, "c.png")
+    assert result.exit_code == 2
+    assert "dwells among moving obstacles" in result.stderr
+    assert planner.problem is None
+
+
 # Judging
 
 

@@ -58,6 +58,7 @@ def run_plan(
     """
     motion = motion_file(args)
     # Importing the libraries takes long, and may be interrupted.
+    from tominpmp.certificate.dwells import dwells_among_moving_obstacles
     from tominpmp.cli.problem import load_problem
     from tominpmp.files.export import load_motion
     from tominpmp.files.scenario import save_scenario
@@ -69,6 +70,13 @@ def run_plan(
     with logged(args.verbose, console), progress:
         progress.phase(f"loading {robot}")
         problem, chosen = load_problem(robot, problem_args, options)
+        dual = args.certificate or args.sensitivities
+        if dual is not None and dwells_among_moving_obstacles(problem):
+            raise OptionsError(
+                "--certificate and --sensitivities: there are none for dwells among "
+                "moving obstacles",
+                "certificate",
+            )
         if args.sensitivities is not None:
             from tominpmp.sensitivities.analysis import refuse_arrival_times
 
