@@ -39,9 +39,8 @@ def app(robot: RobotName = "panda", /, *, args: AppOptions = AppOptions()) -> No
     exports the motion as a file and the problem as lines of Python.
     """
     from tominpmp.app.first_request import first_request, known
-    from tominpmp.app.page import Page, import_viser
+    from tominpmp.app.page import Page
 
-    import_viser()
     path = Path(robot)
     source = str(path.resolve()) if path.is_file() else robot
     choice = known(source, kinematic=args.kinematic)

@@ -62,6 +62,7 @@ def run_plan(
     from tominpmp.cli.problem import load_problem
     from tominpmp.files.export import load_motion
     from tominpmp.files.scenario import save_scenario
+    from tominpmp.planner.optimality import NO_CERTIFICATE
     from tominpmp.planner.planning import plan
 
     signals = present()
@@ -72,11 +73,8 @@ def run_plan(
         problem, chosen = load_problem(robot, problem_args, options)
         dual = args.certificate or args.sensitivities
         if dual is not None and dwells_among_moving_obstacles(problem):
-            raise OptionsError(
-                "--certificate and --sensitivities: there are none for dwells among "
-                "moving obstacles",
-                "certificate",
-            )
+            fault = f"--certificate and --sensitivities: {NO_CERTIFICATE}"
+            raise OptionsError(fault, "certificate")
         if args.sensitivities is not None:
             from tominpmp.sensitivities.analysis import refuse_arrival_times
 

@@ -179,8 +179,8 @@ def report_text(data: Mapping[str, Any]) -> str:
         rows.append(("lower bound", bound.in_words(data["T"])))
     if "certificate" in data:
         rows.append(("certificate", data["certificate"]))
-    for item in data.get("sensitivities", ())[:SHOWN]:
-        rows.append(("held by", item["text"]))
+    held = data.get("sensitivities", ())[:SHOWN]
+    rows += [("held by", item["text"]) for item in held]
     if data["violations"]:
         worst = data["violations"].items()
         shown = {None: "infinite", 0.0: "0"}
@@ -232,6 +232,7 @@ def robot_data(robot: Robot) -> dict[str, Any]:
     limits, beyond, semantics = robot.limits, robot.motion_limits, robot.srdf
     groups = {} if semantics is None else semantics.groups
     kinds = {joint.name: joint.kind for joint in robot.description.joints}
+    others = {*robot.joint_names, *robot.locked_joints}
     columns = _named(limits, *(item.name for item in dataclasses.fields(limits)))
     columns |= _named(robot, "damping", "armature", "friction")
     if robot.kinematic:
@@ -251,11 +252,7 @@ def robot_data(robot: Robot) -> dict[str, Any]:
             for i, name in enumerate(robot.joint_names)
         ],
         "locked_joints": robot.locked_joints,
-        "mimic_joints": [
-            joint.name
-            for joint in robot.description.joints
-            if joint.mimic is not None and joint.name not in robot.locked_joints
-        ],
+        "mimic_joints": [name for name in kinds if name not in others],
         "passive_joints": robot.passive_joints,
         "groups": {name: group.joints for name, group in groups.items()},
         "group_states": robot.group_states,

@@ -26,7 +26,7 @@ joint, where they take precedence.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -220,7 +220,7 @@ def load_joint_limits(path: str | Path) -> MoveItLimits:
     """
     path = checked_path(path, "path", ScenarioError)
     document = Field(read_yaml(path), path)
-    table, *others = [*_tables_of_limits(document)] or [document]
+    table, *others = _tables_of_limits(document) or [document]
     for other in others:
         fault = f"is in the table {table.key}, too, expected one of them"
         other.get("joint_limits").fail(fault)
@@ -247,14 +247,13 @@ def load_joint_limits(path: str | Path) -> MoveItLimits:
     )
 
 
-def _tables_of_limits(table: Field) -> Iterator[Field]:
+def _tables_of_limits(table: Field) -> list[Field]:
     """Tables with the key ``joint_limits``, which parameters of ROS nodes enclose."""
-    if "joint_limits" in table.table():
-        yield table
-        return
-    for item in table.table().values():
-        if isinstance(item.value, dict):
-            yield from _tables_of_limits(item)
+    items = table.table()
+    if "joint_limits" in items:
+        return [table]
+    inner = (item for item in items.values() if isinstance(item.value, dict))
+    return [found for item in inner for found in _tables_of_limits(item)]
 
 
 def _limit(limits: Field, flag: str, key: str) -> float | None:

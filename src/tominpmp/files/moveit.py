@@ -460,23 +460,15 @@ def _start_values(request: Field, key: str) -> dict[str, float]:
     return dict(zip(joints, numbers, strict=True))
 
 
-def _goal_names(request: Field, key: str, *kinds: str) -> list[str]:
-    """Joints ("joint_name") or links ("link_name") in the goal constraints."""
+def _goal_names(request: Field, *kinds: str) -> list[str]:
+    """Names in the goal constraints of the kinds: of joints, or of links."""
     names = [
-        item.need(key).text()
+        item.need("joint_name" if kind == "joint" else "link_name").text()
         for goal in request.get("goal_constraints").items()
         for kind in kinds
         for item in goal.get(f"{kind}_constraints").items()
     ]
     return list(dict.fromkeys(names))
-
-
-def _goal_joints(request: Field) -> list[str]:
-    return _goal_names(request, "joint_name", "joint")
-
-
-def _goal_links(request: Field) -> list[str]:
-    return _goal_names(request, "link_name", "position", "orientation")
 
 
 def _outside_group(
@@ -505,14 +497,14 @@ def _outside_group(
         return {}
     srdf = SemanticDescription() if semantics is None else semantics
     group, states = srdf.find_group(name.text()), srdf.group_states
-    links = _goal_links(request)
+    links = _goal_names(request, "position", "orientation")
     moving = set[str]() if group is None else set(srdf.groups[group].joints)
     named = bool(moving)
     if group is not None and named:
         warn_of_group(group, srdf.groups[group])
     if not named:
         above = map(description.joints_above, links)
-        moving = set(_goal_joints(request)).union(*above)
+        moving = set(_goal_names(request, "joint")).union(*above)
     outside = [j for j in description.joints if j.name not in moving and not j.mimic]
     if not named and links and outside:
         warn_caller(
@@ -636,11 +628,11 @@ def _locks(
     Joints that follow them are locked with them; if the request has them elsewhere, a
     warning says so later.
     """
-    description, moved = source.description, _goal_joints(request)
+    description, moved = source.description, _goal_names(request, "joint")
     locks = _outside_group(request, start, description, source.semantics)
     names = [joint.name for joint in description.joints if joint.mimic is None]
     # A goal for a link may move any joint.
-    if moved and not _goal_links(request):
+    if moved and not _goal_names(request, "position", "orientation"):
         locks |= {k: start[k] for k in names if k in start and k not in moved}
     # If no joint were left, the reader of the goal says what is wrong with it.
     return locks if len(locks) < len(names) else {}

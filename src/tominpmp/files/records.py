@@ -237,10 +237,8 @@ def make(kind: type[T], table: Field, kinds: Mapping[str, Any], *beside: str) ->
         ScenarioError: If a field is unknown, missing or wrong.
     """
     known = {field.name: field for field in fields(kind) if field.init}  # type: ignore[arg-type]
+    table.only(*known, *beside)
     values = {k: v for k, v in table.table().items() if k not in beside}
-    for name, item in values.items():
-        if name not in known:
-            item.unknown(known)
     for name, field in known.items():
         needed = field.default is MISSING and field.default_factory is MISSING
         if needed and name not in values:

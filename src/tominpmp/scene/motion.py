@@ -172,14 +172,14 @@ def _agreed_start(given: Placement, begins: Placement) -> Placement:
     )
 
 
-def checked_times(value: Array, name: str = "times") -> Array:
+def _checked_times(value: Array, name: str = "times") -> Array:
     """Check a caller's times, shape (m,) [s]."""
     return array(value, name, (None,), "times [s]")
 
 
 def _checked_intervals(begin: Array, end: Array) -> tuple[Array, Array]:
     """Check a caller's time intervals: an end for each beginning [s], shape (k,)."""
-    begin = checked_times(begin, "begin")
+    begin = _checked_times(begin, "begin")
     return begin, array(end, "end", begin.shape, "times [s], one for each beginning")
 
 
@@ -257,7 +257,7 @@ class ConstantVelocity(Motion):
         Returns:
             Shapes (m,) [s], (m, 3, 3) and (m, 3) [m].
         """
-        times = checked_times(times)
+        times = _checked_times(times)
         elapsed = np.clip(times, self.begin, self.end) - self.begin
         turned = Rotation.from_rotvec(elapsed[:, None] * self.angular).as_matrix()
         return elapsed, turned, turned @ self._lever(start)
@@ -275,7 +275,7 @@ class ConstantVelocity(Motion):
 
     def twists(self, times: Array, start: Placement) -> Twist:
         """Velocities at times."""
-        times = checked_times(times)
+        times = _checked_times(times)
         _, _, lever = self._turned(times, start)
         moving = ((times >= self.begin) & (times < self.end))[:, None]
         linear = self.velocity + np.cross(self.angular, lever)
@@ -292,7 +292,7 @@ class ConstantVelocity(Motion):
         return SpeedBounds(np.where(moving, speed, 0.0), np.where(moving, turn, 0.0))
 
 
-def _checked_times(value: Any, name: str) -> Array:
+def _waypoint_times(value: Any, name: str) -> Array:
     """Check times of waypoints [s], shape (k,)."""
     times = finite_numbers(value, name)
     if times.ndim != 1 or not times.size:
@@ -335,7 +335,7 @@ def _matrices(given: Array) -> Array:
     return matrices
 
 
-Times: TypeAlias = Annotated[Converted[ArrayLike, Array], _checked_times]
+Times: TypeAlias = Annotated[Converted[ArrayLike, Array], _waypoint_times]
 NumbersOrNone: TypeAlias = Annotated[
     Converted[ArrayLike | None, Array | None], optional(finite_numbers)
 ]
@@ -421,7 +421,7 @@ class Waypoints(Motion):
 
     def poses(self, times: Array, start: Placement) -> Placement:
         """Placements at times."""
-        times, start = checked_times(times), instance(start, Placement, "start")
+        times, start = _checked_times(times), instance(start, Placement, "start")
         k = self._passed(times)
         since = np.maximum(times - self.times[k], 0.0)[:, None]
         R = start.R if self.rotations is None else self.rotations[k]
@@ -431,7 +431,7 @@ class Waypoints(Motion):
 
     def twists(self, times: Array, start: Placement) -> Twist:
         """Velocities at times."""
-        k = self._passed(checked_times(times))
+        k = self._passed(_checked_times(times))
         linear, angular = self._rates.linear[k], self._rates.angular[k]
         if self.rotations is not None:
             # A rotation leaves its own axis unchanged: either rotation transforms it.
@@ -542,7 +542,7 @@ class PoseFunction(Motion):
 
     def poses(self, times: Array, start: Placement) -> Placement:
         """Placements at times."""
-        poses = [self._pose(time) for time in checked_times(times).tolist()]
+        poses = [self._pose(time) for time in _checked_times(times).tolist()]
         return Placement(
             np.array([item.R for item in poses]).reshape(-1, 3, 3),
             np.array([item.p for item in poses]).reshape(-1, 3),
@@ -550,7 +550,7 @@ class PoseFunction(Motion):
 
     def twists(self, times: Array, start: Placement) -> Twist:
         """Velocities at times, by finite differences of second order."""
-        times = checked_times(times)
+        times = _checked_times(times)
         # The differences are central, except at the start, before which there is no
         # time.
         base = np.maximum(times - STEP, 0.0)

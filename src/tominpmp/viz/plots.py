@@ -103,7 +103,9 @@ def plot_trajectory(
         for panel in axes.reshape(-1):
             for end in surroundings.inner_segment_ends(trajectory):
                 panel.axvline(end, color=SEGMENT_COLOR, linewidth=0.6, zorder=0.8)
-        figures.add_legend(figure, _limit_keys(), 2)
+        beyond = area_key("beyond it", facecolor=figures.BEYOND_COLOR)
+        keys = [line_key("limit", **figures.LIMIT_LOOK), beyond]
+        figures.add_legend(figure, keys, 2)
         return figures.finish(figure, path)
 
 
@@ -303,11 +305,6 @@ def _short(name: str, most: int = 40) -> str:
 def _name_look(joint: int) -> dict[str, Any]:
     """Text properties of the name of a joint."""
     return {"fontsize": 8.0, "fontweight": "bold", "color": figures.color(joint)}
-
-
-def _limit_keys() -> list[Any]:
-    beyond = area_key("beyond it", facecolor=figures.BEYOND_COLOR)
-    return [line_key("limit", **figures.LIMIT_LOOK), beyond]
 
 
 def _show_limit(panel: Axes, limit: float, edge: float | None = None) -> None:
