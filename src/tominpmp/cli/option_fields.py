@@ -58,17 +58,16 @@ def supported(**marks: Any) -> dict[str, Any]:
 
 
 def sources(typed: CompletionContext) -> list[str]:
-    """Names of robots, and files and folders that begin with the typed text."""
+    """Names of robots, and files and folders that begin with the typed text.
+
+    The files are those of robots and scenarios.
+    """
     from tominpmp.description.files import robot_names
 
-    return [*robot_names(), *_files(typed.incomplete)]
-
-
-def _files(incomplete: str) -> list[str]:
-    """Robot files, scenario files and folders that begin with the typed text."""
-    matches = sorted(glob.glob(f"{glob.escape(incomplete)}*"))
+    matches = sorted(glob.glob(f"{glob.escape(typed.incomplete)}*"))
     names = (f"{name}/" if Path(name).is_dir() else name for name in matches)
-    return [name for name in names if name.endswith(("/", *ENDINGS))]
+    files = [name for name in names if name.endswith(("/", *ENDINGS))]
+    return [*robot_names(), *files]
 
 
 def named(kind: str, *tags: str) -> Completer:
