@@ -141,8 +141,7 @@ def play(motion: RecordedMotion, /, *, args: PlayOptions) -> None:
     trajectory = join(samples, arm, motion).trajectory
     # The ends are not checked, and the obstacles come last: a motion is shown even if
     # it begins or ends beyond limits, or in an obstacle.
-    lower, upper = arm.limits.position_lower, arm.limits.position_upper
-    q = trajectory.q[0].clip(lower, upper)
+    q = trajectory.q[0].clip(arm.limits.position_lower, arm.limits.position_upper)
     alone = Problem(arm, q, JointRegionGoal(q), self_collision=False)
     problem = alone._altered("checker", "margins", scene=scene)
     say(f"page  {Path(play(problem, trajectory, path=args.output))}")
