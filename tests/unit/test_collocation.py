@@ -288,8 +288,8 @@ def test_what_a_grid_of_torques_cannot_do_is_said():
         velocity=0.002,
     )
     problem = tm.Problem(arm, (1.0, 0.5), tm.JointGoal((-0.5, -0.3)))
-    options = tm.Options(method="collocation", starts=1, max_iterations=3)
-    solution = tm.plan(problem, options)
+    few = {"intervals": 10, "starts": 1, "max_iterations": 3}
+    solution = tm.plan(problem, method="collocation", **few)
     assert not solution.success
     assert "keeps torques for up to" in solution.message
 

@@ -174,7 +174,8 @@ def test_another_integration_ends_at_the_goal(name: str, method: str) -> None:
 def test_too_little_force_to_move_is_said() -> None:
     robot = make_arm(SLIDE, effort=FORCE, friction=12.0)
     problem = tm.Problem(robot, [0.0], tm.JointGoal([WAY]))
-    solution = plan_quickly(problem, tm.Options(starts=1))
+    few = tm.Options(starts=1, intervals=8, max_iterations=3)
+    solution = plan_quickly(problem, few)
     assert not solution.success
     assert "cannot overcome its dry friction of 12 N" in solution.message
 

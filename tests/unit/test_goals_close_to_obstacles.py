@@ -90,9 +90,10 @@ def test_passage_narrower_than_the_padding(room: float) -> None:
     ]
     problem = tm.Problem(arm, [-0.5], tm.JointGoal([0.5]), tm.Scene(walls))
     assert problem.checker.distances(np.zeros((1, 1)), 1.0).min() < PADDING
-    solution = tm.plan(problem, effort="quick", max_planning_time=60.0)
+    few = {"effort": "quick", "intervals": 20, "max_planning_time": 60.0}
+    solution = tm.plan(problem, **few)
     assert solution.success, solution.message
-    assert solution.T < 1.001 * tm.plan(replace(problem, scene=tm.Scene())).T
+    assert solution.T < 1.001 * tm.plan(replace(problem, scene=tm.Scene()), **few).T
 
 
 def test_a_stop_in_a_narrow_passage_returns_the_motion_through_it() -> None:
@@ -103,7 +104,8 @@ def test_a_stop_in_a_narrow_passage_returns_the_motion_through_it() -> None:
         for name, side in (("left", 1.0), ("right", -1.0))
     ]
     problem = tm.Problem(arm, [-0.5], tm.JointGoal([0.5]), tm.Scene(walls))
-    solution = tm.plan(problem, callback=lambda record: record.iteration >= 4)
+    few = {"intervals": 20, "callback": lambda record: record.iteration >= 4}
+    solution = tm.plan(problem, **few)
     assert solution.status is tm.Status.INTERRUPTED
     assert solution.success and solution.verification.ok
 

@@ -69,7 +69,8 @@ def test_a_goal_that_is_reached_in_collision_only_is_refused_at_once() -> None:
 
 
 def test_one_that_is_clear_with_the_other_elbow_is_planned() -> None:
-    solution = tm.plan(turning(True, ELBOWS[1]), effort="quick", refine=None)
+    few = {"effort": "quick", "refine": None, "intervals": 16}
+    solution = tm.plan(turning(True, ELBOWS[1]), **few)
     assert solution.success, solution.message
     assert solution.trajectory.q[-1, 1] < 0.0
 

@@ -21,6 +21,7 @@ AWAY = START + np.array([0.5, -0.3, 0.2])
 LIMITS = tm.MotionLimits(acceleration=14.0, jerk=900.0)
 PERIOD = 0.004
 VELOCITY = [0.1, 0.2, 0.3]
+FEW = {"effort": "quick", "intervals": 16}
 
 
 def tip() -> np.ndarray:
@@ -122,7 +123,7 @@ def test_there_is_nothing_to_refine(refine: str | None) -> None:
     ids=["goal moves", "start moves", "apart", "outside"],
 )
 def test_a_start_that_does_not_satisfy_it_moves(problem: tm.Problem) -> None:
-    solution = tm.plan(problem, effort="quick")
+    solution = tm.plan(problem, **FEW)
     assert solution.success, solution.message
     assert solution.T > 1e-6
     assert "already" not in solution.message
@@ -278,11 +279,11 @@ def test_a_goal_at_the_start_or_twice_costs_next_to_nothing(
 ) -> None:
     """Four periods where the arm stops; a goal that is passed takes one."""
     there, home = tm.JointGoal(AWAY), tm.JointGoal(START)
-    plain = tm.plan(through(tm.Segment(there)), effort="quick", control_period=period)
+    plain = tm.plan(through(tm.Segment(there)), control_period=period, **FEW)
     most = plain.T + (0.0 if period is None else (5 if dwell else 2) * period)
     for first, second in ((home, there), (there, there)):
         problem = through(tm.Segment(first, dwell=dwell), tm.Segment(second))
-        solution = tm.plan(problem, effort="quick", control_period=period)
+        solution = tm.plan(problem, control_period=period, **FEW)
         assert solution.success, solution.message
         assert solution.T <= 1.02 * most + (0.0 if period is None else period) + dwell
 
@@ -313,7 +314,7 @@ def test_small_motions_are_planned_like_others(
 ) -> None:
     goal = tm.JointGoal(START + way * np.array([1.0, -0.6, 0.3]))
     problem = from_start(goal, motion_limits=limits)
-    solution = tm.plan(problem, control_period=period, effort="quick")
+    solution = tm.plan(problem, control_period=period, **FEW)
     assert solution.success, solution.message
     assert solution.verification.ok
     assert solution.T > 0.0

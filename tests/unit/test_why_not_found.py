@@ -11,8 +11,11 @@ from sample_arms import DOWNWARD, make_arm
 
 import tominpmp as tm
 from tominpmp.bounds.lower_bound import lower_bound, why_impossible
+from tominpmp.initial_guess import segments
+from tominpmp.initial_guess.rrt import PathSearches
 from tominpmp.initial_guess.unreachable import hindrance
 from tominpmp.kinematics import RobotKinematics
+from tominpmp.planner import plan_state
 from tominpmp.status import Status
 
 TOLERANCE = 5e-3
@@ -117,8 +120,12 @@ def test_enough_room_is_not_disputed(ends: tuple[float, ...]) -> None:
 
 
 @pytest.mark.parametrize("segment", ["", "on segment 2, "], ids=["one", "second"])
-def test_joint_and_obstacle_without_a_path_are_named(segment: str) -> None:
+def test_joint_and_obstacle_without_a_path_are_named(
+    segment: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Torques of a guess were named that no iteration had improved."""
+    for module in (plan_state, segments):
+        monkeypatch.setattr(module, "PathSearches", partial(PathSearches, checks=2000))
     room = {"position_lower": [-3.0, -0.1, -0.1], "position_upper": [3.0, 0.1, 0.1]}
     arm = tm.load_robot("planar3r", **room)
     post = tm.Sphere("post", radius=0.3, position=(0.0, 5.0, 0.0))
