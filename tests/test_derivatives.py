@@ -22,7 +22,7 @@ from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.base import Transcription
 from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
-from tominpmp.transcription.grid import delayed_shares, interval_shares
+from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.integrator import rollout, sweep_adjoint
 from tominpmp.transcription.inverse import InverseTranscription
@@ -122,7 +122,9 @@ PROBLEMS: dict[str, Callable[[], tm.Problem]] = {
 }
 GRIDS = {
     "": lambda: interval_shares("cosine", INTERVALS),
-    ", two columns": lambda: delayed_shares(4, 0.3),
+    ", two columns": lambda: np.kron(
+        np.diag([0.3, 0.7]), interval_shares("uniform", INTERVALS // 2)
+    ),
     ", free": lambda: np.eye(INTERVALS),
 }
 
