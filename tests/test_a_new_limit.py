@@ -69,7 +69,7 @@ def problem(*constraints: tm.PathConstraint) -> tm.Problem:
 
 def planned(*constraints: tm.PathConstraint) -> tm.Solution:
     """Its fastest motion."""
-    found = tm.plan(problem(*constraints))
+    found = tm.plan(problem(*constraints), effort="quick")
     assert found.success, found.message
     return found
 
@@ -183,7 +183,7 @@ WATTS = 20.0
 def powered(watts: float) -> tm.Solution:
     """The fastest motion of the arm, the motor of whose first joint is weak."""
     limits = Limits(power={"joint1": watts})
-    found = tm.plan(replace(problem(), motion_limits=limits))
+    found = tm.plan(replace(problem(), motion_limits=limits), effort="quick")
     assert found.success, found.message
     return found
 

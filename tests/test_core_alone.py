@@ -27,11 +27,9 @@ SELECTION = (
 def core(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the package, without the add-ons."""
     folder = tmp_path_factory.mktemp("core") / "src"
-    left_out = shutil.ignore_patterns("__pycache__")
 
     def ignored(at: str, names: list[str]) -> set[str]:
-        add_ons = ADD_ONS if Path(at) == SOURCE else ()
-        return left_out(at, names) | (set(add_ons) & set(names))
+        return set(ADD_ONS) & set(names) if Path(at) == SOURCE else set()
 
     shutil.copytree(SOURCE, folder / "tominpmp", ignore=ignored)
     robots = SOURCE.parents[1] / "robots"

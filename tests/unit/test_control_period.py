@@ -223,7 +223,7 @@ def test_obstacles_that_move_are_met_on_time(planar3r, control):
 def test_obstacles(ur5):
     post = tm.Cylinder("post", radius=0.05, length=1.0, position=(0.5, 0.1, 0.5))
     problem = ur5_problem(ur5, scene=tm.Scene([post]), margin=0.01)
-    solution = tm.plan(problem, control_period=0.004)
+    solution = plan_quickly(problem, control_period=0.004)
     check(solution, 0.004)
     _, q, _, _ = as_interpolated(solution.trajectory.sample(0.004), quintic=False)
     assert np.min(problem.checker.distances(q)) > 0.01 - 2e-5

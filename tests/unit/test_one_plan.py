@@ -44,7 +44,7 @@ def test_few_calls_lead_from_a_plan_to_its_programs(
     robot, goal = tm.load_robot("planar3r"), tm.JointGoal((2.0, -1.0, 0.5))
     solution = tm.plan(
         tm.Problem(robot, (0.5, 1.7, -1.7), goal, scene=tm.Scene([ball])),
-        tm.Options(**options),
+        tm.Options(intervals=24, **options),
     )
     assert solution.success
     descents = [calls for calls in found if "solve_dual_program" not in calls]

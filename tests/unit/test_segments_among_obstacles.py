@@ -30,7 +30,7 @@ def alone(arm: tm.Robot) -> float:
     """T of the motion over the wall and of the motion back, each for itself."""
     ends = (NEAR, FAR), (FAR, NEAR)
     plans = [
-        tm.plan(tm.Problem(arm, q, tm.JointGoal(goal), [WALL], margin=0.01))
+        tm.plan(tm.Problem(arm, q, tm.JointGoal(goal), [WALL], 0.01), effort="quick")
         for q, goal in ends
     ]
     assert all(plan.success for plan in plans)
@@ -38,7 +38,7 @@ def alone(arm: tm.Robot) -> float:
 
 
 def planned(task: tm.Problem, **options: object) -> tm.Solution:
-    solution = tm.plan(task, **options)
+    solution = tm.plan(task, effort="quick", **options)
     assert solution.success, solution.message
     assert tm.verify(task, solution.trajectory).ok
     return solution
@@ -97,6 +97,7 @@ def test_a_callback_ends_the_plan_of_a_segment(arm: tm.Robot, count: int) -> Non
 
 @pytest.mark.parametrize("limit", [0.05, 0.2])
 def test_time_limits_are_kept(arm: tm.Robot, clock: Clock, limit: float) -> None:
-    solution = tm.plan(problem(arm, THERE, BACK), max_planning_time=limit)
+    options = {"effort": "quick", "max_planning_time": limit}
+    solution = tm.plan(problem(arm, THERE, BACK), **options)
     assert solution.success or solution.status is tm.Status.TIME_LIMIT
     assert solution.planning_time <= 1.1 * limit + 0.2
