@@ -44,10 +44,21 @@ def planned(task: tm.Problem, **options: object) -> tm.Solution:
     return solution
 
 
+@pytest.fixture(scope="module")
+def both(arm: tm.Robot) -> tuple[tm.Solution, list[float]]:
+    """A motion over the wall and back, and the durations of its iterations."""
+    durations: list[float] = []
+
+    def see(record: tm.IterationRecord) -> None:
+        durations.append(record.duration)
+
+    return planned(problem(arm, THERE, BACK), callback=see), durations
+
+
 def test_segments_with_a_stop_take_as_long_as_each_alone(
-    arm: tm.Robot, alone: float
+    both: tuple[tm.Solution, list[float]], alone: float
 ) -> None:
-    solution = planned(problem(arm, THERE, BACK))
+    solution, _ = both
     assert solution.T == pytest.approx(alone, rel=1e-4)
     assert solution.status is tm.Status.CONVERGED
 
@@ -71,13 +82,10 @@ def test_goals_that_are_passed_gain_time(arm: tm.Robot, alone: float) -> None:
     assert 0.5 * alone < fast.T < 0.995 * slow.T
 
 
-def test_records_have_the_duration_of_all_segments(arm: tm.Robot, alone: float) -> None:
-    durations: list[float] = []
-
-    def see(record: tm.IterationRecord) -> None:
-        durations.append(record.duration)
-
-    solution = planned(problem(arm, THERE, BACK), callback=see)
+def test_records_have_the_duration_of_all_segments(
+    both: tuple[tm.Solution, list[float]], alone: float
+) -> None:
+    solution, durations = both
     assert len(solution.history) > 0
     assert min(durations) > 0.6 * alone
 
