@@ -91,7 +91,7 @@ def test_fresh_problems_are_drawn_from_the_seed() -> None:
 
 
 def test_a_combination_has_a_motion() -> None:
-    made = golden_fresh.combined_task(1, 1)
+    made = golden_fresh.combined_task(1, 3)
     solution = tm.plan(made.problem, **SOON)
     assert solution.success, solution.message
     assert made.judged(solution).faults == ()
@@ -117,7 +117,7 @@ def test_joints_without_limits_are_angles() -> None:
     own = arm("kinova")
     start = np.array([0.0, 2.9, 1.3, -2.1, 1.4, 0.0])
     goal = start + np.array([6.0, 0.0, 0.0, 0.2, 0.0, 0.0])
-    solution = tm.plan(task(asked(own, start, joint(goal))).problem, effort="quick")
+    solution = tm.plan(task(asked(own, start, joint(goal))).problem, **SOON)
     assert solution.trajectory.q[-1, 0] < 0.0
     found = judge(asked(own, start, joint(goal)), solution)
     assert found.faults == ()

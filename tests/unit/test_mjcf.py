@@ -95,7 +95,7 @@ def test_both_formats_give_the_same_motion(tmp_path: Path) -> None:
         )
     scene = tm.Scene([tm.Sphere("ball", radius=0.1, position=(0.5, 0.0, 1.0))])
     plans = [
-        tm.plan(tm.Problem(arm, START, tm.JointGoal(GOAL), scene=scene))
+        tm.plan(tm.Problem(arm, START, tm.JointGoal(GOAL), scene=scene), effort="quick")
         for arm in (one, other)
     ]
     assert plans[0].success
