@@ -215,7 +215,8 @@ class Options(Record):
         initial_duration: Duration of the initial guess at rest [s], the paper's T^0,
             for "adjoint", "penalty" and goals on frames; None lets the planner choose.
         initial_control: Initial torques for "adjoint" and "penalty", the paper's u^0,
-            shape (n,) or (N, n) [N m]; None for zero.
+            shape (n,) or (N, n) [N m]; None for zero if a duration is given, and
+            otherwise for torques that track the first guess of other methods.
         lp_solver: Solver of the linear programs: "highs" (dual simplex, warm started),
             "piqp" (interior point), the name of any other solver that qpsolvers knows,
             or "auto".

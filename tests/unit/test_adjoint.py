@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from planar_samples import OBSTACLE, START, planar
-from sample_arms import make_arm, slide
+from sample_arms import DOWNWARD, make_arm, rod, slide
 
 import tominpmp as tm
 from tominpmp.linear_programs.choice import make_solver
@@ -16,6 +16,7 @@ from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import Status
 from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
+from tominpmp.transcription.controls import driving_torque
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NOT_INTEGRATED, NonlinearProgram
 
@@ -210,6 +211,40 @@ def test_a_mass_on_a_rail_keeps_its_speed_limit(selection, N):
     least = 1.0 / 0.8 + 0.8 / 2.0  # d / v + v / a; the switches lie within intervals
     assert least * (1 - 1e-6) <= result.best.duration <= 1.01 * least
     assert np.abs(nlp.trajectory(result.best.z).v).max() <= 0.8 * (1 + 1e-6)
+
+
+SWINGING = tm.Problem(
+    make_arm(
+        *(rod(3.2, 0.28), rod(3.3, 0.86), rod(2.0, 0.78)),
+        effort=(430.0, 83.0, 26.0),
+        velocity=(4.1, 1.7, 3.6),
+        gravity=DOWNWARD,
+    ),
+    (1.07, -0.29, -0.59),
+    tm.JointGoal((-0.10, 0.38, -0.96)),
+    self_collision=False,
+)
+
+
+def test_torques_that_track_states_do_not_drift_away():
+    nlp, eta = build(SWINGING, 40, T=1.0), np.array([1.0])
+    start, way = SWINGING.q_start, SWINGING.goal.q - SWINGING.q_start
+    s = np.linspace(0.0, 1.0, 41)[:, None]
+    q = start + (3 * s**2 - 2 * s**3) * way
+    x = np.hstack([q, (6 * s - 6 * s**2) * way])
+    without = driving_torque(nlp.system, q, x[:, 3:], np.full(40, 1 / 40))
+    drifting = nlp.trajectory(nlp.transcription.pack(without, eta))
+    tracking = nlp.trajectory(nlp.transcription.tracking(x, eta))
+    assert np.abs(drifting.q - q).max() > 0.5
+    assert np.abs(tracking.q - q).max() < 2e-3
+    limit = SWINGING.robot.limits.effort_upper
+    assert np.all(np.abs(tracking.u) <= limit * (1 + 1e-12))
+
+
+def test_an_arm_of_three_links_is_found_without_given_torques():
+    solution = tm.plan(SWINGING, method="adjoint", starts=1, max_planning_time=np.inf)
+    assert solution.status is Status.CONVERGED and solution.verification.ok
+    assert solution.T <= 1.002 * tm.plan(SWINGING).T
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,9 @@
-"""Torque starts: shooting from initial torques that need not lead to the goal."""
+"""Torque starts: shooting from initial torques that need not lead to the goal.
+
+Without torques or a duration in the options, the shooting methods begin with torques
+that track the first guess of other methods. Without feedback such torques would leave
+the guess: even their rounding to intervals makes an arm of light links miss by radians.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +12,12 @@ from dataclasses import replace
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.initial_guess.guess import GuessRequest
+from tominpmp.initial_guess.path_velocity import guesses_of
 from tominpmp.options import Options
 from tominpmp.planner.automatic_options import SHOOTING
 from tominpmp.planner.candidate import Candidate
+from tominpmp.planner.first_program import GUESS_TIME_SCALE
 from tominpmp.planner.plan_state import PlanState, start_key
 from tominpmp.planner.work import REPAIRS, Schedule, Work
 from tominpmp.solvers.exchange import RowExchange
@@ -19,6 +27,7 @@ from tominpmp.solvers.objective import MinimumTime
 from tominpmp.solvers.penalty import penalty_rounds
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.transcription.adjoint import AdjointTranscription
+from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.controls import torque_shares
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -39,7 +48,7 @@ LONGER = 2.0
 def torque_starts(
     system: ProblemFunctions, state: PlanState, least: int = 1
 ) -> Schedule[None]:
-    """Descend from the given torques of the options, then from random torques.
+    """Descend from given torques, or those of a guess, then from random torques.
 
     Starts that the plan has made before are left out.
 
@@ -50,8 +59,10 @@ def torque_starts(
         least: Number of starts unless options set it for a shooting method. The adjoint
             method makes up to RESCUE_TORQUE_STARTS while there is no incumbent.
     """
-    options = state.options
-    if options.method not in SHOOTING:
+    options, tracked = state.options, None
+    if options.method in SHOOTING:
+        tracked = _tracked_guess(system, options)
+    else:
         options = replace(
             options,
             method="adjoint",
@@ -66,7 +77,7 @@ def torque_starts(
     for number in range(most):
         if number >= wanted and state.best_duration < np.inf:
             return
-        z = _given_torques(system, options)
+        z = _given_torques(system, options) if tracked is None else tracked
         if number:
             z = _random_torques(system, options, rng)
         key = start_key(system.problem, z)
@@ -91,6 +102,24 @@ def _given_torques(system: ProblemFunctions, options: Options) -> Array:
     control = np.zeros(shape) if given is None else np.broadcast_to(given, shape)
     shares = torque_shares(system, control)
     return np.append(shares.ravel(), options.initial_duration or FIRST_DURATION)
+
+
+def _tracked_guess(system: ProblemFunctions, options: Options) -> Array | None:
+    """Initial iterate: torques that track the first guess, in its duration.
+
+    None if the options give torques or a duration, or no guess reaches the goal.
+    """
+    if options.initial_control is not None or options.initial_duration is not None:
+        return None
+    request = GuessRequest(1, np.random.default_rng(options.seed))
+    guess = next(guesses_of(system, request), None)
+    if guess is None:
+        return None
+    T = GUESS_TIME_SCALE * guess.duration if guess.timed else guess.duration
+    shares, eta = interval_shares(options.grid, options.intervals), np.array([T])
+    lifted = CollocationTranscription(system, shares, T)
+    x, _, _ = lifted.split(lifted.start(guess.position, guess.duration, eta))
+    return AdjointTranscription(system, shares, T).tracking(x, eta)
 
 
 def _random_torques(

@@ -33,6 +33,8 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 # their range: the larger it is, the more likely motions pass the obstacle of the
 # paper's example on the faster side.
 CONTROL_FACTOR = 2.0
+# Rate of the feedback that keeps a motion near given states, per longest interval.
+TRACKING = 0.4
 # Least duration after a step, as a share of the duration before (paper: T + dT >= 0).
 SHORTEST = 0.1
 # Clearances above this share of the arm's reach are left out of linear programs.
@@ -80,6 +82,33 @@ class AdjointTranscription(TorqueTranscription):
             eta: Lengths, shape (m,).
         """
         return np.concatenate([torque_shares(self.system, u).ravel(), eta])
+
+    def tracking(self, x: Array, eta: Array) -> Array:
+        """Iterate whose torques, within their limits, keep the motion near states.
+
+        The torque of each interval accelerates the arm as the states ask, and takes up
+        the deviation at its beginning (computed torque, with a double pole).
+
+        Args:
+            x: States (q, v) at the nodes, shape (N + 1, 2n).
+            eta: Lengths, shape (m,).
+        """
+        system, n, h = self.system, self._n, np.asarray(self.shares @ eta)
+        wanted, rate = np.diff(x[:, n:], axis=0) / h[:, None], TRACKING / h.max()
+        u, state = driving_torque(system, x[:, :n], x[:, n:], h), x[0]
+        for k in range(self.intervals):
+            off = x[k] - state
+            a = wanted[k] + rate * (rate * off[:n] + 2.0 * off[n:])
+            q = state[:n] + 0.5 * h[k] * state[n:]
+            v = state[n:] + 0.5 * h[k] * a
+            torque = system.dynamics.inverse(q[None], v[None], a[None])
+            share = torque_shares(system, torque)
+            held = system.effort_middle + system.effort_half * share
+            moved = rollout(system.dynamics, state, held, h[k : k + 1], self.substeps)
+            if not moved.finite:
+                break
+            u[k], state = held[0], moved.ends[-1]
+        return self.pack(u, eta)
 
     def motion(self, z: Array) -> SteppedMotion:
         """The motion of an iterate, integrated forward.
