@@ -161,7 +161,7 @@ def test_a_slow_incumbent_does_not_hide_a_faster_coarse_motion():
     slow = slow.verified(state.problem, options)
     state.candidates.append(slow)
     assert state.incumbent is slow
-    solution = _finish(state, options, tm.Status.TIME_LIMIT)
+    solution = _finish(state, tm.Status.TIME_LIMIT)
     assert solution.success and solution.status is tm.Status.TIME_LIMIT
     assert solution.T < 1.3 * coarse.candidate.trajectory.duration < slow.duration
 

@@ -37,17 +37,17 @@ STANDS = "The start already satisfies the goal: nothing has to move."
 BRIEF_TIME = 0.01
 
 
-def conclude(state: PlanState, options: Options, status: Status | None) -> Solution:
+def conclude(state: PlanState, status: Status | None) -> Solution:
     """Turn the best candidate into a solution.
 
     Args:
         state: The plan.
-        options: Options of the plan.
         status: How planning was stopped; None if the schedule is exhausted.
     """
-    problem, best = state.problem, best_of(state.candidates)
+    problem, options = state.problem, state.options
+    best = best_of(state.candidates)
     if best is None:
-        return without_motion(state, options, status or Status.INFEASIBLE)
+        return without_motion(state, status or Status.INFEASIBLE)
     reason = "" if best.confirmed else _reason(state)
     ended = best.status
     if status in STOPPED:
@@ -61,7 +61,7 @@ def conclude(state: PlanState, options: Options, status: Status | None) -> Solut
         problem=problem,
         options=options,
         status=ended,
-        message=_message(state, options, ended, best, bound, reason)
+        message=_message(state, ended, best, bound, reason)
         + ("" if reason else _advice(problem, options, ended, best)),
         feasible=best.confirmed,
         trajectory=best.trajectory,
@@ -74,24 +74,21 @@ def conclude(state: PlanState, options: Options, status: Status | None) -> Solut
     )
 
 
-def without_motion(
-    state: PlanState, options: Options, status: Status, message: str = ""
-) -> Solution:
+def without_motion(state: PlanState, status: Status, message: str = "") -> Solution:
     """The solution of a plan that has no candidate.
 
     Args:
         state: The plan.
-        options: Options of the plan.
         status: How planning ended.
         message: The reason; by default how planning ended.
     """
     reason = "" if message else _reason(state)
     message = message or _why_not_found(state, status, reason)
     if status is Status.TIME_LIMIT and not reason:
-        message += _time_advice(options)
+        message += _time_advice(state.options)
     return Solution(
         state.problem,
-        options,
+        state.options,
         status,
         message,
         False,
@@ -248,7 +245,6 @@ def _scope(options: Options, motion: Trajectory) -> str:
 
 def _message(
     state: PlanState,
-    options: Options,
     status: Status,
     best: Candidate,
     bound: LowerBound | None,
@@ -259,7 +255,7 @@ def _message(
         T = best.trajectory.duration
         said = status.value
         if status is Status.CONVERGED:
-            said = f"{said[:-1]}{_scope(options, best.trajectory)}."
+            said = f"{said[:-1]}{_scope(state.options, best.trajectory)}."
         sentence = (
             f"{said} T = {T:.3g} s" if T < BRIEF_TIME else f"{said} T = {T:.4f} s"
         )

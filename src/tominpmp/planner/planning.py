@@ -126,9 +126,9 @@ def plan(
         except (Stop, KeyboardInterrupt) as stop:
             status = state.stopped(stop)
         if proof:
-            solution = without_motion(state, options, Status.INFEASIBLE, str(proof))
+            solution = without_motion(state, Status.INFEASIBLE, str(proof))
         else:
-            solution = _finish(state, options, status)
+            solution = _finish(state, status)
         if state.callback_error is not None:
             raise state.callback_error
         if requested.energy_weight:
@@ -142,7 +142,7 @@ def plan(
     return solution
 
 
-def _finish(state: PlanState, options: Options, status: Status | None) -> Solution:
+def _finish(state: PlanState, status: Status | None) -> Solution:
     """The solution once the schedule is exhausted or planning was stopped.
 
     After a stop a fallback is tried. The solution is then moved to the clock of the
@@ -150,9 +150,9 @@ def _finish(state: PlanState, options: Options, status: Status | None) -> Soluti
 
     Args:
         state: The plan.
-        options: Options of the plan, with its full planning time.
         status: How planning was stopped; None if the schedule is exhausted.
     """
+    options = state.options
     if status is not None:
         use_fallback(state, status)
     if not state.candidates and state.failures:
@@ -160,7 +160,8 @@ def _finish(state: PlanState, options: Options, status: Status | None) -> Soluti
     if state.complete and status is Status.TIME_LIMIT:
         status = None
     with state.saving():
-        solution = conclude(state, options, status)
+        solution = conclude(state, status)
+    # A search for a motion without a clock had a share of the planning time only.
     state.reset_limit(options.time_limit)
     with state.saving():
         solution = on_clock(solution, state)
