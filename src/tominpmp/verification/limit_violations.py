@@ -140,9 +140,9 @@ def limit_violations(
     t, q, v = replay.t[rows], replay.q[rows], replay.v[rows]
     u = np.concatenate([replay.u, torque.ends()[known, 1]])
     directions, a = _directions(robot, replay, v, ends), np.zeros((1, 0, 0))
+    dynamics = RobotDynamics(robot)
     accelerated = any(item.kind.quantity in ("a", "j") for item in limits)
     if accelerated or any(item.order > 1 for item in problem.ready_constraints):
-        dynamics = RobotDynamics(robot)
         a = np.array([dynamics.forward_along(q, v, u, way) for way in directions])
 
     def excesses(item: JointBounds) -> tuple[Array, Array]:
@@ -154,7 +154,7 @@ def limit_violations(
             rounding = ROUNDING * np.max(np.abs(q), axis=0)
             return _rates(replay.t, ends, a[0], item.upper, outside, rounding=rounding)
         if item.kind.quantity == "du":
-            both, dynamics = [0, replay.t.size - 1], RobotDynamics(robot)
+            both = [0, replay.t.size - 1]
             state = q[both], v[both], u[both], directions[0, both]
             # Only accelerations jump there, not the direction of friction.
             jumps = outside - dynamics.forward_along(*state)
