@@ -169,7 +169,7 @@ def _gap_rule(state: PlanState, system: ProblemFunctions, loop: Loop) -> Status 
 def _further_guesses(
     coarse: CoarseSearch, guesses: CachedGuesses, first: Guess, compared: int
 ) -> Iterator[Guess]:
-    """Guesses for probes after the first descents: paths, or detours in free space."""
+    """Guesses after the first descents: paths, or detours from the first guess."""
     system = coarse.system
     if not system.in_free_space:
         return itertools.islice(guesses.since(compared), MOST_PATHS)
@@ -295,7 +295,8 @@ class CoarseSearch:
     def solve_coarse(self, guess: Guess) -> Schedule[CoarseMotion | None]:
         """Descend on the coarse grid; None without a new motion.
 
-        A motion is new if it is nearly feasible and differs from all known ones.
+        A motion is new if it is nearly feasible and differs from all known ones; it is
+        then known itself.
         """
         self.state.tried.add(start_key(self.system.problem, guess.t, guess.q))
         stop = self._drop_early()
@@ -398,7 +399,7 @@ class CoarseSearch:
         guesses: Iterable[Guess],
         patience: float = np.inf,
     ) -> Schedule[None]:
-        """Try further guesses, and finish each one that predicts a faster motion.
+        """Descend from further guesses, and finish each motion that predicts a gain.
 
         Args:
             guesses: The guesses.

@@ -56,7 +56,7 @@ def first_program(
     if options.method == "collocation":
         if isinstance(guess, WarmStart):
             return guess.lifted_program(system, *grid)
-        return collocated(system, options, guess, timed * guess.duration)
+        return _collocated(system, options, guess, timed * guess.duration)
     degree = DEGREES.get(options.control)
     if isinstance(guess, WarmStart) and not system.parts:
         program, z = guess.spline_program(system, *grid, degree or QUADRATIC)
@@ -94,7 +94,7 @@ def _waiting_scales(segments: Sequence[Segment], durations: Array) -> Array:
     return scales
 
 
-def collocated(
+def _collocated(
     system: ProblemFunctions, options: Options, guess: Guess, duration: float
 ) -> InitialProgram:
     """Collocation program for a guess, on a grid fine enough for its dynamics.

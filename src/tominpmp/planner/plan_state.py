@@ -64,7 +64,7 @@ class PlanState:
         options: Options of the plan.
         candidates: The candidates so far.
         deadline: When to stop.
-        start: Number of the candidate in progress.
+        start: Number of the candidate in progress, from 0.
         records: Records of the candidate in progress, one per iteration.
         kept_iterates: Iterates of the candidate in progress, the newest last.
         initial: The initial iterate of the candidate in progress.
@@ -108,6 +108,7 @@ class PlanState:
         self.tried: set[int] = set()
         self._bounds: list[tuple[list[Goal], LowerBound]] = []
         self._begin = time.perf_counter()
+        # Ends of the plan and of its next candidate, in seconds from its beginning.
         self._limit = self._until = options.time_limit
         self._longest_replay = 0.0
         self._grace_end: float | None = None  # end of the grace period
@@ -237,6 +238,7 @@ class PlanState:
             yield
 
     def _end(self) -> float:
+        """When the plan must end, by ``time.perf_counter`` [s]."""
         return self._begin + (1.0 + END_SHARE) * self._limit + END_SECONDS
 
     def _reserve(self) -> float:
@@ -251,7 +253,10 @@ class PlanState:
         return min(max(RESERVE * limit, replay), MOST_RESERVE * limit)
 
     def _candidate_end(self) -> float:
-        """When the candidate in progress must end, with a reserve for the plan [s]."""
+        """Time from the beginning of the plan to the end of the candidate [s].
+
+        The reserve for the last replay remains after it.
+        """
         return min(self._until, self._limit - self._reserve())
 
     def _set_deadline(self) -> None:

@@ -18,7 +18,11 @@ through these modules:
 - :mod:`~tominpmp.planner.segment_by_segment`: several segments, planned one by one by
   the same schedule, and joined;
 - :mod:`~tominpmp.planner.descent`: sequential convex programming turns a guess into a
-  locally optimal motion, on finer grids in the end;
+  locally optimal motion;
+- :mod:`~tominpmp.planner.first_program`: the convex programs begin on a grid that fits
+  the guess;
+- :mod:`~tominpmp.planner.finer_grid`: in the end, intervals are halved where the
+  controls bend;
 - :mod:`~tominpmp.planner.improvements`: a table of stages that improve the incumbent;
 - :mod:`~tominpmp.planner.optimality`: one of these stages, the certificate;
 - :mod:`~tominpmp.planner.thorough`: further starts while planning time remains;

@@ -247,8 +247,8 @@ def _keep_fallback(state: PlanState, work: Work, candidate: Candidate) -> None:
     """
 
     def order(item: Fallback) -> tuple[bool, float]:
-        motion = item.candidate
-        return motion.violation > RESTORABLE, motion.trajectory.duration
+        coarse = item.candidate
+        return coarse.violation > RESTORABLE, coarse.trajectory.duration
 
     fallback = Fallback(candidate, state.kept_iterates[-1], work.system.problem)
     kept = sorted([*state.fallbacks, fallback], key=order)
