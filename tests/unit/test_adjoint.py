@@ -17,6 +17,7 @@ from tominpmp.status import Status
 from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.controls import driving_torque
+from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NOT_INTEGRATED, NonlinearProgram
 
@@ -213,6 +214,27 @@ def test_a_mass_on_a_rail_keeps_its_speed_limit(selection, N):
     assert np.abs(nlp.trajectory(result.best.z).v).max() <= 0.8 * (1 + 1e-6)
 
 
+def test_speeds_between_the_nodes_become_rows():
+    """Joints were up to 14 % too fast between the nodes, and no repair helped."""
+    # Under constant torque a joint may be fastest within an interval.
+    nlp = build(planar(tm.JointGoal((0.5, 1, 1)), velocity=np.inf), T=0.6)
+    z = throw(nlp, np.random.default_rng(1))
+    motion = nlp.trajectory(z)
+    between = np.abs(motion(np.linspace(0.0, motion.duration, 2001)).v).max(axis=0)
+    nodes = np.abs(motion.v).max(axis=0)
+    joint = int(np.argmax(between / nodes))
+    assert between[joint] > 1.02 * nodes[joint]
+    limit = 0.5 * (between[joint] + nodes[joint])
+    problem = planar(tm.JointGoal((0.5, 1, 1)), velocity={f"joint{joint + 1}": limit})
+    nlp = build(problem, T=0.6)
+    speeds = kind_rows(nlp, "velocity")
+    assert nlp.rows.violation(nlp.evaluate(z))[speeds].max() == 0.0
+    more = exchanged(nlp, z)
+    assert more is not None
+    speeds = kind_rows(more, "velocity")
+    assert more.rows.violation(more.evaluate(z))[speeds].max() > 5e-3
+
+
 SWINGING = tm.Problem(
     make_arm(
         *(rod(3.2, 0.28), rod(3.3, 0.86), rod(2.0, 0.78)),
@@ -282,8 +304,8 @@ def test_the_papers_example(free, gravity, least, most):
 
 def test_a_shooting_method_that_fails_names_the_method_that_does_not():
     """The message advised another goal, but torques without feedback were the cause."""
-    goal = tm.JointGoal((0.5, 1.0, 1.0))
-    problem = tm.Problem(tm.load_robot("planar3r"), (0.5, 1.7, -1.7), goal)
+    arm = make_arm(rod(1.0, 1.0), rod(0.5, 0.5), effort=np.full(2, 20.0))
+    problem = tm.Problem(arm, np.zeros(2), tm.JointGoal(np.ones(2)))
     solution = tm.plan(problem, method="adjoint", intervals=5, starts=1)
     assert solution.status is Status.UNVERIFIED
     assert "method 'inverse' does not depend on it" in solution.message

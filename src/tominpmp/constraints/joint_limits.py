@@ -14,6 +14,7 @@ from tominpmp.constraints.base import (
     both_instants,
     slope_partials,
 )
+from tominpmp.constraints.path import USABLE
 from tominpmp.motion_limits import ACCELERATION, LimitKind
 
 # Zero acceleration at a dwell is not a limit of the user, so it has no quantity.
@@ -66,6 +67,14 @@ class JointLimit(Record, Constraint):
     def count(self) -> int:
         """Number of values at an instant: one for each joint with a limit."""
         return int(self.of_joints.size)
+
+    @property
+    def usable(self) -> Array | None:
+        """Tolerated excess between rows: positions and velocities are continuous.
+
+        Accelerations have rows at both ends of the intervals.
+        """
+        return np.full(self.count, USABLE) if self.order < 2 else None
 
     def bounds(self, instants: int) -> tuple[Array, Array]:
         """Bounds, divided by the scale."""
