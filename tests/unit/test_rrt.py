@@ -8,8 +8,10 @@ import time
 import numpy as np
 import pytest
 from guess_samples import END, START, fine, maze, wall
+from test_goals_close_to_obstacles import RAIL
 
 import tominpmp as tm
+from tominpmp.collision.checker import CollisionChecker
 from tominpmp.initial_guess.rrt import (
     PathSearches,
     alike,
@@ -172,3 +174,23 @@ def test_searches_for_further_paths_say_nothing(tmp_path):
     rng, searches = np.random.default_rng(0), PathSearches(checks=500)
     paths = sample_paths(system, ends, rng, searches, known=known)
     assert not list(paths) and not searches.impasse
+
+
+def test_a_single_joint_has_no_other_way(monkeypatch):
+    """It was looked for with 80 000 checks, 10 s in a gap narrower than the padding."""
+    begin, end = np.array([-0.5]), np.array([0.5])
+    wall = tm.Box("wall", size=(0.1, 0.2, 1.0), position=(0.0, 0.14, 0.0))
+    arm, scene = tm.load_robot(RAIL), tm.Scene([wall])
+    system = ProblemFunctions.of(tm.Problem(arm, begin, tm.JointGoal(end), scene))
+    checks, checked = [], CollisionChecker.each_free
+
+    def counted(*args):
+        checks.append(args)
+        return checked(*args)
+
+    monkeypatch.setattr(CollisionChecker, "each_free", counted)
+    searches = PathSearches()
+    assert sample_path(system, end, 1, searches) is None
+    assert len(checks) < 2000
+    assert "joint 'slide' came no farther than 0.35 of 1 m" in searches.impasse
+    assert "link 'cube' and obstacle 'wall' collide" in searches.impasse

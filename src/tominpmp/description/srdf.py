@@ -189,14 +189,12 @@ def read_srdf(
         RobotLoadError: If the file is not an SRDF file, every link pair that it
             disables has a link that the robot lacks, an attribute is missing or wrong,
             or a group contains itself.
-        OptionsError: If neither this file nor the robot's own declares an argument.
     """
     text = given_text(source)
     path = Path("<text of an SRDF file>")
     if text is None:
         path = checked_path(source, "srdf", RobotLoadError).absolute()
     root = expanded_root(path, description.package_dirs, text, args)
-    args.check_declared(description.path)
     context = XmlContext(path)
     if root.tag != "robot":
         context.fail(f"is not an SRDF file: its root is <{root.tag}>, not <robot>")

@@ -213,7 +213,9 @@ class _Space:
         self.lower = np.maximum(low, self.ends.min(axis=0) - beyond)
         self.upper = np.minimum(high, self.ends.max(axis=0) + beyond)
         self._radian = scale / self.unit
-        self._check, self.budget = _check_of(system), checks
+        # One joint has no way but the straight line: a few checks show what is in it.
+        self.budget = checks if system.n > 1 else checks // 100
+        self._check = _check_of(system)
 
     def each_free(self, points: Array) -> Iterator[bool]:
         """Yield for each point, shape (m, n), whether it is free.
