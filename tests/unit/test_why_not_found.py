@@ -260,7 +260,7 @@ def test_iterations_that_are_used_up_are_told_with_their_option() -> None:
     """The advice was on errors of integration, while the duration was still falling."""
     problem = tm.Problem(make_arm(ROD, effort=5.0), [0.0], tm.JointGoal([1.0]))
     few = {"method": "adjoint", "step_rule": "paper", "max_iterations": 5}
-    solution = tm.plan(problem, **few)
+    solution = tm.plan(problem, initial_duration=1.5, **few)
     assert solution.status is Status.ITERATION_LIMIT and not solution.success
     assert solution.message.endswith(
         " 5 iterations a start were allowed; max_iterations allows more."

@@ -18,6 +18,8 @@ import numpy as np
 from tominpmp.arrays import Array, IntArray
 from tominpmp.checks import whole
 
+# Tolerated excess of a value over its bound between rows, in units of the scale.
+USABLE = 2e-3
 NO_TIMES = np.zeros(0)
 
 

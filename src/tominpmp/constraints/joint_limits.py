@@ -8,13 +8,13 @@ import numpy as np
 
 from tominpmp.arrays import Array, IntArray, Record
 from tominpmp.constraints.base import (
+    USABLE,
     Constraint,
     Partials,
     States,
     both_instants,
     slope_partials,
 )
-from tominpmp.constraints.path import USABLE
 from tominpmp.motion_limits import ACCELERATION, LimitKind
 
 # Zero acceleration at a dwell is not a limit of the user, so it has no quantity.

@@ -20,13 +20,11 @@ import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray, Record, pair_or_nan, record
 from tominpmp.checks import JOINTS, FrameName, array, instance, number, optional, wrong
-from tominpmp.constraints.base import NO_TIMES, Constraint, Partials, States
+from tominpmp.constraints.base import NO_TIMES, USABLE, Constraint, Partials, States
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.kinematics import FrameMotions, RobotKinematics
 from tominpmp.robot.robot import Robot
 
-# Tolerated excess of a value over its bound between rows, in units of the scale.
-USABLE = 2e-3
 # Least and largest number of initial rows of a time window, and the usual time between
 # them [s]: a motion that violates a constraint between two distant rows may be pushed
 # to the other side by a row that joins later.

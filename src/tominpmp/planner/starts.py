@@ -16,7 +16,7 @@ from functools import partial
 
 import numpy as np
 
-from tominpmp.constraints.path import USABLE
+from tominpmp.constraints.base import USABLE
 from tominpmp.initial_guess.guess import (
     CachedGuesses,
     Guess,

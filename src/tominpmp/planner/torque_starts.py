@@ -107,15 +107,16 @@ def _given_torques(system: ProblemFunctions, options: Options) -> Array:
 def _tracked_guess(system: ProblemFunctions, options: Options) -> Array | None:
     """Initial iterate: torques that track the first guess, in its duration.
 
-    None if the options give torques or a duration, or no guess reaches the goal.
+    None if the options give torques or a duration, or no guess reaches the goal, or the
+    motors are too weak for its path: an arm may have to swing.
     """
     if options.initial_control is not None or options.initial_duration is not None:
         return None
     request = GuessRequest(1, np.random.default_rng(options.seed))
     guess = next(guesses_of(system, request), None)
-    if guess is None:
+    if guess is None or not guess.timed:
         return None
-    T = GUESS_TIME_SCALE * guess.duration if guess.timed else guess.duration
+    T = GUESS_TIME_SCALE * guess.duration
     shares, eta = interval_shares(options.grid, options.intervals), np.array([T])
     lifted = CollocationTranscription(system, shares, T)
     x, _, _ = lifted.split(lifted.start(guess.position, guess.duration, eta))

@@ -15,7 +15,8 @@ import numpy as np
 from tominpmp.arrays import Array, Converted, Record, default, frozen_array, record
 from tominpmp.checks import JointsLike, instance, number, of_kind, of_type
 from tominpmp.collision.checker import CollisionChecker
-from tominpmp.constraints.path import USABLE, PathConstraint, checked
+from tominpmp.constraints.base import USABLE
+from tominpmp.constraints.path import PathConstraint, checked
 from tominpmp.description.joint_table import example_values
 from tominpmp.description.model import sticks
 from tominpmp.exceptions import ProblemError, brief, naming, warn_caller

@@ -11,8 +11,9 @@ from tominpmp.arrays import Array, BoolArray, real_array
 from tominpmp.checks import by_joint, in_order, wrong
 from tominpmp.collision.checker import CollisionChecker, enclosure
 from tominpmp.collision.query import ROUNDING
+from tominpmp.constraints.base import USABLE
 from tominpmp.constraints.contradiction import contradiction
-from tominpmp.constraints.path import USABLE, PathConstraint
+from tominpmp.constraints.path import PathConstraint
 from tominpmp.description.inertials import singular_directions
 from tominpmp.description.joint_table import example_values
 from tominpmp.dynamics import RobotDynamics
