@@ -7,6 +7,7 @@ import socket
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,6 +16,7 @@ import pytest
 import test_browser
 from test_browser import CHROMIUM, Browser
 
+from tominpmp.app.controller import Controller
 from tominpmp.app.first_request import first_request, known
 from tominpmp.app.planning import Outcome
 from tominpmp.app.request import loaded
@@ -53,6 +55,14 @@ def opened(robot: str) -> Iterator[object]:
             found = Page(first_request(known(robot)), port=free_port())
     yield found
     found.close()
+
+
+@pytest.fixture
+def unplanned(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pages whose requests nobody plans."""
+    idle = SimpleNamespace(plan=lambda *_: None, close=lambda: None)
+    planning = partial(Controller, planning=lambda _: idle)
+    monkeypatch.setattr("tominpmp.app.page.Controller", planning)
 
 
 @pytest.fixture(scope="module")
@@ -194,6 +204,7 @@ def test_the_slider_has_the_time_in_seconds(
     readout._playing.value = True
 
 
+@pytest.mark.usefixtures("unplanned")
 def test_where_there_is_no_obstacle_none_can_be_resized_or_removed() -> None:
     with opened("so100") as page:
         panel = page.panel  # type: ignore[attr-defined]
@@ -201,6 +212,7 @@ def test_where_there_is_no_obstacle_none_can_be_resized_or_removed() -> None:
         assert not any(field.visible for field in (*panel._sizes, panel._remove))
 
 
+@pytest.mark.usefixtures("unplanned")
 def test_sizes_are_those_of_the_obstacle_of_another_robot() -> None:
     """A box once had the radius and the length of the post before it."""
     with opened("ur5") as page:
@@ -214,6 +226,7 @@ def test_sizes_are_those_of_the_obstacle_of_another_robot() -> None:
         assert panel._sizes[2].visible and panel._sizes[2].label == "z [m]"
 
 
+@pytest.mark.usefixtures("unplanned")
 def test_hidden_handles_stay_hidden_and_their_obstacles_visible() -> None:
     """Obstacles vanished with their handles, and came back with another size."""
     with opened("ur5") as page:
@@ -258,6 +271,7 @@ def test_a_dropped_file_that_is_no_robot_is_told(page: object) -> None:
     assert page.controller.request == before  # type: ignore[attr-defined]
 
 
+@pytest.mark.usefixtures("unplanned")
 def test_files_opened_on_the_page_go_with_it() -> None:
     """Each stayed in the folder of temporary files for ever."""
     from viser import UploadedFile
@@ -320,6 +334,7 @@ def test_a_page_of_another_origin_cannot_drive_this_one(
     assert handshake(page, host, origin) == code
 
 
+@pytest.mark.usefixtures("unplanned")
 def test_a_viser_that_cannot_be_guarded_serves_nothing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
