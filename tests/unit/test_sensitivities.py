@@ -26,7 +26,7 @@ from benchmarks.sensitivities import FINE, difference, planned_as  # noqa: E402
 START = (0.5, 1.7, -1.7)
 JOINTS = tm.JointGoal([1.2, 0.8, -0.4])
 TIP = tm.PositionGoal("tip", (4, 1, 0))
-OBSTACLE = tm.Scene([tm.Sphere("O", radius=0.1, position=(4.12, 2.336, 0))])
+OBSTACLE = tm.Scene([tm.Sphere("O", radius=0.5, position=(3.2, 3.2, 0))])
 CONTROLLER = tm.MotionLimits(acceleration=20.0, jerk=300.0, effort_rate=300.0)
 CURVE = tm.MotionLimits(effort_curves={"joint3": tm.EffortCurve.droop(2.5, 4.0)})
 
@@ -56,9 +56,7 @@ def planned(case: str) -> tm.Solution:
         "lopsided": lambda: tm.Problem(lopsided, START, JOINTS),
         "obstacle": lambda: tm.Problem(arm(**weightless), START, TIP, OBSTACLE, 0.1),
     }
-    # On 32 intervals one of the plans past a smaller obstacle needs a finer grid.
-    fine = {**FINE, "intervals": 36 if case == "obstacle" else 32}
-    return tm.plan(problems[case](), **fine).raise_if_failed()
+    return tm.plan(problems[case](), intervals=32, **FINE).raise_if_failed()
 
 
 def values(case: str, kind: str) -> dict[str, float]:
