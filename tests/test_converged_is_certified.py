@@ -34,7 +34,7 @@ def around():
     robot = tm.load_robot("planar3r")
     scene = tm.Scene([tm.Sphere("O", radius=0.8, position=(3.2, 3.2, 0))])
     problem = tm.Problem(robot, START, tm.JointGoal(END), scene=scene)
-    return tm.plan(problem, OPTIONS)
+    return tm.plan(problem, OPTIONS, effort="quick")
 
 
 @pytest.fixture(scope="module")
