@@ -177,10 +177,11 @@ def test_goals_of_a_frame_on_the_way():
         tm.Segment(tm.PositionGoal("tip", (0.2, -0.8, 0.0)), stop=True),
         tm.Segment(tm.JointGoal([-1.57, 0.0])),
     ]
-    solution = planned(tm.Problem(robot, [-1.2, 0.3], segments=segments), intervals=30)
+    few = {"intervals": 24, "effort": "quick"}
+    solution = planned(tm.Problem(robot, [-1.2, 0.3], segments=segments), **few)
     assert len(solution.segments) == 3
     stopping = [replace(segment, stop=True) for segment in segments]
-    slower = planned(tm.Problem(robot, [-1.2, 0.3], segments=stopping), intervals=30)
+    slower = planned(tm.Problem(robot, [-1.2, 0.3], segments=stopping), **few)
     assert solution.T < slower.T
 
 
@@ -224,7 +225,7 @@ def test_a_scene_for_one_segment():
         ],
     )
     assert [len(phase.scene) for phase in problem.phases] == [0, 1]
-    solution = planned(problem, intervals=20)
+    solution = planned(problem, intervals=20, effort="quick", refine=None)
     assert solution.verification.min_clearance > 0.0
 
 

@@ -227,15 +227,16 @@ def test_a_start_that_fails_leaves_it_to_the_others(monkeypatch):
             raise ZeroDivisionError
         return usual(*arguments, **named)
 
+    few = tm.Options(intervals=24, effort="quick", refine=None, starts=2)
     monkeypatch.setattr(descent, "descend", failing)
-    assert tm.plan(reach(), tm.Options(effort="quick", starts=2)).success
+    assert tm.plan(reach(), few).success
     monkeypatch.setattr(descent, "descend", lambda *a: 1 / 0)
     far = tm.Scene([tm.Sphere("far", radius=0.1, position=(9.0, 9.0, 0.0))])
-    coarse = tm.plan(reach(scene=far), tm.Options(effort="quick", starts=2))
+    coarse = tm.plan(reach(scene=far), few)
     assert coarse.success and "ZeroDivisionError" in coarse.message
     monkeypatch.setattr(coarse_search, "descend", lambda *a, **k: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        tm.plan(reach(scene=far), tm.Options(effort="quick", starts=2))
+        tm.plan(reach(scene=far), few)
 
 
 @pytest.mark.parametrize(("spent", "time_to_replay"), [(1.0, True), (1.2, False)])

@@ -27,6 +27,7 @@ def free(run: Run, tmp_path: Path) -> None:
         '[robot]\nname = "planar3r"\n[start]\nq = [0.5, 1.7, -1.7]\n'
         '[goal]\ntype = "joint"\nq = [0.9, 1.2, -0.9]\n'
         '[options]\nintervals = 20\nmethod = "inverse"\ncontrol = "constant"\n'
+        'effort = "quick"\nrefine = "none"\n'
     )
 
 

@@ -283,7 +283,8 @@ def test_motion_limits(run: Run, planner: Planner) -> None:
 
 
 def test_certificate(run: Run) -> None:
-    result = run(*PLAN, "--certificate", "proof.png", "--no-output", "--json")
+    words = (*PLAN, "--planning-effort", "quick", "--no-output", "--json")
+    result = run(*words, "--certificate", "proof.png")
     assert result.exit_code == 0
     data = json.loads(result.stdout)
     assert data["certified"] and "first-order conditions" in data["certificate"]

@@ -86,7 +86,7 @@ def test_an_obstacle_makes_the_other_way_round_faster(
     goal = tm.JointGoal([-0.8, 1.5])
     problem = tm.Problem(robot, [2.4, 1.5], goal, [pillar], motion_limits=LIMITS)
     assert problem.goal.configuration[0] == TURN - 0.8
-    found = tm.plan(problem)
+    found = tm.plan(problem, effort="quick", refine=None)
     assert found.trajectory.q[-1, 0] == pytest.approx(end, abs=1e-5)
 
 

@@ -301,4 +301,8 @@ def test_motions_on_a_grid_that_was_asked_for_are_optimal_on_it_only(
     coarse = tm.plan(problem, refine=None, **options)
     assert coarse.status is tm.Status.CONVERGED
     assert f"motion was found among {among}. T = " in coarse.message
+
+
+def test_motions_on_a_grid_that_nobody_asked_for_are_not_said_to_be(planar3r):
+    problem = tm.Problem(planar3r, START, tm.JointGoal([1.5, 1.0, -0.7]))
     assert "among" not in tm.plan(problem).message

@@ -81,7 +81,7 @@ def test_what_is_forbidden_for_a_while_is_waited_for(until, middle):
     It passes the near side with the speed from which it can just stop at the goal.
     """
     away = tm.KeepAway("tip", (middle, 0, 0), 0.3, during=(0.0, until))
-    solution = tm.plan(rail(away, distance=2.0, effort=2.0))
+    solution = tm.plan(rail(away, distance=2.0, effort=2.0), effort="quick")
     assert solution.success, solution.message
     left = 2.0 - (middle - 0.3)
     expected = until + math.sqrt(2.0 * left / 2.0)
@@ -93,7 +93,7 @@ def test_what_is_forbidden_for_a_while_is_waited_for(until, middle):
 def test_nobody_stays_where_it_is_still_forbidden():
     """The goal itself is only free after the window: the arm comes when it may."""
     away = tm.KeepAway("tip", (1.0, 0, 0), 0.3, during=(0.5, 2.0))
-    solution = tm.plan(rail(away, effort=2.0))
+    solution = tm.plan(rail(away, effort=2.0), effort="quick")
     assert solution.success, solution.message
     assert pytest.approx(2.0 + math.sqrt(0.3), rel=2e-3) == solution.T
 

@@ -146,6 +146,7 @@ def test_a_replay_that_was_lost_is_reported():
         rail_problem(tm.Segment(tm.JointGoal([1.0]), motion_limits=slow)),
         intervals=8,
         starts=1,
+        max_iterations=3,
     )
     assert not solution.success
     text = report_text(report_data(solution, {}))
