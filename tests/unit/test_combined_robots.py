@@ -178,7 +178,7 @@ def test_states_that_all_robots_have(tmp_path: Path) -> None:
 
 def test_robots_far_apart_take_as_long_as_the_slower_one(planar3r: Robot) -> None:
     ends = [np.array([[0.5, 1.7, -1.7], q]) for q in ([1.2, 1.0, -1.0], [0.7, 1.5, 0])]
-    options = Options(intervals=20)
+    options = Options(intervals=20, effort="quick", refine=None)
     alone = [plan(Problem(planar3r, a, JointGoal(b)), options).T for a, b in ends]
     cell = combine_robots([("a", planar3r, (0, 0, 0)), ("b", planar3r, (30, 0, 0))])
     start, end = (cell.stack(a=a, b=b) for a, b in zip(*ends, strict=True))

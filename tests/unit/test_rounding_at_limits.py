@@ -18,7 +18,7 @@ from scenario_samples import JOINTS, REQUEST, SCENE
 
 import tominpmp as tm
 
-QUICK = tm.Options(effort="quick", intervals=16)
+QUICK = tm.Options(effort="quick", intervals=16, refine=None)
 # Of joint2 of the planar arm [rad].
 LIMIT = 3.0
 JUST, BEYOND = LIMIT + 9e-5, LIMIT + 1.1e-4
@@ -131,7 +131,13 @@ def test_tours(robot: tm.Robot) -> None:
     }
     with pytest.warns(tm.TominpmpWarning) as told:
         tour = tm.plan_tour(
-            robot, (0.5, JUST, -1.7), stations, q_end="start", intervals=16
+            robot,
+            (0.5, JUST, -1.7),
+            stations,
+            q_end="start",
+            intervals=16,
+            effort="quick",
+            refine=None,
         )
     begins = [str(item.message).partition(" joint ")[0] for item in told]
     assert begins == [

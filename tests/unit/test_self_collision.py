@@ -184,7 +184,7 @@ def test_small_arms_with_shapes_still_swing_up(tmp_path: Path) -> None:
     problem = tm.Problem(arm, [HANGING], tm.JointGoal([UPRIGHT]))
     assert problem.checker.pairs
     assert torques_may_lead(ProblemFunctions.of(problem))
-    solution = tm.plan(problem)
+    solution = tm.plan(problem, effort="quick")
     assert solution.success
     assert 2.0 < solution.verification.min_clearance < np.inf
 

@@ -21,7 +21,7 @@ AWAY = START + np.array([0.5, -0.3, 0.2])
 LIMITS = tm.MotionLimits(acceleration=14.0, jerk=900.0)
 PERIOD = 0.004
 VELOCITY = [0.1, 0.2, 0.3]
-FEW = {"effort": "quick", "intervals": 16}
+FEW = {"effort": "quick", "intervals": 16, "refine": None}
 
 
 def tip() -> np.ndarray:

@@ -29,7 +29,7 @@ from tominpmp.verification.verification import verify
 TURNED = pin.SE3(pin.exp3(np.array([0.0, 0.0, 2.0])), np.array([30.0, 0.0, 0.0]))
 START = np.array([0.5, 1.7, -1.7])
 ENDS = {"b": np.array([1.2, 1.0, -1.0]), "a": np.array([0.7, 1.5, 0.0])}
-QUICK = Options(intervals=16)
+QUICK = Options(intervals=16, effort="quick", refine=None)
 
 
 @pytest.fixture(scope="module")
