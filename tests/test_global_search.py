@@ -274,7 +274,7 @@ def test_a_thorough_search_begins_with_no_guess_of_the_search_before(monkeypatch
     problem = tm.Problem(
         tm.load_robot("planar3r"), (0.5, 1.7, -1.7), tm.JointGoal((2.0, -1.0, 0.5))
     )
-    assert tm.plan(problem, effort="thorough").success
+    assert tm.plan(problem, effort="thorough", refine=None).success
     assert len(begun) > thorough.WAVE
     assert len(set(begun)) == len(begun)
 
@@ -329,12 +329,14 @@ def test_a_thorough_search_leaves_out_segments_whose_goal_is_out_of_reach(monkey
     end = tm.JointGoal((2.0, -1.0, 0.5))
     segments = [tm.Segment(either), tm.Segment(end)]
     problem = tm.Problem(arm, (0.5, 1.7, -1.7), segments=segments)
-    assert tm.plan(problem, effort="thorough", intervals=20).success
+    few = {"effort": "thorough", "intervals": 20, "refine": None}
+    assert tm.plan(problem, **few).success
 
 
 def test_a_clock_does_not_prolong_a_thorough_search(monkeypatch):
     """It went on for as long as the time limit, as if the caller had set one."""
     waves = recorded_waves(monkeypatch)
     monkeypatch.setattr(thorough, "MOST_WAVES", 2)
-    assert tm.plan(reach(), effort="thorough", control_period=0.01).success
+    few = {"effort": "thorough", "intervals": 24, "refine": None}
+    assert tm.plan(reach(), control_period=0.01, **few).success
     assert len(waves) == 1
