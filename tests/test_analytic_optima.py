@@ -253,7 +253,11 @@ def test_friction_and_gravity(family: str, name: str, method: str) -> None:
     ],
 )
 def test_two_links(family: str, name: str, method: str) -> None:
-    solution = planned(family, name, method, INTERVALS)
+    options: dict[str, float] = {}
+    if (name, method) == ("vertical rods, payload, friction", "adjoint"):
+        # Torques that track a straight line lead elsewhere, the start of the paper not.
+        options["initial_duration"] = 1.5
+    solution = planned(family, name, method, INTERVALS, **options)
     assert solution.success
     assert excess(CASES[family][name], solution.T) < TOLERANCE
 
