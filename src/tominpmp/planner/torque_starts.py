@@ -70,6 +70,7 @@ def torque_starts(
             lp_solver="highs",
             starts=None,
         )
+    first = _given_torques(system, options) if tracked is None else tracked
     rng = np.random.default_rng(options.seed)
     wanted = most = options.starts or least
     if options.method == "adjoint":
@@ -77,9 +78,7 @@ def torque_starts(
     for number in range(most):
         if number >= wanted and state.best_duration < np.inf:
             return
-        z = _given_torques(system, options) if tracked is None else tracked
-        if number:
-            z = _random_torques(system, options, rng)
+        z = _random_torques(system, options, rng) if number else first
         key = start_key(system.problem, z)
         if key not in state.tried:
             state.tried.add(key)
