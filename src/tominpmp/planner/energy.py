@@ -19,7 +19,6 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from tominpmp.arrays import Array
 from tominpmp.linear_programs.choice import make_solver
@@ -43,14 +42,11 @@ from tominpmp.transcription.program import NonlinearProgram
 
 logger = logging.getLogger(__name__)
 
-# Largest time scaling of the fastest motion that is considered for its warm start.
-SLOWEST = 100.0
+# Time-scaling factors at which the fastest motion is tried as a warm start.
+PACES = np.geomspace(1.0, 100.0, 21).tolist()
 # Intervals of the optimal motion per interval of the fastest one: if its torques jump,
 # at other times than in the fastest motion, and if they are continuous.
 FINER = {True: 2, False: 3}
-# Most halvings of the logarithm of a time scaling that breaks limits, for example times
-# of arrival.
-SLOWER_TRIALS = 6
 
 
 def reoptimised(
@@ -151,7 +147,7 @@ def _least_cost(solution: Solution) -> Solution | str:
     objective = TimeAndEnergy.of(options)
 
     def least(program: NonlinearProgram, z: Array) -> tuple[TimeAndEnergy, Array]:
-        return objective, _best_time_scaling(objective, program, z)
+        return objective, _at_least_cost(objective, program, z)
 
     cheapest = reoptimised(solution, partial(_layout, solution, former), least)
     better = replace(
@@ -207,25 +203,16 @@ def _message(best: Solution, former: Trajectory) -> str:
     )
 
 
-def _best_time_scaling(
-    objective: TimeAndEnergy, nlp: NonlinearProgram, z: Array
+def _at_least_cost(
+    objective: TimeAndEnergy, program: NonlinearProgram, z: Array
 ) -> Array:
-    """The same path with the time scaling of least cost, or unscaled.
+    """The motion at the pace of least cost among those that break no further limits."""
+    violation = program.rows.largest_violation(program.evaluate(z))
+    allowed = max(violation, objective.feasibility)
 
-    The logarithm of the scaling is halved while the motion breaks further limits.
-    """
+    def cost(slower: Array) -> float:
+        values = program.evaluate(slower)
+        kept = program.rows.largest_violation(values) <= allowed
+        return objective.value(program, slower, values) if kept else np.inf
 
-    def slower(power: float) -> Array:
-        return nlp.time_scale(z, float(np.exp(power)))
-
-    least = minimize_scalar(
-        lambda power: objective.value(nlp, slower(power), z),
-        bounds=(0.0, np.log(SLOWEST)),
-        method="bounded",
-    )
-    allowed = max(nlp.rows.largest_violation(nlp.evaluate(z)), objective.feasibility)
-    for halvings in range(SLOWER_TRIALS):
-        best = slower(float(least.x) / 2**halvings)
-        if nlp.rows.largest_violation(nlp.evaluate(best)) <= allowed:
-            return best
-    return z
+    return min((program.time_scale(z, pace) for pace in PACES), key=cost)
