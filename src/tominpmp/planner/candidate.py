@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from tominpmp.arrays import Array
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.problem.problem import Problem
 from tominpmp.solvers.iterate import Iterate, SlpResult
 from tominpmp.status import Status
 from tominpmp.transcription.base import ProgramInterface
-from tominpmp.transcription.distance_rows import times_of_rows
 from tominpmp.transcription.layout import Gridded, Layout
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.verification import Verification, verify
@@ -53,7 +51,6 @@ class Candidate:
         clearance_rows: Whether its program had clearance rows.
         dropped: Whether a stop rule has given the candidate up.
         coarser: The candidate on a coarser grid that was refined; None without one.
-        row_times: Times of the distance rows in its program [s], by block.
     """
 
     name: str
@@ -68,7 +65,6 @@ class Candidate:
     clearance_rows: bool = False
     dropped: bool = False
     coarser: Candidate | None = None
-    row_times: Mapping[str, Array] = field(default_factory=dict)
 
     @classmethod
     def of(cls, name: str, initial: Trajectory, result: SlpResult[Any]) -> Candidate:
@@ -82,12 +78,11 @@ class Candidate:
             kind: float(np.max(violation[rows.kind == index], initial=0.0))
             for index, kind in enumerate(rows.kinds)
         }
-        layout, clearance_rows, row_times = None, False, dict[str, Array]()
+        layout, clearance_rows = None, False
         if isinstance(program, NonlinearProgram):
             of = program.transcription
             layout = Layout.of(of, iterate.z) if isinstance(of, Gridded) else None
             clearance_rows = program.system.clearance is not None
-            row_times = times_of_rows(program, iterate.z)
         return cls(
             name,
             result.status,
@@ -98,7 +93,6 @@ class Candidate:
             layout=layout,
             clearance_rows=clearance_rows,
             dropped=result.dropped,
-            row_times=row_times,
         )
 
     @property

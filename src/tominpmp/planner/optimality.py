@@ -29,7 +29,6 @@ from tominpmp.solvers.loop import solve
 from tominpmp.solvers.objective import MinimumTime
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import Status
-from tominpmp.transcription.distance_rows import with_rows_at
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
@@ -161,7 +160,7 @@ class CertifiedDescent:
         """A faster motion whose replay keeps all limits, or the same motion."""
         transcription, z = layout.represented(self.system, best.trajectory)
         program = NonlinearProgram.of(transcription).at(z)
-        program, z = with_active_rows(with_rows_at(program, z, best.row_times), z)
+        program, z = with_active_rows(program, z)
         warm = warm_start_options(self.state.options, RADIUS, ITERATIONS)
         result = solve(
             program,
