@@ -145,11 +145,9 @@ def test_starts_are_compared_by_what_the_finished_one_gained():
     far = tm.Scene([tm.Sphere("far", radius=0.1, position=(9.0, 9.0, 0.0))])
     coarse, guess = search_of(reach(scene=far))
     assumed = coarse.loss
-    coarse.calibrate_loss()
-    assert coarse.loss == assumed
     rough = rough_of(coarse, guess)
+    assert coarse.loss == assumed
     finished = carried_out(coarse.state, coarse.finish(rough))
-    coarse.calibrate_loss()
     assert 0.0 < coarse.loss < assumed
     gain = rough.duration / finished.duration - 1.0
     assert coarse.loss == pytest.approx(gain)
@@ -160,14 +158,15 @@ def test_among_obstacles_further_starts_are_judged_by_what_the_first_gained(
 ):
     """A second start that led to the same motion was finished, too."""
     post = tm.Sphere("post", radius=0.05, position=(-9.0, -9.0, 0.0))
-    judged, compare = [], CoarseSearch.calibrate_loss
+    judged, finish = [], CoarseSearch.finish
 
-    def told(coarse):
+    def finished(coarse, rough):
         assumed = coarse.loss
-        compare(coarse)
+        candidate = yield from finish(coarse, rough)
         judged.append((assumed, coarse.loss, coarse.state.best_duration))
+        return candidate
 
-    monkeypatch.setattr(CoarseSearch, "calibrate_loss", told)
+    monkeypatch.setattr(CoarseSearch, "finish", finished)
     solution = tm.plan(reach(scene=tm.Scene([post])))
     assert solution.success
     [(assumed, loss, best)] = judged

@@ -33,7 +33,6 @@ from tominpmp.planner.descent import (
     descend,
     descent_work,
     guess_of,
-    stop_if_hopeless,
     torques_rule,
 )
 from tominpmp.planner.plan_state import PlanState, start_key
@@ -41,7 +40,6 @@ from tominpmp.planner.torque_starts import FEW_JOINTS, torque_starts, torques_ma
 from tominpmp.planner.work import Schedule, Work
 from tominpmp.solvers.loop import Loop, Rule
 from tominpmp.solvers.objective import RESTORABLE
-from tominpmp.solvers.stop import first_of
 from tominpmp.status import Status
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -78,9 +76,6 @@ GAP = 0.03
 # (speeds times four) this held for five, and three of these were 1 to 4 % longer than
 # necessary. A start of a whole robot takes seconds.
 FAR_ABOVE, MOST_JOINTS = 2.0, 10
-# A descent among obstacles on the requested grid is stopped at any iteration where the
-# gap to the lower bound exceeds this. Coarse grids follow.
-LARGE_GAP = 0.1
 # Stop rule of probes: number of consecutive starts without a gain, in free space and
 # where obstacles move, as a path can be followed with different timing; and among
 # obstacles at rest. For a Panda under a table a second such path leads to a faster
@@ -121,21 +116,16 @@ def search(
     first = next((guess for guess in head if guess.timed), head[0])
     torques = torques_rule(system, first)
     coarse = CoarseSearch(system, state, torques=torques)
-    if system.final_configuration is not None and not torques:
-        # Where speed limits rule and there are few obstacles, a descent on the
-        # requested grid takes a few iterations, and ends near the lower bound.
-        stop = None
-        if not system.in_free_space:
-            stop = first_of(partial(_gap_rule, state, system), stop_if_hopeless())
-        yield descent_work(system, state.options, first, state, stop)
-        if state.best_duration < np.inf and (
-            system.in_free_space or not coarse.promising
-        ):
+    fixed = system.final_configuration is not None
+    if fixed and system.in_free_space and not torques:
+        # Where speed limits rule, a descent on the requested grid takes a few
+        # iterations, and ends near the lower bound.
+        yield descent_work(system, state.options, first, state)
+        if state.best_duration < np.inf:
             return
     yield from coarse.descents(_paths_first(system, guesses, compared), compared)
     if state.options.effort == "quick" or not coarse.promising:
         return
-    coarse.calibrate_loss()
     further = _further_guesses(coarse, guesses, first, compared)
     yield from coarse.probes(further, coarse.patience)
     if torques_may_lead(system) and not first.timed:
@@ -156,14 +146,6 @@ def _paths_first(
     if not (swap and second and second[0].name == SAMPLED):
         return guesses.since(0)
     return itertools.chain(second, [first], guesses.since(2))
-
-
-def _gap_rule(state: PlanState, system: ProblemFunctions, loop: Loop) -> Status | None:
-    """Stop rule among obstacles: the gap to the lower bound remains too large."""
-    record = loop.history[-1]
-    bound = state.lower_bound(system.problem).T
-    above = record.duration / max(bound, 1e-12) - 1.0
-    return Status.ITERATION_LIMIT if above > LARGE_GAP else None
 
 
 def _further_guesses(
@@ -257,7 +239,6 @@ class CoarseSearch:
                 self.fine = replace(self.fine, intervals=finer)
         self.loss = TORQUE_LOSS if torques else SPEED_LOSS
         self.known: list[CoarseMotion] = []
-        self._gains: list[float] = []
 
     @property
     def many_joints(self) -> bool:
@@ -344,7 +325,12 @@ class CoarseSearch:
     # -- on the requested grid ---------------------------------------------------------
 
     def finish(self, rough: CoarseMotion) -> Schedule[Candidate | None]:
-        """Improve a coarse motion on the requested grid."""
+        """Improve a coarse motion on the requested grid.
+
+        Its gain calibrates the loss of the coarse grid. With a smaller loss, further
+        starts predict less gain. For small arms in free space, which may swing, the
+        loss is no guide, and is not calibrated.
+        """
         system, former = self.system, rough.candidate
         guess = replace(guess_of(system, former), blocked=rough.guess.blocked)
         candidate = yield descent_work(
@@ -352,8 +338,9 @@ class CoarseSearch:
         )
         if candidate is None:
             return None
-        if candidate.confirmed:
-            self._gains.append(rough.duration / candidate.duration - 1.0)
+        if candidate.confirmed and (self.many_joints or not system.in_free_space):
+            gain = rough.duration / candidate.duration - 1.0
+            self.loss = min(self.loss, max(0.0, gain))
         logger.info("coarse %.6g s, fine %.6g s", rough.duration, candidate.duration)
         return candidate
 
@@ -384,16 +371,6 @@ class CoarseSearch:
                 return
             yield from self.solve_coarse(further)
 
-    def calibrate_loss(self) -> None:
-        """Calibrate the loss of the coarse grid on the motions finished so far.
-
-        With a smaller loss, further starts predict less gain. For small arms in free
-        space, which may swing, the loss is no guide, and is not calibrated.
-        """
-        calibrated = self.many_joints or not self.system.in_free_space
-        if calibrated and self._gains:
-            self.loss = min(self.loss, max(0.0, min(self._gains)))
-
     def probes(
         self,
         guesses: Iterable[Guess],
@@ -415,7 +392,6 @@ class CoarseSearch:
             failures, before = failures + 1, self.state.best_duration
             if rough is not None and self._promises(rough):
                 yield from self.finish(rough)
-                self.calibrate_loss()
             if self.state.best_duration < (1.0 - PROMISE) * before:
                 failures = 0
             if failures >= patience:
