@@ -18,8 +18,7 @@ from tominpmp.planner.finer_grid import on_finer_grids
 from tominpmp.planner.first_program import first_program
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import REPAIRS, Work
-from tominpmp.solvers.exchange import RowExchange
-from tominpmp.solvers.loop import Loop, Rule, solve
+from tominpmp.solvers.loop import Loop, Rule
 from tominpmp.solvers.stop import first_of
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import Status
@@ -143,16 +142,7 @@ def descend(
     program, z = first_program(system, options, guess)
     initial = program.trajectory(z)
     step, usual = trust_regions(options)
-    result = solve(
-        program,
-        objective,
-        z,
-        step,
-        first_of(usual, stop),
-        exchange=RowExchange(),
-        callback=state,
-        keep=state.keep,
-    )
+    result = state.solve(program, objective, z, step, first_of(usual, stop))
     candidate = Candidate.of(guess.name, initial, result)
     if options.refine not in ("auto", "grid") or state.options.objective != "time":
         return candidate

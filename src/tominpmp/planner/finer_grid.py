@@ -22,9 +22,8 @@ from tominpmp.planner.automatic_options import (
     minimum_time,
     warm_start_options,
 )
-from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.iterate import SlpResult
-from tominpmp.solvers.loop import Loop, Rule, solve
+from tominpmp.solvers.loop import Loop, Rule
 from tominpmp.solvers.stop import first_of
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import Status
@@ -86,15 +85,12 @@ def on_finer_grids(result: Descended, state: PlanState) -> Descended:
         rows = times_of_rows(program, z)
         transcription, z = split_intervals(transcription, z, split)
         # The distance rows of the former grid are kept on the new one.
-        finer = solve(
+        finer = state.solve(
             with_rows_at(NonlinearProgram.of(transcription).at(z), z, rows),
             minimum_time(transcription.system, warm, best.duration, refined=True),
             z,
             step,
             first_of(round_ends(worth * best.duration), stop),
-            exchange=RowExchange(),
-            callback=state,
-            keep=state.keep,
         )
         promise = finer.history[0].predicted / best.duration
         logger.info("%d intervals: promise %.1e", transcription.intervals, promise)

@@ -24,8 +24,6 @@ from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.first_program import with_active_rows
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import LESS_PADDING, Schedule, Work
-from tominpmp.solvers.exchange import RowExchange
-from tominpmp.solvers.loop import solve
 from tominpmp.solvers.objective import MinimumTime
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import Status
@@ -162,15 +160,8 @@ class CertifiedDescent:
         program = NonlinearProgram.of(transcription).at(z)
         program, z = with_active_rows(program, z)
         warm = warm_start_options(self.state.options, RADIUS, ITERATIONS)
-        result = solve(
-            program,
-            MinimumTime.of(warm, warm.smoothing or 0.0),
-            z,
-            *trust_regions(warm),
-            exchange=RowExchange(),
-            callback=self.state,
-            keep=self.state.keep,
-        )
+        quickest = MinimumTime.of(warm, warm.smoothing or 0.0)
+        result = self.state.solve(program, quickest, z, *trust_regions(warm))
         if result.best is None:
             return best
         faster = Candidate.of(best.name, best.initial, result)

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,10 +20,13 @@ from tominpmp.initial_guess.rrt import PathSearches
 from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate, Fallback, KeptIterate, best_of
 from tominpmp.problem.problem import Problem
-from tominpmp.solvers.iterate import Iterate
+from tominpmp.solvers.exchange import RowExchange
+from tominpmp.solvers.iterate import Iterate, SlpResult
+from tominpmp.solvers.loop import solve
 from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Deadline, Stop
 from tominpmp.transcription.base import ProgramInterface
+from tominpmp.transcription.program import NonlinearProgram
 
 # Iterates kept per candidate in addition to the newest, one per nonlinear program.
 MOST_KEPT = 4
@@ -164,6 +168,12 @@ class PlanState:
         else:
             self.kept_iterates = [*self.kept_iterates[-MOST_KEPT:], new]
         self._set_deadline()
+
+    @property
+    def solve(self) -> Callable[..., SlpResult[NonlinearProgram]]:
+        """:func:`~tominpmp.solvers.loop.solve` with row exchange, seen by the plan."""
+        exchange = RowExchange()
+        return partial(solve, exchange=exchange, callback=self, keep=self.keep)
 
     def lower_bound(self, problem: Problem) -> LowerBound:
         """Lower bound of the duration, computed once per combination of goals.

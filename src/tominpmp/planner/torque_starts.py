@@ -20,9 +20,8 @@ from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.first_program import GUESS_TIME_SCALE
 from tominpmp.planner.plan_state import PlanState, start_key
 from tominpmp.planner.work import REPAIRS, Schedule, Work
-from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.fixed_step import fixed_steps
-from tominpmp.solvers.loop import Rule, Step, solve
+from tominpmp.solvers.loop import Rule, Step
 from tominpmp.solvers.objective import MinimumTime
 from tominpmp.solvers.penalty import penalty_rounds
 from tominpmp.solvers.trust_region_step import trust_regions
@@ -140,50 +139,30 @@ def shooting_work(
 
     If the replay breaks limits, it is repeated with shorter integration steps.
     """
-
-    def make(functions: ProblemFunctions, doublings: int, _: object) -> Candidate:
-        nonlocal z
-        candidate, z = shoot(functions, options, state, z, substeps=2**doublings)
-        return candidate
-
-    return Work(system, "shooting", make, REPAIRS)
-
-
-def shoot(
-    system: ProblemFunctions,
-    options: Options,
-    state: PlanState,
-    z: Array,
-    substeps: int,
-) -> tuple[Candidate, Array]:
-    """Improve torques and duration by shooting, with ``substeps`` per interval."""
     shares = interval_shares(options.grid, options.intervals)
     penalty = options.method == "penalty"
     paper = options.step_rule == "paper" and not penalty
-    transcription = AdjointTranscription(
-        system, shares, float(z[-1]), substeps=substeps
-    )
-    program = NonlinearProgram.of(transcription, "exact" if paper else "near")
-    gradual = any(block.gradual for block in program.blocks)
-    method: tuple[Step, Rule]
-    # Among obstacles, methods without a trust region get farther if they are restarted.
-    passes = 2 if gradual and (paper or penalty) else 1
     objective = MinimumTime.of(options, 0.0 if paper else options.smoothing or 0.0)
-    initial = program.trajectory(z)
-    for _ in range(passes):
-        if penalty:
-            method = penalty_rounds(options, z)
-        else:
-            method = fixed_steps(options) if paper else trust_regions(options)
-        result = solve(
-            program,
-            objective,
-            z,
-            *method,
-            exchange=RowExchange(),
-            callback=state,
-            keep=state.keep,
+
+    def make(functions: ProblemFunctions, doublings: int, _: object) -> Candidate:
+        nonlocal z
+        transcription = AdjointTranscription(
+            functions, shares, float(z[-1]), substeps=2**doublings
         )
-        program, z = result.program, result.iterate.z
-    best = result.best or result.iterate
-    return Candidate.of("shooting", initial, result), best.z
+        program = NonlinearProgram.of(transcription, "exact" if paper else "near")
+        initial = program.trajectory(z)
+        gradual = any(block.gradual for block in program.blocks)
+        method: tuple[Step, Rule]
+        # Among obstacles, methods without a trust region get farther if they are
+        # restarted.
+        for _ in range(2 if gradual and (paper or penalty) else 1):
+            if penalty:
+                method = penalty_rounds(options, z)
+            else:
+                method = fixed_steps(options) if paper else trust_regions(options)
+            result = state.solve(program, objective, z, *method)
+            program, z = result.program, result.iterate.z
+        z = (result.best or result.iterate).z
+        return Candidate.of("shooting", initial, result)
+
+    return Work(system, "shooting", make, REPAIRS)
