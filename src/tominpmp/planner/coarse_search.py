@@ -59,10 +59,10 @@ TORQUE_INTERVALS = 80
 TORQUE_LOSS, SPEED_LOSS = 0.06, 0.01
 # Extrapolated gain of all remaining iterations, in multiples of the last gain.
 REMAINING = 3.0
-# A guess is too slow if it is slower by this factor than a known motion, or, after the
-# first descents, than the guess of one: where obstacles move, descents from all guesses
-# take half as many programs more. Compared with known motions only, plans of a Fetch
-# take 0.7 of the time, and six of 40 motions are 5 to 26 % slower.
+# A guess is too slow if it is slower by this factor than the guess of a known motion:
+# where obstacles move, descents from all guesses take half as many programs more.
+# Compared with known motions, plans of a Fetch take 0.7 of the time, and six of 40
+# motions are 5 to 26 % slower.
 TOO_SLOW = 1.4
 # Two motions count as the same if they differ by less than SAME [rad, or shares of the
 # reach] at each of SAMPLES instants.
@@ -158,11 +158,6 @@ def _further_guesses(
     rng = np.random.default_rng(coarse.state.options.seed)
     detours = bumps(system, first, rng, from_base=coarse.many_joints)
     return itertools.islice(detours, MOST_PATHS)
-
-
-def _too_slow(guess: Guess, known: Iterable[float]) -> bool:
-    """Whether a guess is much slower than the fastest of known durations [s]."""
-    return guess.timed and guess.duration > TOO_SLOW * min(known, default=np.inf)
 
 
 def _shape_of(system: ProblemFunctions, motion: Trajectory) -> Array:
@@ -333,9 +328,8 @@ class CoarseSearch:
         """
         system, former = self.system, rough.candidate
         guess = replace(guess_of(system, former), blocked=rough.guess.blocked)
-        candidate = yield descent_work(
-            system, self.fine, guess, self.state, follows=former
-        )
+        work = descent_work(system, self.fine, guess, self.state)
+        candidate = yield replace(work, follows=former)
         if candidate is None:
             return None
         if candidate.confirmed and (self.many_joints or not system.in_free_space):
@@ -356,7 +350,7 @@ class CoarseSearch:
             wanted: Number of guesses that are compared.
         """
         for guess in itertools.islice(guesses, wanted):
-            if not _too_slow(guess, (rough.duration for rough in self.known)):
+            if not self._is_too_slow(guess):
                 yield from self.solve_coarse(guess)
         tried: list[CoarseMotion] = []
         while True:
@@ -386,8 +380,7 @@ class CoarseSearch:
         for guess in guesses:
             if not self.untried(guess):
                 continue
-            timed = (rough.guess for rough in self.known if rough.guess.timed)
-            slow = _too_slow(guess, (other.duration for other in timed))
+            slow = self._is_too_slow(guess)
             rough = None if slow else (yield from self.solve_coarse(guess))
             failures, before = failures + 1, self.state.best_duration
             if rough is not None and self._promises(rough):
@@ -396,6 +389,12 @@ class CoarseSearch:
                 failures = 0
             if failures >= patience:
                 return
+
+    def _is_too_slow(self, guess: Guess) -> bool:
+        """Whether a guess is much slower than that of a known motion."""
+        timed = [rough.guess for rough in self.known if rough.guess.timed]
+        fastest = min((known.duration for known in timed), default=np.inf)
+        return guess.timed and guess.duration > TOO_SLOW * fastest
 
     def _promises(self, rough: CoarseMotion) -> bool:
         """Whether a coarse motion predicts a gain over the incumbent once finished."""

@@ -15,7 +15,7 @@ import contextlib
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from tominpmp.certificate.dwells import dwells_among_moving_obstacles, with_dwel
 from tominpmp.certificate.minimum_principle import TOLERANCE, certify
 from tominpmp.exceptions import OptionsError
 from tominpmp.motion.trajectory import MAX_SAMPLES, Trajectory
-from tominpmp.options import FEWEST_PERIODS, Options
+from tominpmp.options import FEWEST_PERIODS
 from tominpmp.planner.automatic_options import minimum_time, warm_start_options
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.first_program import with_active_rows
@@ -35,7 +35,7 @@ from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import Segment, Span, arrival_window, spans_of
 from tominpmp.solution import Solution
 from tominpmp.solvers.exchange import RowExchange
-from tominpmp.solvers.loop import Callback, Loop, Rule, solve
+from tominpmp.solvers.loop import Loop, Rule, solve
 from tominpmp.solvers.objective import RESTORABLE
 from tominpmp.solvers.stop import first_of
 from tominpmp.solvers.trust_region_step import trust_regions
@@ -347,28 +347,25 @@ class ClockTrial:
             The motion; it is not feasible if no motion with the duration of the trial
             was found.
         """
-        problem, options = state.problem, state.options
+        make = partial(self._made, state)
+        work = Work(self.system, "clock", make, self_collision_rows=apart)
+        return make_and_repair(state, work)
+
+    def _made(
+        self, state: PlanState, system: ProblemFunctions, *_: object
+    ) -> Candidate:
+        """The motion on the knots of the trial, replayed."""
 
         def shown(record: IterationRecord) -> None:
             # A callback that has interrupted the plan sees no more iterations.
             if not state.deadline.interrupted:
                 state(record)
 
-        def make(system: ProblemFunctions, _: int, __: Candidate | None) -> Candidate:
-            return self._solved(system, options, shown).verified(problem, options)
-
-        work = Work(self.system, "clock", make, self_collision_rows=apart)
-        return make_and_repair(state, work)
-
-    def _solved(
-        self, system: ProblemFunctions, options: Options, shown: Callback
-    ) -> Candidate:
-        """The motion on the knots of the trial, not replayed yet."""
         T = float(self.layout.eta[0])
         known = self.motion, self.spans
         transcription, z = self.layout.represented(system, *known, within=True)
-        feasibility = max(options.feasibility, SLIGHT)
-        options = replace(options, objective="time", feasibility=feasibility)
+        feasibility = max(state.options.feasibility, SLIGHT)
+        options = replace(state.options, objective="time", feasibility=feasibility)
         warm = warm_start_options(options, RADIUS, ITERATIONS)
         step, stop = trust_regions(warm, accuracy=EXACT)
         program, z = with_active_rows(NonlinearProgram.of(transcription).at(z), z)
@@ -390,9 +387,10 @@ class ClockTrial:
             feasible = best if best.violation <= feasibility else None
             result = replace(result, best=feasible)
         clocked = Candidate.of("clock", self.motion, result)
-        if not clocked.feasible:
-            return clocked
-        return replace(clocked, trajectory=on_ticks(clocked.trajectory, self.period))
+        if clocked.feasible:
+            motion = on_ticks(clocked.trajectory, self.period)
+            clocked = replace(clocked, trajectory=motion)
+        return clocked.verified(state.problem, state.options)
 
     def after(self, candidate: Candidate) -> ClockTrial:
         """The next trial after a candidate that is slower, infeasible or refuted.

@@ -84,7 +84,6 @@ def descent_work(
     guess: Guess,
     state: PlanState,
     stop: Rule | None = None,
-    follows: Candidate | None = None,
 ) -> Work:
     """Work that descends from a guess until the replay keeps all limits.
 
@@ -94,12 +93,11 @@ def descent_work(
         guess: The guess.
         state: The plan.
         stop: Additional stop rule; None without one.
-        follows: The candidate that the guess comes from; None without one.
     """
     options = _with_control(system, options, guess)
     make = partial(descend, options, guess, state, stop)
     touches = system.in_free_space and not is_free(system, guess.q[::10])
-    return Work(system, guess.name, make, REPAIRS, touches, follows=follows)
+    return Work(system, guess.name, make, REPAIRS, touches)
 
 
 def guess_of(system: ProblemFunctions, candidate: Candidate) -> Guess:
