@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 from typing import Any, TypeVar
+from unittest import mock
 
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import Schedule, run
@@ -13,15 +14,15 @@ T = TypeVar("T")
 
 
 def carried_out(state: PlanState, schedule: Schedule[T]) -> T:
-    """Do all that a schedule says; returns what it ends with."""
-    answer = None
-    while True:
-        try:
-            work = schedule.send(answer)
-        except StopIteration as end:
-            result: T = end.value
-            return result
-        answer = run(state, work)
+    """Do all that a schedule says, whatever is cut short; returns what it ends with."""
+    results = list[T]()
+
+    def whole() -> Schedule[None]:
+        results.append((yield from schedule))
+
+    with mock.patch.object(PlanState, "ended", None):
+        run(state, whole())
+    return results[0]
 
 
 def loop_with(records: list[Any], **attributes: Any) -> Any:

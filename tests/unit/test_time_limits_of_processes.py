@@ -189,8 +189,8 @@ def test_what_a_process_has_repaired_is_not_asked_for_again(
     source = ParallelDescents(system, state, iter(()))
     source.batch, source.results = [guess], {0: (ended, [], [])}
     monkeypatch.setattr("tominpmp.planner.starts.ParallelDescents", lambda *_: source)
-    found = run(state, next(_descents(system, state, iter(()), 1, 1)))
-    assert found is not None
+    assert run(state, _descents(system, state, iter(()), 1, 1)) is None
+    [found] = state.candidates
     assert found.status is tm.Status.INFEASIBLE
     assert state.ended is None
 

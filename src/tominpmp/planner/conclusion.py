@@ -47,7 +47,7 @@ def conclude(state: PlanState, status: Status | None) -> Solution:
     problem, options = state.problem, state.options
     best = best_of(state.candidates)
     if best is None:
-        return without_motion(state, status or Status.INFEASIBLE)
+        return _without_motion(state, status or Status.INFEASIBLE)
     reason = "" if best.confirmed else _reason(state)
     ended = best.status
     if status in STOPPED:
@@ -74,16 +74,10 @@ def conclude(state: PlanState, status: Status | None) -> Solution:
     )
 
 
-def without_motion(state: PlanState, status: Status, message: str = "") -> Solution:
-    """The solution of a plan that has no candidate.
-
-    Args:
-        state: The plan.
-        status: How planning ended.
-        message: The reason; by default how planning ended.
-    """
-    reason = "" if message else _reason(state)
-    message = message or _why_not_found(state, status, reason)
+def _without_motion(state: PlanState, status: Status) -> Solution:
+    """The solution of a plan that has no candidate."""
+    reason = state.impossible or _reason(state)
+    message = state.impossible or _why_not_found(state, status, reason)
     if status is Status.TIME_LIMIT and not reason:
         message += _time_advice(state.options)
     return Solution(

@@ -80,6 +80,7 @@ class PlanState:
         complete: Whether all stages of a plan with less effort are done. The thorough
             search that follows is open-ended: a time limit then is its regular end.
         callback_error: Error that the callback has raised; None without one.
+        impossible: Proof that no motion exists, in sentences; empty without one.
         failures: Errors of candidates that have led to no motion.
         history: Records of all iterations, with the numbers of their candidates.
         searches: Success of the searches for paths around obstacles.
@@ -106,6 +107,7 @@ class PlanState:
         self.first_guesses: list[tuple[str, KeptIterate, Problem]] = []
         self.complete = False
         self.callback_error: Exception | None = None
+        self.impossible = ""
         self.failures: list[Exception] = []
         self.history: list[IterationRecord] = []
         self.searches = PathSearches()

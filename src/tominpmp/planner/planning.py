@@ -1,11 +1,10 @@
 """Planning: candidates from initial guesses, and improvements of the incumbent.
 
 A plan consists of a schedule and a loop. The schedule is a coroutine: it yields
-:class:`~tominpmp.planner.work.Work` and is sent the candidate made from it. The loop in
-:func:`plan` carries out the work by :func:`~tominpmp.planner.work.run`, which makes,
-replays and repairs one candidate, and saves its best iterate if planning is stopped.
-The incumbent is the fastest candidate whose replay keeps all limits. A plan passes
-through these modules:
+:class:`~tominpmp.planner.work.Work` and is sent the candidate made from it. The loop,
+:func:`~tominpmp.planner.work.run`, makes, replays and repairs one candidate after the
+other, and saves the best iterate if planning is stopped. The incumbent is the fastest
+candidate whose replay keeps all limits. A plan passes through these modules:
 
 - :mod:`~tominpmp.planner.automatic_options`: method, control and solver are chosen;
 - :mod:`~tominpmp.planner.standing`: is the start at the goal already?
@@ -48,7 +47,7 @@ from tominpmp.options import Options
 from tominpmp.planner.alternatives import candidates_of_alternatives
 from tominpmp.planner.automatic_options import resolve_options
 from tominpmp.planner.barriers import find_barrier
-from tominpmp.planner.conclusion import conclude, with_remarks, without_motion
+from tominpmp.planner.conclusion import conclude, with_remarks
 from tominpmp.planner.control_period import SEARCH_SHARE, on_clock
 from tominpmp.planner.energy import with_least_cost
 from tominpmp.planner.improvements import improvements
@@ -61,7 +60,6 @@ from tominpmp.planner.work import Schedule, run, use_fallback
 from tominpmp.problem.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
-from tominpmp.stopping import Stop
 
 
 @on_one_thread
@@ -114,25 +112,8 @@ def plan(
     state = PlanState(problem, options)
     if options.control_period is not None:
         state.reset_limit(SEARCH_SHARE * options.time_limit)
-    proof, status, candidate = None, None, None
     with state.deadline.in_force():
-        try:
-            proof = why_impossible(problem, options.limit_tolerance) or find_barrier(
-                problem, options.contact_tolerance
-            )
-            schedule = _full_schedule(state, former)
-            while not (proof or status or state.satisfied):
-                candidate = run(state, schedule.send(candidate))
-                status = state.ended
-            schedule.close()
-        except StopIteration:
-            pass
-        except (Stop, KeyboardInterrupt) as stop:
-            status = state.stopped(stop)
-        if proof:
-            solution = without_motion(state, Status.INFEASIBLE, str(proof))
-        else:
-            solution = _finish(state, status)
+        solution = _finish(state, run(state, _full_schedule(state, former)))
         if state.callback_error is not None:
             raise state.callback_error
         if requested.energy_weight:
@@ -177,16 +158,23 @@ def _finish(state: PlanState, status: Status | None) -> Solution:
 def _full_schedule(
     state: PlanState, former: Trajectory | Samples | None
 ) -> Schedule[None]:
-    """The schedule of a plan: starts, improvements, thorough search.
+    """The schedule of a plan: proofs, starts, improvements, thorough search.
 
     Args:
         state: The plan.
         former: A former motion as warm start; None without one.
     """
+    problem, options = state.problem, state.options
+    proof = why_impossible(problem, options.limit_tolerance) or find_barrier(
+        problem, options.contact_tolerance
+    )
+    if proof:
+        state.impossible = str(proof)
+        return
     yield from candidates_of_alternatives(state, partial(starts, state), former)
     if state.incumbent is None:
         use_fallback(state, Status.FEASIBLE)
-    if state.options.objective == "time":
+    if options.objective == "time":
         yield from improvements(state)
         yield from thorough_search(state)
 

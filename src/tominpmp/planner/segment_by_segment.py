@@ -24,7 +24,6 @@ from tominpmp.problem.segments import spans_of
 from tominpmp.problem.sequence import joined
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.status import IterationRecord, Status
-from tominpmp.stopping import Stop
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
@@ -137,15 +136,7 @@ def _alone(
     )
     alone = PlanState(problem, options, stop_requested=lambda: state.deadline.due)
     with alone.deadline.in_force():
-        candidate, works = None, schedule(alone, problem)
-        try:
-            while alone.ended is None and not alone.satisfied:
-                candidate = run(alone, works.send(candidate))
-            works.close()
-        except StopIteration:
-            pass
-        except Stop as stop:
-            alone.stopped(stop)
+        run(alone, schedule(alone, problem))
     state.searches = alone.searches
     return alone.incumbent
 

@@ -37,7 +37,7 @@ from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.planner.automatic_options import JUMPS_SHARE, SHOOTING, WARM_RADIUS
-from tominpmp.planner.candidate import Candidate
+from tominpmp.planner.candidate import Candidate, best_of
 from tominpmp.planner.coarse_search import GAP, MOST_PATHS, coarse_grids_apply, search
 from tominpmp.planner.descent import descent_work, stop_if_hopeless
 from tominpmp.planner.improvements import improvements
@@ -48,7 +48,7 @@ from tominpmp.planner.torque_starts import (
     torque_starts,
     torques_may_lead,
 )
-from tominpmp.planner.work import Schedule, Work, run, use_fallback
+from tominpmp.planner.work import Schedule, Work, run, single, use_fallback
 from tominpmp.problem.problem import Problem
 from tominpmp.solvers.loop import Loop
 from tominpmp.solvers.stop import first_of
@@ -327,10 +327,11 @@ def descend_in_process(
     options = replace(options, max_planning_time=max(end_time - time.time(), 1e-3))
     state = PlanState(system.problem, options, stop_requested=stop_requested)
     with state.deadline.in_force():
-        candidate = run(state, descent_work(system, options, guess, state))
-        if candidate and candidate.status in STOPPED and not candidate.confirmed:
-            use_fallback(state, candidate.status)
-    return state.incumbent or candidate, state.failures, state.history
+        run(state, single(descent_work(system, options, guess, state)))
+        best = best_of(state.candidates)
+        if best and best.status in STOPPED and not best.confirmed:
+            use_fallback(state, best.status)
+    return best_of(state.candidates), state.failures, state.history
 
 
 # -- warm starts -----------------------------------------------------------------------

@@ -27,7 +27,7 @@ from tominpmp.planner.improvements import improvements
 from tominpmp.planner.optimality import tolerance_of
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.torque_starts import torque_starts, torques_may_lead
-from tominpmp.planner.work import Schedule, Work
+from tominpmp.planner.work import Schedule, Work, single
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Starts of a wave, number of waves without a time limit, and most waves with one.
@@ -124,12 +124,7 @@ def _descents(system: ProblemFunctions, state: PlanState) -> Iterator[Schedule[N
     guesses = segmented_guesses(system, request)
     with suppress(ProblemError):  # no configuration reaches a goal
         for guess in itertools.islice(guesses, 1, None):
-            yield _single(descent_work(system, options, guess, state, stop))
-
-
-def _single(work: Work) -> Schedule[None]:
-    """The candidate of one piece of work."""
-    yield work
+            yield single(descent_work(system, options, guess, state, stop))
 
 
 def _around_best(

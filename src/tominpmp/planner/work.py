@@ -1,4 +1,4 @@
-"""Work of a plan: make one candidate, replay it, repair it, and save it on a stop."""
+"""Work of a plan: make a candidate, replay it, repair it, and save it on a stop."""
 
 from __future__ import annotations
 
@@ -82,34 +82,54 @@ T = TypeVar("T")
 Schedule = Generator[Work, Candidate | None, T]
 
 
-def run(state: PlanState, work: Work) -> Candidate | None:
-    """Make a candidate; after a stop or a failure, take its best kept iterate.
+def run(state: PlanState, schedule: Schedule[None]) -> Status | None:
+    """Carry out a schedule, until planning ends or any feasible motion will do.
+
+    After a stop or a failure, the best kept iterate of work is its candidate. All
+    candidates are appended to those of the plan, unless they are only fallbacks.
 
     Returns:
-        The candidate, or None if there is no motion at all. It is appended to the
-        candidates of the plan, unless it is only a fallback.
+        How planning was stopped; None if it was not.
     """
-    state.begin()
-    candidate: Candidate | None
+    candidate: Candidate | None = None
     try:
-        state.deadline.check()
-        candidate = make_and_repair(state, work)
-    except (Stop, KeyboardInterrupt) as stop:
-        candidate = _from_iterates(state, work, state.stopped(stop))
-    except (*NUMERICAL, TominpmpError) as error:
-        candidate = _after_failure(state, work, error)
-    _keep_first_guess(state, work)
-    if candidate is None:
+        while state.ended is None and not state.satisfied:
+            work = schedule.send(candidate)
+            state.begin()
+            try:
+                state.deadline.check()
+                candidate = make_and_repair(state, work)
+            except (Stop, KeyboardInterrupt) as stop:
+                candidate = _from_iterates(state, work, state.stopped(stop))
+            except (*NUMERICAL, TominpmpError) as error:
+                candidate = _after_failure(state, work, error)
+            _keep_first_guess(state, work)
+            if candidate is not None:
+                candidate = _kept(state, work, candidate)
+        schedule.close()
+    except StopIteration:
         return None
+    except (Stop, KeyboardInterrupt) as stop:
+        return state.stopped(stop)
+    return state.ended
+
+
+def single(work: Work) -> Schedule[None]:
+    """The schedule of one piece of work."""
+    yield work
+
+
+def _kept(state: PlanState, work: Work, candidate: Candidate) -> Candidate:
+    """Keep a candidate of the plan, or of a coarse grid as a fallback."""
     logger.info("start %d: %s", state.start, candidate.status.value)
     if candidate.status in STOPPED:
         state.cut_short = state.cut_short or candidate.status
     if work.follows is not None:
         candidate = candidate.after(work.follows)
-    if not (work.replay or candidate.confirmed):
-        _keep_fallback(state, work, candidate)
-    else:
+    if work.replay or candidate.confirmed:
         state.candidates.append(candidate)
+    else:
+        _keep_fallback(state, work, candidate)
     return candidate
 
 
