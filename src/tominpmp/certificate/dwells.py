@@ -24,10 +24,12 @@ from tominpmp.problem.segments import spans_of
 SAME = 1e-9
 
 
-def dwells_among_moving_obstacles(problem: Problem) -> bool:
-    """Whether a problem has dwells while obstacles move."""
+def no_certificate(problem: Problem) -> str:
+    """Why the motions of a problem have no certificate; empty if they have one."""
     dwells = any(segment.dwell for segment in problem.segments)
-    return dwells and any(phase.scene.moving for phase in problem.phases)
+    if dwells and any(phase.scene.moving for phase in problem.phases):
+        return "there is no certificate for dwells among moving obstacles"
+    return ""
 
 
 def with_dwells(problem: Problem, dwells: Sequence[float]) -> Problem:
@@ -74,10 +76,10 @@ def without_dwells(problem: Problem, motion: Trajectory) -> tuple[Problem, Traje
         # The interval before a node that is left out goes with it.
         a = a[keep] if len(a) == t.size else a[keep[1:]]
     t = t[keep]
-    if t[-1] and dwells_among_moving_obstacles(problem):
+    if t[-1] and (reason := no_certificate(problem)):
         raise ProblemError(
             "segments: the motion dwells while obstacles move, expected no dwell: "
-            "there is no certificate for dwells among moving obstacles",
+            f"{reason}",
             "segments",
         )
     ends = t[np.argmin(np.abs(t[:, None] - shifted), axis=0)]

@@ -58,11 +58,10 @@ def run_plan(
     """
     motion = motion_file(args)
     # Importing the libraries takes long, and may be interrupted.
-    from tominpmp.certificate.dwells import dwells_among_moving_obstacles
+    from tominpmp.certificate.dwells import no_certificate
     from tominpmp.cli.problem import load_problem
     from tominpmp.files.export import load_motion
     from tominpmp.files.scenario import save_scenario
-    from tominpmp.planner.optimality import NO_CERTIFICATE
     from tominpmp.planner.planning import plan
 
     signals = present()
@@ -72,8 +71,8 @@ def run_plan(
         progress.phase(f"loading {robot}")
         problem, chosen = load_problem(robot, problem_args, options)
         dual = args.certificate or args.sensitivities
-        if dual is not None and dwells_among_moving_obstacles(problem):
-            fault = f"--certificate and --sensitivities: {NO_CERTIFICATE}"
+        if dual is not None and (reason := no_certificate(problem)):
+            fault = f"--certificate and --sensitivities: {reason}"
             raise OptionsError(fault, "certificate")
         if args.sensitivities is not None:
             from tominpmp.sensitivities.analysis import refuse_arrival_times

@@ -51,11 +51,12 @@ def say(text: str, *, end: str = "\n", err: bool = False) -> None:
     Raises:
         OSError: If it cannot be written; names the stream as its file.
     """
-    # Names and paths may have characters that the encoding of the streams lacks.
-    encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
+    stream = sys.stderr if err else sys.stdout
+    # Names and paths may have characters that the encoding of the stream lacks.
+    encoding = getattr(stream, "encoding", None) or "utf-8"
     text = text.encode(encoding, "backslashreplace").decode(encoding)
     try:
-        print(text, end=end, file=sys.stderr if err else sys.stdout, flush=True)
+        print(text, end=end, file=stream, flush=True)
     except OSError as error:
         error.filename = "standard error" if err else OUTPUT
         raise

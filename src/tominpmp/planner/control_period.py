@@ -21,7 +21,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.certificate.allowances import clock_share
-from tominpmp.certificate.dwells import dwells_among_moving_obstacles, with_dwells
+from tominpmp.certificate.dwells import no_certificate, with_dwells
 from tominpmp.certificate.minimum_principle import TOLERANCE, certify
 from tominpmp.exceptions import OptionsError
 from tominpmp.motion.trajectory import MAX_SAMPLES, Trajectory
@@ -213,7 +213,7 @@ def status_on_clock(
     share = clock_share(motion, period)
     if share == 1.0 and status not in STOPPED:
         return Status.CONVERGED, ""
-    if status is not Status.CONVERGED or dwells_among_moving_obstacles(problem):
+    if status is not Status.CONVERGED or no_certificate(problem):
         return status, ""
     if (1.0 - share) * motion.duration <= solution.T:
         return status, ""

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tominpmp.certificate.dwells import dwells_among_moving_obstacles
+from tominpmp.certificate.dwells import no_certificate
 from tominpmp.certificate.minimum_principle import TOLERANCE, Examination, examine
 from tominpmp.options import Options
 from tominpmp.planner.automatic_options import warm_start_options
@@ -50,7 +50,6 @@ THOROUGH = 1e-3
 # exceeds this share of T: two of 120 motions in clutter, for which other orders of
 # obstacles and other solvers find the gain at once.
 WORTH_A_TRY = 5e-3
-NO_CERTIFICATE = "There is no certificate for dwells among moving obstacles."
 
 
 def certified(state: PlanState) -> Schedule[None]:
@@ -71,9 +70,10 @@ def certified(state: PlanState) -> Schedule[None]:
         # By the lower bound no motion at all gains more than the tolerance.
         state.amend(best, status=Status.CONVERGED)
         return
-    if dwells_among_moving_obstacles(problem):
+    if reason := no_certificate(problem):
         if converged:
-            state.amend(best, status=Status.STALLED, remark=NO_CERTIFICATE)
+            remark = f"{reason.capitalize()}."
+            state.amend(best, status=Status.STALLED, remark=remark)
         return
 
     def make(system: ProblemFunctions, *_: object) -> Candidate:
