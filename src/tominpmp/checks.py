@@ -43,6 +43,7 @@ from tominpmp.exceptions import (
     TominpmpError,
     brief,
     closest,
+    naming,
 )
 
 T = TypeVar("T")
@@ -267,15 +268,21 @@ def names(value: Any, called: str = "joint_names") -> tuple[str, ...]:
     return names
 
 
-def known_joints(names: Iterable[str], joints: Sequence[str]) -> None:
+def known_joints(names: Iterable[str], joints: Sequence[str], called: str) -> None:
     """Check that names are names of joints.
+
+    Args:
+        names: The names.
+        joints: Names of the joints.
+        called: Name of the argument that holds the names, in messages.
 
     Raises:
         JointNotFound: If a name is not the name of a joint.
     """
     for name in names:
         if name not in joints:
-            raise JointNotFound(name, joints)
+            with naming(called):
+                raise JointNotFound(name, joints)
 
 
 def one_per_joint(values: Array, name: str, joints: Sequence[str]) -> None:

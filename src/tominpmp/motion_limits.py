@@ -321,8 +321,7 @@ class MotionLimits(Record):
         if value is None:
             return {}
         if isinstance(value, Mapping):
-            with naming(name):
-                known_joints(value, joint_names)
+            known_joints(value, joint_names, name)
             return dict(value)
         if value.ndim == 1:
             one_per_joint(value, name, joint_names)

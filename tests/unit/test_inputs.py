@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import SimpleNamespace as Message
 
 import numpy as np
@@ -200,6 +201,27 @@ def test_wrong_values_by_joint_name(q: object, match: str, robot: tm.Robot) -> N
         return  # of a goal they are where they start
     with pytest.raises(tm.ProblemError, match=match):
         tm.Problem(robot, [0, 0], tm.JointGoal(q))
+
+
+def test_unknown_joints_are_refused_in_the_same_words(robot: tm.Robot) -> None:
+    """The argument goes first: messages on angles and couplings had no argument."""
+    turning = tm.JointGoal([0, 0], wrap=["joint9"])
+    region = tm.JointRegionGoal([0.0], 0.1, ["joint9"])
+    coupled = tm.JointCoupling(["joint1", "joint9"], [1, 1], 1.0, -1.0)
+    fast = tm.MotionLimits(jerk={"joint9": 1.0})
+    refused: dict[str, Callable[[], object]] = {
+        "locked_joints": lambda: robot.with_locked({"joint9": 0.0}),
+        "effort": lambda: robot.with_changes(effort={"joint9": 1.0}),
+        "jerk": lambda: tm.Problem(robot, [0, 0], region, motion_limits=fast),
+        "goal.wrap": lambda: turning.validate(robot),
+        "goal.joints": lambda: region.validate(robot),
+        "joints": lambda: coupled.validate(robot),
+    }
+    for argument, call in refused.items():
+        known = "joint1, joint(2, joint)?3"
+        said = rf"{argument}: there is no joint 'joint9'.*; the robot has: {known}"
+        with pytest.raises(tm.JointNotFound, match=f"^{said}$"):
+            call()
 
 
 def test_values_of_several_robots(robot: tm.Robot) -> None:

@@ -73,7 +73,8 @@ class JointCoupling(PathConstraint):
 
     def validate(self, robot: Robot) -> None:
         """Check that the robot has the joints."""
-        known_joints(self.joints, instance(robot, Robot, "robot").joint_names)
+        known = instance(robot, Robot, "robot").joint_names
+        known_joints(self.joints, known, "joints")
 
     def _sums(self, q: Array) -> Array:
         """Weighted sums of positions, shape (m, n) to (m,)."""

@@ -12,15 +12,22 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record, array_or_nan, number_or_nan, real_array
-from tominpmp.checks import FARTHEST, FLAG, TINY, by_joint, in_order, vector, wrong
+from tominpmp.checks import (
+    FARTHEST,
+    FLAG,
+    TINY,
+    by_joint,
+    in_order,
+    known_joints,
+    vector,
+    wrong,
+)
 from tominpmp.description.tree import JointDescription, Mimic
 from tominpmp.exceptions import (
-    JointNotFound,
     OptionsError,
     ProblemError,
     RobotLoadError,
     brief,
-    naming,
     warn_caller,
 )
 
@@ -111,10 +118,8 @@ def _check_positions(
     if not isinstance(locked_joints, Mapping):
         expected = "positions by joint name"
         raise wrong(locked_joints, "locked_joints", expected, OptionsError)
+    known_joints(locked_joints, names, "locked_joints")
     for name, position in locked_joints.items():
-        if name not in names:
-            with naming("locked_joints"):
-                raise JointNotFound(name, names)
         if not abs(number_or_nan(position)) <= FARTHEST:
             raise OptionsError(
                 f"locked_joints: joint {name} got {brief(position)}, expected a finite "
@@ -391,9 +396,7 @@ class JointTable:
         for name, value in values.items():
             if name in not_free:
                 raise OptionsError(f"{option}: joint {name} {not_free[name]}", option)
-            if name not in names:
-                with naming(option):
-                    raise JointNotFound(name, names)
+            known_joints([name], names, option)
             array = array_or_nan(value)
             if pairs and array.ndim == 0 and not array < 0:
                 array = np.array([-array, array])

@@ -150,7 +150,7 @@ class GoalOnJoints(Record, Goal):
         declared = () if isinstance(self.wrap, bool) else self.wrap
         known = np.array(instance(robot, Robot, "robot").joint_names)
         revolute = known[~prismatic_joints(robot)].tolist()
-        known_joints(declared, revolute)
+        known_joints(declared, revolute, "goal.wrap")
         angles = np.isin(known, declared)
         return angles if self.wrap is False else angles | endless_joints(robot)
 
@@ -317,7 +317,7 @@ class JointRegionGoal(GoalOnJoints):
         """Check the names of joints and the length of the positions."""
         known = instance(robot, Robot, "robot").joint_names
         names = known if self.joints is None else tuple(self.joints)
-        known_joints(names, known)
+        known_joints(names, known, "goal.joints")
         one_per_joint(self.q, "goal.q", names)
         self.angles(robot)
 
