@@ -93,7 +93,23 @@ BAD = {
     "weak": ("plan planar3r --start start --goal 1,1,1 --effort 1", "cannot hold"),
     "effort by stranger": (
         "plan planar3r --start start --goal 1,1,1 --effort elbow=1",
-        "error: effort: there is no joint 'elbow'",
+        "error: --effort: there is no joint 'elbow'",
+    ),
+    "acceleration of two": (
+        "plan planar3r --start start --goal 1,1,1 --acceleration=1,2",
+        "error: --acceleration has 2 numbers, expected 3",
+    ),
+    "margin below zero": (
+        "plan planar3r --start start --goal 1,1,1 --margin -1",
+        "error: --margin is -1.0, expected a length >= 0",
+    ),
+    "group of strangers": (
+        "info planar3r --group joint1,elbow",
+        "--group: there is no",
+    ),
+    "limit of a scenario's robot": (
+        "info free.toml --effort 3",
+        "error: --effort contradicts a scenario file",
     ),
     "search effort as torque limit": (
         "plan planar3r --start start --goal 1,1,1 --effort quick",
@@ -106,7 +122,10 @@ BAD = {
     "gravity of two": ("info planar3r --gravity 0,1", "gravity"),
     "lock without value": ("info planar3r --lock joint1", "'joint1', expected JOINT="),
     "lock twice": ("info planar3r --lock joint1=1 --lock joint1=2", "twice"),
-    "lock of stranger": ("info planar3r --lock elbow=1", "elbow"),
+    "lock of stranger": (
+        "info planar3r --lock elbow=1",
+        "error: --lock: there is no joint 'elbow'",
+    ),
     "no package folder": ("info planar3r --package-dir ./none", "none"),
     "no srdf": ("info planar3r --srdf none.srdf", "none.srdf"),
     "margin": ("plan planar3r --start start --goal 1,1,1 --margin -1", "margin is -1"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any
 import pytest
 from cli_samples import (
     PLAN,
+    SCENARIO,
     Planner,
     Run,
     needs_panda,
@@ -61,6 +63,27 @@ def test_info_as_json(run: Run, slider: Robot) -> None:
     assert data["collision_geometries"] == 0
 
 
+def test_info_of_a_scenario(run: Run, tmp_path: Path) -> None:
+    """The file was called no XML."""
+    (tmp_path / "arm.toml").write_text(SCENARIO)
+    result = run("info", "arm.toml")
+    assert result.exit_code == 0, result.stderr
+    assert result.stdout == run("info", "planar3r").stdout
+
+
+def test_several_joints_are_locked_and_chosen_in_one_word(run: Run) -> None:
+    locked = json.loads(
+        run("info", "planar3r", "--json", "--lock", "joint2=0,joint3=1").stdout
+    )
+    assert locked["locked_joints"] == {"joint2": 0.0, "joint3": 1.0}
+    for group, moving in (
+        ("joint1,joint3", ["joint1", "joint3"]),
+        ("base, link2", ["joint1", "joint2"]),
+    ):
+        chosen = json.loads(run("info", "planar3r", "--json", "--group", group).stdout)
+        assert [joint["name"] for joint in chosen["joints"]] == moving
+
+
 @needs_panda
 def test_info_tells_of_joints_that_follow(run: Run) -> None:
     data = json.loads(run("info", "panda", "--json").stdout)
@@ -78,6 +101,24 @@ def test_play_writes_a_page(run: Run, planner: Planner) -> None:
     other = run("play", "a.csv", "--robot", "planar3r", "--lock", "joint3=0")
     assert other.exit_code == 2
     assert "a.csv: joint joint3 is up to 1.7 away from 0" in other.stderr
+
+
+def test_play_names_the_flag_for_joints_that_a_motion_does_not_hold(
+    run: Run, planner: Planner
+) -> None:
+    run(*PLAN, "-o", "a.csv")
+    rows = [line.split(",") for line in Path("a.csv").read_text().splitlines()]
+    kept = [k for k, name in enumerate(rows[0]) if not name.endswith("joint3")]
+    text = "\n".join(",".join(row[k] for k in kept) for row in rows)
+    Path("b.csv").write_text(text)
+    told = run("play", "b.csv", "--robot", "planar3r", "-o", "a.html")
+    assert told.exit_code == 2
+    (flag,) = re.findall(r"give (--lock joint3=)\.\.\.", told.stderr)
+    typed = f"{flag}0.5".split()
+    shown = run("play", "b.csv", "--robot", "planar3r", *typed, "-o", "a.html")
+    assert shown.exit_code == 0, shown.stderr
+    stranger = run("play", "a.csv", "--robot", "ur5", "-o", "a.html")
+    assert "--lock" not in stranger.stderr
 
 
 def test_play_shows_a_motion_that_ends_in_an_obstacle(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib.metadata
+import io
 import re
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from command_line import invoke
 
 import tominpmp as tm
 from tominpmp.cli.parser import new_app
+from tominpmp.cli.terminal import say
 from tominpmp.description.files import manipulators_first, robot_names
 
 # What takes more than a moment to import.
@@ -51,6 +53,20 @@ def test_modules_that_the_package_imports_are_few() -> None:
     )  # fmt: skip
     found = set(ast.literal_eval(done.stdout)) - sys.stdlib_module_names
     assert found == {"tominpmp"}
+
+
+@pytest.mark.parametrize("err", [False, True])
+def test_characters_are_those_of_the_stream(
+    err: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The encoding of standard output was taken for standard error, too."""
+    written = {name: io.BytesIO() for name in ("stdout", "stderr")}
+    for name, encoding in (("stdout", "ascii"), ("stderr", "utf-8")):
+        stream = io.TextIOWrapper(written[name], encoding)
+        monkeypatch.setattr(sys, name, stream)
+    say("Gelenk \u00e4", err=err)
+    told = written["stderr" if err else "stdout"].getvalue()
+    assert told == (b"Gelenk \xc3\xa4\n" if err else b"Gelenk \\xe4\n")
 
 
 # Version 5 of cyclopts, for Python 3.11 and later, asks for the values of options.

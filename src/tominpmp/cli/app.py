@@ -16,7 +16,7 @@ def run(words: Sequence[str]) -> int:
         The exit code.
     """
     try:
-        with guarded("--debug" in words), heeded_signals() as signals:
+        with guarded(words), heeded_signals() as signals:
             code = _run(list(words))
     except SystemExit as end:
         code = int(end.code or 0)

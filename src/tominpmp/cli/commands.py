@@ -33,6 +33,7 @@ def _completed(text: str) -> Parameter:
 
 
 RobotName = Annotated[str, _completed(f"{ROBOT}.")]
+ShownRobot = Annotated[str, _completed(f"{ROBOT}; or a scenario file (.toml).")]
 PlannedRobot = Annotated[
     str,
     _completed(
@@ -148,7 +149,7 @@ def play(motion: RecordedMotion, /, *, args: PlayOptions) -> None:
 
 
 def info(
-    robot: RobotName,
+    robot: ShownRobot,
     /,
     *,
     changes: RobotOptions = RobotOptions(),

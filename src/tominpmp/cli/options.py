@@ -51,11 +51,13 @@ class RobotOptions:
         xacro_arg (NAME:=VALUE): Argument of a xacro file, repeatable.
         srdf (FILE): Semantic description, with the group states. Default: the SRDF
             file next to the URDF file.
-        group (NAME): Group of the SRDF file whose joints move; the others are held.
+        group (NAME): Group of the SRDF file whose joints move; the others are held. Or
+            the last link of a chain, or, separated by commas, base and last link or the
+            joints.
         limits (NAME): datasheet: the limits that the maker publishes, including
             accelerations, the default for a robot given by its name; urdf: the limits
             of its file.
-        lock (JOINT=VALUE): Hold a joint at a position (rad or m), repeatable.
+        lock (JOINT=VALUE,...): Hold joints at positions (rad or m), repeatable.
         gravity (X Y Z): Gravity (m/s^2) instead of the robot's.
         effort (VALUES): Torque limits (N m or N) instead of the URDF's: one number for
             all joints; or one for each; or JOINT=VALUE,...

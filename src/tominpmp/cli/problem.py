@@ -317,7 +317,7 @@ def load_changed_robot(
     """Load a robot with the changes of the options, and with resting joints locked.
 
     Args:
-        robot: Name or path of the robot.
+        robot: Name or path of the robot, or a scenario file.
         args: The options.
         resting: Positions of joints to be locked in addition to --lock [rad or m].
 
@@ -330,17 +330,28 @@ def load_changed_robot(
             f"to search is --planning-effort {args.effort}",
             "--effort",
         )
+    if is_scenario(robot):
+        _refuse("a scenario file", args, ())
+        return scenario.read_robot(scenario.read_toml(robot).need("robot"))
+    locks = [word for text in args.lock or () for word in words(text)]
     table: dict[str, Any] = {
         "name": robot,
         "package_dirs": [str(folder) for folder in args.package_dir or ()],
-        "group": args.group,
+        "group": _group(args.group),
         "limits": args.limits,
-        "locked_joints": {**(resting or {}), **_joint_pairs(args.lock or (), "--lock")},
+        "locked_joints": {**(resting or {}), **_joint_pairs(locks, "--lock")},
         "kinematic": args.kinematic,
         "xacro_args": _xacro_args(args),
     }
     table |= _values(vars(args), ("srdf", "joint_limits", "gravity", *OVERRIDES))
     return scenario.read_robot(Typed(table))
+
+
+def _group(text: str | None) -> str | list[str] | None:
+    """The name of a group or link; or, with commas, links or joints."""
+    if text is None or "," not in text:
+        return text
+    return [name.strip() for name in text.split(",")]
 
 
 def _values(typed: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:

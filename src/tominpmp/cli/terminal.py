@@ -8,7 +8,7 @@ import re
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -30,12 +30,12 @@ CLOSED_PIPE = 141
 
 OUTPUT = "standard output"
 
-# Python arguments with values by joint name, whose flags take the same values.
-_BY_JOINT = re.compile(
-    r"\b(effort|velocity|position_lower|position_upper|damping|armature|friction"
-    r"|acceleration)=\{([^{}]*)\}"
-)
+# A Python argument with values by joint name, whose flag takes the same values.
+_BY_JOINT = re.compile(r"\b([a-z_]+)=\{([^{}]*)\}")
+# The argument at fault, at the beginning of a message.
+_FAULTY = re.compile(r"([a-z_]+)(?=: | is | has )")
 _FLAGS = {
+    "locked_joints": "--lock",
     "self_collision=False": "--no-self-collision",
     "limits='datasheet'": "--limits datasheet",
     "kinematic=True": "--kinematic",
@@ -73,40 +73,60 @@ def error_console() -> Console:
     return Console(stderr=True, markup=False, highlight=False, emoji=False)
 
 
-def as_command_line_flags(message: str) -> str:
+def as_command_line_flags(message: str, typed: Collection[str] = ()) -> str:
     """Replace Python arguments in a message by flags of the command line.
 
     Messages about a scenario file are unchanged: its keys are named as the arguments.
+
+    Args:
+        message: The message.
+        typed: The words of the command line. An argument at the beginning of the
+            message is replaced if its flag is among them.
     """
     if ".toml:" in message:
         return message
 
-    def flag(match: re.Match[str]) -> str:
-        values = re.sub(r"'([^']*)':\s*", r"\1=", match[2]).replace(", ", ",")
-        return f"--{match[1].replace('_', '-')} {values}"
+    def flag(name: str) -> str:
+        return _FLAGS.get(name, f"--{name.replace('_', '-')}")
 
-    message = _BY_JOINT.sub(flag, message)
+    def by_joint(match: re.Match[str]) -> str:
+        values = re.sub(r"'([^']*)':\s*", r"\1=", match[2]).replace(", ", ",")
+        return f"{flag(match[1])} {values}"
+
+    faulty = _FAULTY.match(message)
+    if faulty and any(word.split("=")[0] == flag(faulty[1]) for word in typed):
+        message = flag(faulty[1]) + message[faulty.end() :]
+    message = _BY_JOINT.sub(by_joint, message)
     for argument, option in _FLAGS.items():
         message = re.sub(rf"(?<![\w.]){re.escape(argument)}(?!\w)", option, message)
     return message
 
 
-def complain(prefix: str, message: str, style: str = "bold red") -> None:
-    """Write a line like ``error: ...`` to standard error."""
+def complain(
+    prefix: str, message: str, style: str = "bold red", typed: Collection[str] = ()
+) -> None:
+    """Write a line like ``error: ...`` to standard error.
+
+    Args:
+        prefix: The word before the colon.
+        message: The message; its Python arguments are replaced by flags.
+        style: Style of the prefix.
+        typed: The words of the command line, see :func:`as_command_line_flags`.
+    """
     from rich.text import Text
 
-    text = " ".join(as_command_line_flags(message).split())
+    text = " ".join(as_command_line_flags(message, typed).split())
     line = Text.assemble((f"{prefix}:", style), " ", text)
     with suppress(OSError):  # the exit code is correct without the line
         error_console().print(line, soft_wrap=True)
 
 
 @contextmanager
-def guarded(debug: bool = False) -> Iterator[None]:
+def guarded(typed: Collection[str] = ()) -> Iterator[None]:
     """Turn exceptions of a command into a line on standard error and an exit code.
 
     Args:
-        debug: Whether to show tracebacks too.
+        typed: The words of the command line; with ``--debug`` tracebacks are shown too.
 
     Raises:
         SystemExit: With the exit code.
@@ -127,19 +147,19 @@ def guarded(debug: bool = False) -> Iterator[None]:
             stream = error.filename or OUTPUT  # Rich, which writes the help, names none
             message = f"{stream}: {error.strerror or error}"
             code = UNWRITTEN if stream == OUTPUT else BAD_INPUT
-        _explain(message, debug)
+        _explain(message, typed)
         raise SystemExit(code) from error
     except Exception as error:
-        hint = "" if debug else "; --debug shows where"
+        hint = "" if "--debug" in typed else "; --debug shows where"
         defect = f"{type(error).__name__}: {error}"
-        _explain(f"{defect} (this is a defect of tominpmp{hint})", debug)
+        _explain(f"{defect} (this is a defect of tominpmp{hint})", typed)
         raise SystemExit(DEFECT) from error
 
 
-def _explain(message: str, debug: bool) -> None:
-    if debug:
+def _explain(message: str, typed: Collection[str]) -> None:
+    if "--debug" in typed:
         traceback.print_exc()
-    complain("error", message)
+    complain("error", message, typed=typed)
 
 
 @contextmanager

@@ -18,6 +18,7 @@ from scipy.interpolate import CubicSpline
 
 from tominpmp.arrays import Array, BoolArray
 from tominpmp.checks import instance
+from tominpmp.description.joint_table import example_values
 from tominpmp.dynamics import STANDSTILL, RobotDynamics, torques_of
 from tominpmp.exceptions import ProblemError, ScenarioError
 from tominpmp.kinematics import units_of
@@ -292,9 +293,12 @@ def _columns(samples: Samples, robot: Robot, path: str | Path | None) -> list[in
     names = list(samples.joint_names)
     known = {*robot.joint_names, *robot.locked_joints}
     if not set(robot.joint_names) <= set(names) <= known:
+        held = example_values([name for name in robot.joint_names if name not in names])
+        hint = f"; give locked_joints={held} if they are held"
         raise ScenarioError(
             f"{_named(path)} holds a motion of {', '.join(names)}; the joints of "
-            f"{robot.name!r} are {', '.join(robot.joint_names)}",
+            f"{robot.name!r} are {', '.join(robot.joint_names)}"
+            + (hint if known.issuperset(names) else ""),
             path,
             "joint_names",
         )
