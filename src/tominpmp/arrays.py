@@ -115,6 +115,21 @@ def number_or_nan(value: object) -> float:
         return float("nan")
 
 
+def to_number(word: str) -> float:
+    """The number that a word of a file is.
+
+    Returns:
+        The number, which may be infinite; NaN for "nan".
+
+    Raises:
+        ValueError: If the word is not a number. Python alone allows 1_0, and digits of
+            other scripts than ASCII.
+    """
+    if "_" in word or not word.isascii():
+        raise ValueError(f"{brief(word)} is not a number")
+    return float(word)
+
+
 def pair_or_nan(value: object) -> tuple[float, float]:
     """A caller's pair of numbers, each by :func:`real_number`; NaN for invalid ones."""
     try:

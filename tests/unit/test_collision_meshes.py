@@ -397,7 +397,9 @@ def test_files(tmp_path: Path) -> None:
         ("m.stl", b"solid\nvertex 1 2\n", "line 2: expected three numbers"),
         ("m.stl", b"solid\nvertex 1 2 3\n", "not a multiple of three"),
         ("m.stl", b"solid\nendsolid", "has no triangles"),
+        ("m.stl", b"solid\nvertex 1 2 3_0\n", "line 2: expected three numbers"),
         ("m.obj", b"v 1 2 x", "line 1: expected three numbers"),
+        ("m.obj", b"v 1 2 3_0", "line 1: expected three numbers"),
         (
             "m.obj",
             b"v 1 2 3\nf 1 2 3",

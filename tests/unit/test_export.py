@@ -216,6 +216,13 @@ def changed_csv(
         (0, 5, "v_joint9", "line 1: expected the columns time"),
         (3, 2, "one", "line 4, column q_joint2: 'one' is not a number"),
         (3, 2, "", "line 4, column q_joint2: '' is not a number"),
+        (3, 2, "1_0", "line 4, column q_joint2: '1_0' is not a number"),
+        (
+            3,
+            2,
+            "\N{FULLWIDTH DIGIT ONE}",
+            "line 4, column q_joint2: .* is not a number",
+        ),
         (3, 2, "1,2", "line 4: 14 values for 13 columns"),
         (3, 2, "nan", "q is not a finite number in row 3, joint 'joint2'"),
         (3, 11, "inf", "u is not a finite number in row 3, joint 'joint2'"),

@@ -155,6 +155,11 @@ def test_scene_without_objects(tmp_path: Path) -> None:
             "0.1 wide 0.3",
             "line 5: found '0.1 wide 0.3', expected 3 numbers",
         ),
+        (
+            "0.1 0.2 0.3",
+            "0.1 0.2 0.3_0",
+            "line 5: found '0.1 0.2 0.3_0', expected 3 numbers",
+        ),
         ("4 4", "4 -4", "line 22: found '-4', expected how many faces it has"),
         (".\n", "", r"found the end, expected '\*' or '\.'"),
         (".\n", "+\n", r"found '\+', expected '\*' before an object"),

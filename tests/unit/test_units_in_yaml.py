@@ -44,6 +44,7 @@ def test_numbers_with_a_unit(tmp_path: Path, written: str, value: float) -> None
     [
         ("!degrees fast", r"line 3: !degrees 'fast': expected a number, as"),
         ("!degrees", "line 3: !degrees '': expected a number"),
+        ("!degrees 9_0", "line 3: !degrees '9_0': expected a number"),
         ("!radians pi.real", "expected a number, as 90 or pi/2"),
         ("!radians 2**9", "expected a number, as 90 or pi/2"),
         ("!radians 1/0", "expected a number, as 90 or pi/2"),

@@ -52,7 +52,7 @@ from tominpmp.description.xml_reader import (
     add,
     limit_or_infinity,
     read_xml,
-    to_number,
+    to_number_or_nan,
     xml_text,
 )
 from tominpmp.exceptions import brief, shortened
@@ -425,7 +425,7 @@ class _UrdfReader:
             material = self.materials.get(material.get("name", ""), material)
         color, texture = material.find("color"), material.find("texture")
         words = () if color is None else color.get("rgba", "").split()
-        rgba = tuple(map(to_number, words))
+        rgba = tuple(map(to_number_or_nan, words))
         known = len(rgba) == 4 and all(0.0 <= part <= 1.0 for part in rgba)
         file = "" if texture is None else texture.get("filename", "")
         found = str(self._find(file)[0] or "") if file else ""
@@ -503,8 +503,8 @@ class _UrdfReader:
             self.remarks[IN_DEGREES].append(name)
         # Missing limits are NaN, for which these comparisons are false.
         soft = {} if safety is None else safety.attrib
-        lower = to_number(soft.get("soft_lower_limit", ""))
-        upper = to_number(soft.get("soft_upper_limit", ""))
+        lower = to_number_or_nan(soft.get("soft_lower_limit", ""))
+        upper = to_number_or_nan(soft.get("soft_upper_limit", ""))
         is_within = lower > least + SOFT_TOLERANCE or upper < most - SOFT_TOLERANCE
         # Equal soft limits were omitted: both are zero by the specification.
         if kind != "continuous" and lower < upper and is_within:

@@ -18,6 +18,7 @@ from xml.parsers import expat
 
 import numpy as np
 
+from tominpmp.arrays import to_number
 from tominpmp.description.paths import read_bytes
 from tominpmp.exceptions import RobotLoadError, brief
 
@@ -153,7 +154,7 @@ class XmlContext:
         if attribute not in element.attrib:
             return default
         text = element.attrib[attribute]
-        values = tuple(map(to_number, text.split()))
+        values = tuple(map(to_number_or_nan, text.split()))
         count = len(default)
         if len(values) != count or not all(abs(v) <= MAX_NUMBER for v in values):
             wanted = "a number" if count == 1 else f"{count} numbers"
@@ -183,17 +184,17 @@ class XmlContext:
         if element is None or attribute not in element.attrib:
             return math.nan
         text = element.attrib[attribute]
-        value = to_number(text.strip())
+        value = to_number_or_nan(text.strip())
         if math.isnan(value):
             name = f"{where}: {element.tag} {attribute}"
             self.fail(f"{name}={brief(text)} is not a number")
         return value
 
 
-def to_number(text: str) -> float:
+def to_number_or_nan(word: str) -> float:
     """Convert a word to a number; NaN if it is not a number."""
     try:
-        return math.nan if "_" in text else float(text)  # Python alone allows 1_0
+        return to_number(word)
     except ValueError:
         return math.nan
 

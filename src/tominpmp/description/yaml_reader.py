@@ -184,7 +184,7 @@ def _plain_value(word: str) -> Any:
 
 def _in_unit(text: str, unit: str) -> float | None:
     """Number with a unit, in SI units; None if it is not a number."""
-    if len(text) > LONGEST_EXPRESSION:
+    if len(text) > LONGEST_EXPRESSION or "_" in text:  # Python alone allows 1_0
         return None
     try:
         return UNITS[unit] * _evaluate(ast.parse(text.strip(), mode="eval").body)

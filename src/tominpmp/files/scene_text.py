@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
+from tominpmp.arrays import to_number
 from tominpmp.description.yaml_reader import MAX_VALUES
 from tominpmp.exceptions import ScenarioError, brief
 
@@ -97,7 +98,7 @@ class _Reader:
     def _numbers(self, count: int) -> list[float]:
         words = [self._word("a number") for _ in range(count)]
         try:
-            return [float(word) for word in words]
+            return [to_number(word) for word in words]
         except ValueError:
             self._fail(brief(" ".join(words)), f"{count} numbers")
 

@@ -20,7 +20,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, to_number
 from tominpmp.exceptions import ScenarioError, brief, shortened
 from tominpmp.motion.samples import Samples
 from tominpmp.problem.segments import MOST_SEGMENTS
@@ -159,7 +159,7 @@ def _table(lines: Iterator[list[str]], header: list[str], path: Path) -> Array:
             raise ScenarioError(f"{path} holds more than {MAX_NUMBERS} numbers", path)
         for column, word in zip(header, line, strict=True):
             try:
-                numbers.append(float(word))
+                numbers.append(to_number(word))
             except ValueError as error:
                 raise ScenarioError(
                     f"{path}, line {number}, column {column}: {brief(word)} is not "

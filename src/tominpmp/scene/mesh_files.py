@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from tominpmp.arrays import Array, IntArray
+from tominpmp.arrays import Array, IntArray, to_number
 from tominpmp.description.mesh_sizes import check_expanded
 from tominpmp.exceptions import ProblemError, quiet
 
@@ -127,7 +127,7 @@ def _merged(points: Array) -> tuple[Array, IntArray]:
 def _floats(words: list[bytes], line: re.Match[bytes]) -> list[float]:
     """Three numbers of a line."""
     try:
-        numbers = [float(word) for word in words]
+        numbers = [to_number(word.decode("ascii")) for word in words]
     except ValueError:
         numbers = []
     if len(numbers) != 3:
