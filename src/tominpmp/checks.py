@@ -415,7 +415,8 @@ def vector(
     if array.ndim != 1 or size not in (None, array.size):
         raise wrong(value, name, expected)
     if not np.all(np.abs(array) <= most):
-        which = "none of them NaN" if most == math.inf else "all finite"
+        special = {math.inf: "none of them NaN", sys.float_info.max: "all finite"}
+        which = special.get(most, f"all finite, within {most:g}")
         raise wrong(array.tolist(), name, f"{expected}, {which}")
     return array
 

@@ -71,7 +71,7 @@ BAD = {
     ),
     "pose of NaN": (
         "plan planar3r --start start --goal-pose tip 1 1 0 0 0 nan 1",
-        "goal.pose is not finite",
+        "--goal-pose is not finite",
     ),
     "no goal": ("plan planar3r --start start", "there is no goal"),
     "two goals": (
@@ -88,7 +88,7 @@ BAD = {
     ),
     "frame velocity of two": (
         "plan planar3r --start start --goal-position tip 4 1 0 --goal-velocity 1,2",
-        "goal.v is array([1., 2.]), expected three components [m/s]",
+        "--goal-velocity is array([1., 2.]), expected three components [m/s]",
     ),
     "weak": ("plan planar3r --start start --goal 1,1,1 --effort 1", "cannot hold"),
     "effort by stranger": (
@@ -98,6 +98,19 @@ BAD = {
     "acceleration of two": (
         "plan planar3r --start start --goal 1,1,1 --acceleration=1,2",
         "error: --acceleration has 2 numbers, expected 3",
+    ),
+    "turning of a stranger": (
+        "plan planar3r --start start --goal 1,1,1 --wrap elbow",
+        "error: --wrap: there is no joint 'elbow'",
+    ),
+    "obstacle as far as numbers go": (
+        "plan planar3r --start start --goal 1,1,1 --obstacle sphere:a:r=1:at=1e308,0,0",
+        "position is [1e+308, 0.0, 0.0], expected three coordinates [m], all finite, "
+        "within 1e+06",
+    ),
+    "unknown ROS message": (
+        "plan planar3r --start start --goal 1,1,1 -o m.csv --ros-message Joint",
+        "error: --ros-message is 'Joint', expected one of",
     ),
     "margin below zero": (
         "plan planar3r --start start --goal 1,1,1 --margin -1",

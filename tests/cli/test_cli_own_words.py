@@ -43,3 +43,28 @@ def test_what_is_told_can_be_typed(run: Run, tmp_path: Path) -> None:
 )
 def test_words(message: str, said: str) -> None:
     assert as_command_line_flags(message) == said
+
+
+@pytest.mark.parametrize(
+    ("message", "typed", "said"),
+    [
+        ("goal.q: joint a", "--goal 1", "--goal: joint a"),
+        ("goal.pose is 0", "--goal-pose=t,0", "--goal-pose is 0"),
+        (
+            "start: the motion holds",
+            "--start-from a.csv",
+            "--start-from: the motion holds",
+        ),
+        (
+            "effort_rate has 2 numbers",
+            "--effort-rate=1,2",
+            "--effort-rate has 2 numbers",
+        ),
+        ("effort: there is", "--planning-effort quick", "effort: there is"),
+        ("cell.toml: goal.q: joint a", "--goal 1", "cell.toml: goal.q: joint a"),
+    ],
+)
+def test_the_argument_at_fault_is_the_flag_that_was_typed(
+    message: str, typed: str, said: str
+) -> None:
+    assert as_command_line_flags(message, typed.split()) == said

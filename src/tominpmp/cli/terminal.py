@@ -33,9 +33,20 @@ OUTPUT = "standard output"
 # A Python argument with values by joint name, whose flag takes the same values.
 _BY_JOINT = re.compile(r"\b([a-z_]+)=\{([^{}]*)\}")
 # The argument at fault, at the beginning of a message.
-_FAULTY = re.compile(r"([a-z_]+)(?=: | is | has )")
-_FLAGS = {
+_FAULTY = re.compile(r"([a-z_.]+)(?=: | is | has )")
+# Arguments whose flag has another name.
+_RENAMED = {
+    "q_start": "--start",
+    "v_start": "--start-velocity",
+    "a_start": "--start-acceleration",
+    "goal.q": "--goal",
+    "goal.v": "--goal-velocity",
+    "goal.wrap": "--wrap",
+    "start": "--start-from",
+    "message": "--ros-message",
     "locked_joints": "--lock",
+}
+_FLAGS = {
     "self_collision=False": "--no-self-collision",
     "limits='datasheet'": "--limits datasheet",
     "kinematic=True": "--kinematic",
@@ -87,7 +98,7 @@ def as_command_line_flags(message: str, typed: Collection[str] = ()) -> str:
         return message
 
     def flag(name: str) -> str:
-        return _FLAGS.get(name, f"--{name.replace('_', '-')}")
+        return _RENAMED.get(name, f"--{re.sub('[._]', '-', name)}")
 
     def by_joint(match: re.Match[str]) -> str:
         values = re.sub(r"'([^']*)':\s*", r"\1=", match[2]).replace(", ", ",")

@@ -23,7 +23,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array
-from tominpmp.checks import FARTHEST, instance
+from tominpmp.checks import instance
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.description.fields import Field
 from tominpmp.description.files import missing_resource, resolve_resource
@@ -230,8 +230,6 @@ def _read_pose(value: Field) -> pin.SE3:
     if not place.given and not turn.given:
         place, turn = value.get("translation"), value.get("rotation")
     position = place.vector("xyz") if place.given else np.zeros(3)
-    if np.any(np.abs(position) > FARTHEST):
-        place.fail(f"is {position.tolist()}, expected a place within {FARTHEST:g} m")
     return pin.SE3(_read_rotation(turn), position)
 
 

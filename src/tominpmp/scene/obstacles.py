@@ -23,6 +23,7 @@ from tominpmp.arrays import (
     frozen_array,
 )
 from tominpmp.checks import (
+    FARTHEST,
     PoseLike,
     RotationLike,
     VectorLike,
@@ -77,7 +78,7 @@ def _edges(value: Any, name: str) -> Array:
 _length = partial(number, expected="a positive length [m]", above=0.0)
 Position: TypeAlias = Annotated[
     Converted[VectorLike | PoseLike, Array],
-    partial(vector, expected="three coordinates [m]", size=3),
+    partial(vector, expected="three coordinates [m]", size=3, most=FARTHEST),
 ]
 Turn: TypeAlias = Annotated[Converted[RotationLike | None, Array], rotation_matrix]
 MotionOrNone: TypeAlias = Annotated[
