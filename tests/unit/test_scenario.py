@@ -424,6 +424,16 @@ joint_limits:
             r"no such key .did you mean robot\?.; there are: margin, .*robot",
         ),
         (('name = "planar3r"', ""), "robot", "either the name or the path"),
+        (
+            ('"planar3r"', '"planar3r"\nvelocity = {elbow = 1}'),
+            "robot.velocity",
+            "toml: robot.velocity: there is no joint 'elbow'",
+        ),
+        (
+            ('state = "start"', 'state = "start"\na = "x"'),
+            "start.a",
+            "toml: start.a: is 'x'",
+        ),
         (('"planar3r"', '"planar9r"'), "robot", "no robot 'planar9r'"),
         (('"planar3r"', "3"), "robot.name", "expected a text"),
         (('"planar3r"', '"planar3r"\npath = "a"'), "robot", "either the name or"),
@@ -435,7 +445,7 @@ joint_limits:
         ),
         (
             ('"planar3r"', '"planar3r"\nlocked_joints = {elbow = 1.0}'),
-            "robot",
+            "robot.locked_joints",
             "no joint 'elbow'",
         ),
         (

@@ -36,7 +36,9 @@ class Field:
             ScenarioError: Always.
         """
         key = f"{shortened(self.key)}: " if self.key else ""
-        text = f"{self.path}: {key}{message.removeprefix(key)}"
+        for said in (key, f"{self.key.rpartition('.')[2]}: "):
+            message = message.removeprefix(said)
+        text = f"{self.path}: {key}{message}"
         raise ScenarioError(text, self.path, self.key or None)
 
     def blame(self, error: TominpmpError) -> NoReturn:

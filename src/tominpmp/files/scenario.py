@@ -531,7 +531,7 @@ def read_robot(table: Field) -> Robot:
             limits = limits.over(robot.motion_limits, robot.joint_names)
             robot = replace(robot, motion_limits=limits)
     except TominpmpError as error:
-        option = getattr(error, "option", None)
+        option = getattr(error, "option", None) or str(error).partition(":")[0]
         if isinstance(error, ScenarioError):  # of this file, or of that of MoveIt
             option = "joint_limits"
         with blaming(table.get(option) if option in ROBOT_KEYS else table):
@@ -748,7 +748,8 @@ def read_scenario(
     options = read_options(document.get("options"))
     start = document.need("start")
     start.only("q", "v", "a", "state")
-    q_start, v_start = positions(start, robot, None), vector(start.get("v"), robot)
+    q_start = positions(start, robot, None)
+    v_start, a_start = (vector(start.get(key), robot) for key in "va")
     target = document.get("goal")
     if target.value is None and not document.get("segments").given:
         target.fail("is missing, and there are no segments; expected one or the other")
@@ -763,7 +764,7 @@ def read_scenario(
             q_start,
             goal,  # type: ignore[arg-type]
             v_start=v_start,
-            a_start=vector(start.get("a"), robot),
+            a_start=a_start,
             segments=segments,
             **conditions | changed,
         )
