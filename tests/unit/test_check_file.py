@@ -42,6 +42,20 @@ def test_a_file_is_judged_without_a_solution(
     assert broken.violations == verify(weak, load_motion(path)).violations
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(("row", "column"), [(-1, 0), (2, 1), (2, 5), (2, 7)])
+def test_numbers_that_overflow_do_not_pass(
+    robot: Robot, row: int, column: int, tmp_path: Path
+) -> None:
+    """NumPy warned of each operation."""
+    problem = Problem(robot, START, JointGoal(END))
+    path = export(quintic(robot, START, END, 2.0, 60), tmp_path / "m.csv")
+    rows = [line.split(",") for line in path.read_text().splitlines()]
+    rows[row][column] = "1e300"
+    path.write_text("\n".join(map(",".join, rows)))
+    assert not check_file(problem, path).ok
+
+
 def test_tolerances_and_interpolation_are_heeded(robot: Robot, tmp_path: Path) -> None:
     motion = quintic(robot, START, END, 2.0, 60)
     far = [END[0] + 0.01, *END[1:]]

@@ -152,6 +152,16 @@ def test_missing_folder_and_folder(
         export(motions[0], tmp_path / "folder.csv")
 
 
+def test_a_link_to_itself_is_replaced(
+    motions: tuple[Trajectory, Trajectory], tmp_path: Path
+) -> None:
+    """Python 3.11 raises a RuntimeError for it."""
+    loop = tmp_path / "loop.csv"
+    loop.symlink_to(loop)
+    export(motions[0], loop)
+    assert load_motion(loop).t.size == motions[0].t.size
+
+
 def test_link_stays_a_link(
     motions: tuple[Trajectory, Trajectory], tmp_path: Path
 ) -> None:
@@ -227,6 +237,8 @@ def changed_csv(
         (3, 2, "nan", "q is not a finite number in row 3, joint 'joint2'"),
         (3, 11, "inf", "u is not a finite number in row 3, joint 'joint2'"),
         (3, 0, "0.0", "the time must increase, but is 0.055"),
+        (2, 0, "1e-300", "the time must increase, but is 0.0"),
+        (0, 0, "\x1b[1m", r"line 1: .* found: '\\x1b\[1m, q_joint1"),
         (3, 0, "nan", "t is not a finite number in row 3"),
     ],
 )

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from tominpmp.checks import choice, flag, instance
+from tominpmp.checks import TINY, choice, flag, instance
 from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_ending, checked_path, read_bytes
 from tominpmp.description.yaml_reader import parse_yaml
@@ -202,7 +202,7 @@ def _checked(samples: Samples, path: Path) -> Samples:
         raise ScenarioError(message, path, key)
     if not samples.t.size:
         raise ScenarioError(f"{path} holds 0 rows, expected 1 or more", path)
-    back = np.flatnonzero(np.diff(samples.t) <= 0.0)
+    back = np.flatnonzero(np.diff(samples.t) < TINY)
     if back.size:
         k = int(back[0])
         raise ScenarioError(

@@ -211,6 +211,7 @@ def check_export(
     )
 
 
+@np.errstate(all="ignore")  # numbers of a stranger's file may overflow
 def _check(
     problem: Problem,
     path: Path,

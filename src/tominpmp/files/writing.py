@@ -35,8 +35,8 @@ def write_file(path: str | Path, write: Callable[[BinaryIO], object]) -> Path:
     """
     path = checked_path(path)
     try:
-        # A symbolic link is kept, and its target replaced.
-        target = path.resolve()
+        # A symbolic link is kept, and its target replaced; a link to itself is replaced.
+        target = Path(os.path.realpath(path))
         if target.is_dir():
             raise ScenarioError(f"{path} is a folder, expected a file to write", path)
         if target.exists() and not target.is_file():
