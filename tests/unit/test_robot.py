@@ -301,6 +301,24 @@ def test_mesh_that_is_none(tmp_path: Path) -> None:
         load(tmp_path, one_shape(f'<mesh filename="{path}"/>'))
 
 
+def test_errors_of_a_mesh_name_its_link_and_file(tmp_path: Path) -> None:
+    """A binary glTF file that is none was said to lack a value in line 1."""
+    path = write(tmp_path, "not a mesh", "a.glb")
+    with pytest.raises(RobotLoadError, match=r"link l1, .*a\.glb: the geometry"):
+        load(tmp_path, one_shape(f'<mesh filename="{path}"/>'))
+
+
+@pytest.mark.parametrize("number", ["nan", "1e300"])
+def test_mesh_with_corners_that_are_nowhere(number: str, tmp_path: Path) -> None:
+    """Distances from such a link are wrong, and it was loaded."""
+    corners = f"v {number} 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+    path = write(tmp_path, corners, "a.obj")
+    with pytest.raises(
+        RobotLoadError, match=r"a\.obj: .* vertices that are not finite"
+    ):
+        load(tmp_path, one_shape(f'<mesh filename="{path}"/>'))
+
+
 def test_package_folder_must_be_there(tmp_path: Path) -> None:
     with pytest.raises(RobotLoadError, match="package_dirs: there is no folder"):
         load(tmp_path, one_joint(), package_dirs=[tmp_path / "none"])

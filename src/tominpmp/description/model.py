@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, IntArray
+from tominpmp.checks import FARTHEST
 from tominpmp.description.joint_table import LOSSES, JointTable
 from tominpmp.description.mesh_sizes import INSTANCED, check_expanded
 from tominpmp.description.tree import (
@@ -112,8 +113,8 @@ def build_geometry(
                 solid = _solid(shape, load)
             except Exception as error:  # mesh readers may raise anything
                 raise RobotLoadError(
-                    f"{description.path}: the geometry cannot be read: "
-                    f"{one_line(error)}",
+                    f"{description.path}: link {link.name}, {shape.file or shape.kind}:"
+                    f" the geometry cannot be read: {one_line(error)}",
                     description.path,
                 ) from error
             item = pin.GeometryObject(
@@ -165,7 +166,10 @@ def _read_mesh(file: str, scale: tuple[float, ...]) -> Any:
     path = Path(file)
     if path.suffix.lower() in INSTANCED:
         check_expanded(path, path.read_bytes())
-    return coal.MeshLoader().load(file, np.array(scale))
+    mesh = coal.MeshLoader().load(file, np.array(scale))
+    if not np.all(np.abs(mesh.vertices()) < FARTHEST):
+        raise ValueError(f"it has vertices that are not finite, or {FARTHEST:g} m away")
+    return mesh
 
 
 def _warn_of_units(geometry: pin.GeometryModel, path: Path) -> None:

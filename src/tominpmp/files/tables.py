@@ -179,7 +179,8 @@ def _header(header: list[str], path: Path) -> tuple[tuple[str, ...], tuple[str, 
     raise ScenarioError(
         f"{path}, line 1: expected the columns time, q_<joint>, ..., v_<joint>, "
         "..., a_<joint>, ..., u_<joint>, ... (the last three kinds may be left out; a "
-        f"column {SEGMENT} may follow), found: {shortened(repr(', '.join(header)), 200)}",
+        f"column {SEGMENT} may follow), found: "
+        f"{shortened(repr(', '.join(header)), 200)}",
         path,
         "time" if header[:1] != ["time"] else None,
     )

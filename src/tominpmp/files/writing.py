@@ -35,7 +35,7 @@ def write_file(path: str | Path, write: Callable[[BinaryIO], object]) -> Path:
     """
     path = checked_path(path)
     try:
-        # A symbolic link is kept, and its target replaced; a link to itself is replaced.
+        # A symbolic link is kept, and its target replaced, unless that is the link.
         target = Path(os.path.realpath(path))
         if target.is_dir():
             raise ScenarioError(f"{path} is a folder, expected a file to write", path)
