@@ -334,10 +334,12 @@ def load_changed_robot(
         _refuse("a scenario file", args, ())
         return scenario.read_robot(scenario.read_toml(robot).need("robot"))
     locks = [word for text in args.lock or () for word in words(text)]
+    group = args.group or ""
     table: dict[str, Any] = {
         "name": robot,
         "package_dirs": [str(folder) for folder in args.package_dir or ()],
-        "group": _group(args.group),
+        # With commas, a group is a list of links or joints.
+        "group": words(group) if "," in group else args.group,
         "limits": args.limits,
         "locked_joints": {**(resting or {}), **_joint_pairs(locks, "--lock")},
         "kinematic": args.kinematic,
@@ -345,13 +347,6 @@ def load_changed_robot(
     }
     table |= _values(vars(args), ("srdf", "joint_limits", "gravity", *OVERRIDES))
     return scenario.read_robot(Typed(table))
-
-
-def _group(text: str | None) -> str | list[str] | None:
-    """The name of a group or link; or, with commas, links or joints."""
-    if text is None or "," not in text:
-        return text
-    return [name.strip() for name in text.split(",")]
 
 
 def _values(typed: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
@@ -461,7 +456,7 @@ def _wrap(args: ProblemOptions) -> bool | list[str]:
     """The field ``wrap`` of a goal: joints whose positions are angles."""
     if args.wrap in (None, "none"):
         return args.wrap is None
-    return [name.strip() for name in str(args.wrap).split(",")]
+    return words(str(args.wrap))
 
 
 def rates(args: ProblemOptions, name: str, robot: Robot) -> Array | None:

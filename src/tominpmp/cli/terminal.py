@@ -113,20 +113,11 @@ def as_command_line_flags(message: str, typed: Collection[str] = ()) -> str:
     return message
 
 
-def complain(
-    prefix: str, message: str, style: str = "bold red", typed: Collection[str] = ()
-) -> None:
-    """Write a line like ``error: ...`` to standard error.
-
-    Args:
-        prefix: The word before the colon.
-        message: The message; its Python arguments are replaced by flags.
-        style: Style of the prefix.
-        typed: The words of the command line, see :func:`as_command_line_flags`.
-    """
+def complain(prefix: str, message: str, style: str = "bold red") -> None:
+    """Write a line like ``error: ...`` to standard error."""
     from rich.text import Text
 
-    text = " ".join(as_command_line_flags(message, typed).split())
+    text = " ".join(as_command_line_flags(message).split())
     line = Text.assemble((f"{prefix}:", style), " ", text)
     with suppress(OSError):  # the exit code is correct without the line
         error_console().print(line, soft_wrap=True)
@@ -170,7 +161,7 @@ def guarded(typed: Collection[str] = ()) -> Iterator[None]:
 def _explain(message: str, typed: Collection[str]) -> None:
     if "--debug" in typed:
         traceback.print_exc()
-    complain("error", message, typed=typed)
+    complain("error", as_command_line_flags(message, typed))
 
 
 @contextmanager

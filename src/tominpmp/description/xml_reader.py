@@ -105,7 +105,7 @@ def parse_xml(content: bytes, path: Path) -> Element:
     except (expat.ExpatError, LookupError, ValueError) as error:
         hint = ""
         if path.suffix.lower() in OTHER_ENDINGS:
-            hint = "; expected a URDF file, or a scenario file, which is TOML (.toml)"
+            hint = "; expected a URDF file; load_scenario() and plan read .toml"
         raise RobotLoadError(f"{path} is not XML: {error}{hint}", path) from error
     return builder.close()
 
