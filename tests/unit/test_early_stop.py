@@ -206,6 +206,20 @@ def test_time_is_reserved_for_a_replay_before_one_was_timed():
         assert before == pytest.approx(0.06 * 2.0 + 0.07 + reserve)
 
 
+def test_slow_iterations_reserve_more_time_for_the_first_replay(clock):
+    """An xArm 7 with five segments was ready after 2 s of 8, but a replay takes 1 s."""
+    state = PlanState(planar(), tm.Options(**RESOLVED, max_planning_time=10.0))
+    state.begin()
+    state.initial = object()  # a first guess, which may have to be slowed down
+    record = tm.IterationRecord(0, 1.0, 1.0, 1.0, 0.0, 0.0, 1.0, True, 1, 1, 0.0, 0.0)
+    for _ in range(40):
+        clock.advance(0.2)
+        assert state(record) is None
+    clock.advance(0.6)  # the first replay may take a second, and half as much again
+    with pytest.raises(Stop):
+        state(record)
+
+
 def test_a_replay_may_take_the_time_that_is_kept_for_it(monkeypatch):
     """It was cut short by its own reserve, and done once more from its beginning."""
     problem = planar()

@@ -31,9 +31,10 @@ from tominpmp.transcription.program import NonlinearProgram
 # Iterates kept per candidate in addition to the newest, one per nonlinear program.
 MOST_KEPT = 4
 # Time reserved for the last replay: REPLAYS times the longest replay so far, between
-# the shares RESERVE and MOST_RESERVE of the time limit; before the first replay,
-# END_SECONDS is its estimate.
-RESERVE, MOST_RESERVE, REPLAYS = 0.03, 0.25, 1.5
+# the shares RESERVE and MOST_RESERVE of the time limit. The first replay is assumed to
+# take as long as AS_ITERATIONS iterations of the descent before it, but no less than
+# END_SECONDS: on six arms it took 2 to 9 of them, with and without dry friction.
+RESERVE, MOST_RESERVE, REPLAYS, AS_ITERATIONS = 0.03, 0.25, 1.5, 5
 # Overrun allowed for one step, and for the conclusion: share of the limit, and [s].
 STEP_SHARE, STEP_SECONDS = 0.02, 0.08
 END_SHARE, END_SECONDS = 0.08, 0.15
@@ -261,8 +262,14 @@ class PlanState:
         feasible = any(item.feasible for item in self.kept_iterates)
         if limit == np.inf or not (feasible or guess):
             return 0.0
-        replay = REPLAYS * (self._longest_replay or END_SECONDS)
+        replay = REPLAYS * (self._longest_replay or self._first_replay())
         return min(max(RESERVE * limit, replay), MOST_RESERVE * limit)
+
+    def _first_replay(self) -> float:
+        """Estimate of the time that a replay takes before one was timed [s]."""
+        times = [record.seconds for record in self.records] or [0.0]
+        iteration = (times[-1] - times[0]) / max(len(times) - 1, 1)
+        return max(END_SECONDS, AS_ITERATIONS * iteration)
 
     def _candidate_end(self) -> float:
         """Time from the beginning of the plan to the end of the candidate [s].
@@ -284,7 +291,8 @@ class PlanState:
         Raises:
             Stop: If planning is to end.
         """
-        record = replace(record, iteration=len(self.records))
+        number, seconds = len(self.records), self.seconds
+        record = replace(record, iteration=number, seconds=seconds)
         self.records.append(record)
         self.show(record)
         if record.violation <= self._enough:
