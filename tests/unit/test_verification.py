@@ -11,6 +11,7 @@ from replays import replay
 from sample_arms import DOWNWARD, GRAVITY, make_arm, slide
 from two_link_cases import RODS
 
+from tominpmp.bounds.lower_bound import lower_bound
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.frames import PositionGoal
@@ -184,6 +185,31 @@ def test_speed_is_judged_between_the_nodes() -> None:
     assert violation.amount == pytest.approx(np.sqrt(PUSH) - 1.0)
     assert violation.share == pytest.approx(np.sqrt(PUSH) - 1.0)
     assert "beyond its velocity limit" in found.message
+
+
+def test_short_motions_are_judged_between_their_nodes() -> None:
+    """Of a motion of less than a millisecond, the nodes alone were judged."""
+    t, zero = np.array([0.0, 4e-4]), np.zeros((2, 1))
+    effort = 6.0 * MASS / t[1] ** 2
+    robot = make_arm(slide(MASS), effort=effort, velocity=1.0 / t[1])
+    problem = Problem(robot, np.zeros(1), JointGoal(np.ones(1)))
+    inverse = RobotDynamics(robot).inverse
+    q, u = np.array([[0.0], [1.0]]), np.array([[effort], [-effort]])
+    motion = Trajectory(("joint1",), t, q, zero, u, inverse_dynamics=inverse)
+    (violation,) = verify(problem, motion).violations
+    assert violation.kind == "velocity"
+    assert violation.share == pytest.approx(0.5, rel=1e-3)
+
+
+def test_jumps_within_a_millisecond_break_limits_of_jerk() -> None:
+    """A motion of 1 ms was accepted, of 1.47 ms as its limit of jerk permits."""
+    force = 4e6 * MASS
+    robot = make_arm(slide(MASS), effort=force, velocity=1e4)
+    limits = MotionLimits(jerk=1e10)
+    problem = Problem(robot, [0.0], JointGoal([1.0]), motion_limits=limits)
+    motion = rail_motion(force)
+    assert motion.duration < 0.7 * lower_bound(problem).T
+    assert {item.kind for item in verify(problem, motion).violations} == {"jerk"}
 
 
 def test_effort_is_judged_on_both_sides_of_a_jump() -> None:

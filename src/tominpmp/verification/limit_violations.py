@@ -297,7 +297,9 @@ def _rates(
     friction: Array | None = None,
     rounding: Array | float = 0.0,
 ) -> tuple[Array, Array]:
-    """Excesses of jerks or torque rates; a jump counts as if it took a millisecond.
+    """Excesses of jerks or torque rates; a jump counts as if it took a time step.
+
+    The time step is the largest between two rows, a millisecond at most.
 
     Args:
         t: Times of the replay [s], shape (m,).
@@ -323,6 +325,7 @@ def _rates(
     before[0] = np.where(np.isnan(outside[0]), before[0], outside[0])
     after[-1] = np.where(np.isnan(outside[1]), after[-1], outside[1])
     dt = np.diff(t)[:, None]
+    step = min(TIME_STEP, np.max(dt, initial=0.0) or TIME_STEP)
     steps = np.maximum(np.abs(before[1:] - after[:-1]) - rounding / dt**2, 0.0) / dt
     jumps = after - before
     if friction is not None:
@@ -330,5 +333,5 @@ def _rates(
         jumps -= np.clip(
             jumps, np.minimum(later - high, 0.0), np.maximum(latest - low, 0.0)
         )
-    excess = np.concatenate([steps, np.abs(jumps) / TIME_STEP]) - limit
+    excess = np.concatenate([steps, np.abs(jumps) / step]) - limit
     return np.concatenate([t[:-1], t]), excess

@@ -40,8 +40,9 @@ LSODA_TIGHTNESS = 1000.0
 ERRORS: dict[str, float] = {"DOP853": 0.02, "LSODA": 0.02, "Radau": 1.0}
 # Largest time between two rows of a replay [s].
 TIME_STEP = 1e-3
-# Largest number of rows: longer motions have a larger time between rows.
-MOST_ROWS = 200_000
+# Least number of rows, about, and largest number: shorter motions have a smaller time
+# between rows, longer ones a larger time.
+FEWEST_ROWS, MOST_ROWS = 200, 200_000
 # Ratio of the first step of a piece to the last step of the piece before.
 GROWTH = 1.5
 # Largest number of steps of LSODA between two rows.
@@ -69,7 +70,8 @@ class Replay(Record):
     Attributes:
         joint_names: Names of the joints, in column order.
         t: Times [s], all nodes included, at most a millisecond apart unless the motion
-            is longer than some minutes, see MOST_ROWS, shape (m,).
+            is longer than some minutes, and less if it is short, see :func:`row_step`,
+            shape (m,).
         q: Positions [rad or m], shape (m, n).
         v: Velocities [rad/s or m/s], shape (m, n).
         u: Torques [N m or N], at a jump the torques just after it, shape (m, n).
@@ -112,24 +114,35 @@ def torque_pieces(robot: Robot, trajectory: Trajectory) -> Pieces:
 
 
 def planned(
-    trajectory: Trajectory, time_step: float = TIME_STEP, torque: Pieces | None = None
+    trajectory: Trajectory,
+    time_step: float | None = None,
+    torque: Pieces | None = None,
 ) -> Replay:
     """Samples of a planned motion in the form of a replay, without an integration.
 
     Args:
         trajectory: The motion.
-        time_step: Largest time between two rows [s]; a longer time if the rows were
-            more than MOST_ROWS.
+        time_step: Largest time between two rows [s]; None for that of a replay.
         torque: Torques of the motion, whose jumps have rows like those of a replay;
             None for rows at the nodes only.
     """
     nodes = trajectory.t if torque is None else torque.t
-    t = subdivided(nodes, max(time_step, trajectory.duration / MOST_ROWS))
+    step = row_step(trajectory.duration) if time_step is None else time_step
+    t = subdivided(nodes, step)
     q, v, _, u = trajectory(t)
     way = trajectory.turns.at(0.5 * (t[1:] + t[:-1]))
     return Replay(
         trajectory.joint_names, t, q, v, u, way, "planned", evaluations=0, complete=True
     )
+
+
+def row_step(duration: float) -> float:
+    """Largest time between two rows of the replay of a motion [s].
+
+    Args:
+        duration: Duration of the motion [s].
+    """
+    return max(min(TIME_STEP, duration / FEWEST_ROWS), duration / MOST_ROWS)
 
 
 def subdivided(nodes: Array, time_step: float) -> Array:
@@ -208,7 +221,7 @@ class Integration:
     def run(self, start: Array) -> Replay:
         """Integrate from a state of shape (2n,) to the end."""
         pieces, n = self.pieces, start.size // 2
-        time_step = max(TIME_STEP, self._trajectory.duration / MOST_ROWS)
+        time_step = row_step(self._trajectory.duration)
         times, states, ways = [np.zeros(1)], [start[None]], [np.zeros((0, n))]
         x = start
         for k in range(pieces.count):
