@@ -58,8 +58,10 @@ GRIDS = {
 def planned(
     family: str, name: str, method: str, intervals: int, **options: Any
 ) -> tm.Solution:
-    """The library's solution."""
-    usual = tm.Options(method=method, intervals=intervals, grid=GRIDS[family])
+    """The library's solution, of the first guess unless more effort is asked for."""
+    usual = tm.Options(
+        method=method, intervals=intervals, grid=GRIDS[family], effort="quick"
+    )
     return tm.plan(CASES[family][name].problem(), usual, **options)
 
 
@@ -265,7 +267,7 @@ def test_two_links(family: str, name: str, method: str) -> None:
 @pytest.mark.parametrize(("family", "name"), names("swing"))
 def test_swinging_up_by_default(family: str, name: str) -> None:
     # Where no path leads there, random torques do, if not always the fastest way.
-    solution = planned(family, name, "auto", INTERVALS)
+    solution = planned(family, name, "auto", INTERVALS, effort="standard")
     minimum = CASES[family][name].minimum
     assert solution.success
     assert (1.0 - BELOW) * minimum <= solution.T <= 1.1 * minimum

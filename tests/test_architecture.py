@@ -51,6 +51,7 @@ def is_command_line(path: Path) -> bool:
     return path.relative_to(PACKAGE).parts[0] in ("__main__.py", "cli")
 
 
+@functools.cache
 def parse(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
 

@@ -18,6 +18,8 @@ from benchmarks.cell_movement import Movement, read_movement
 from tominpmp.dynamics import RobotDynamics
 
 Change = Callable[[dict[str, Any], dict[str, Any]], None]
+# A motion of few intervals is judged by the same rules as one of many.
+QUICK = {"effort": "quick", "refine": None}
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +51,7 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], P
     )
     path = tmp_path_factory.mktemp("judge") / "motion.npz"
     # A jump of positions is told as one where accelerations are constant.
-    solution = tm.plan(problem, control="constant")
+    solution = tm.plan(problem, control="constant", **QUICK)
     random_cells.write_motion(solution.raise_if_failed(), path)
     return case, path
 
@@ -182,7 +184,7 @@ def gentle(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Pa
         cell_cases.build_arm(arm), q_start, tm.JointGoal(q_goal), motion_limits=limits
     )
     path = tmp_path_factory.mktemp("gentle") / "motion.npz"
-    random_cells.write_motion(tm.plan(problem).raise_if_failed(), path)
+    random_cells.write_motion(tm.plan(problem, **QUICK).raise_if_failed(), path)
     return case, path
 
 

@@ -15,7 +15,7 @@ import tominpmp
 TESTS = Path(__file__).parent
 SOURCE = Path(tominpmp.__file__).parent
 ADD_ONS = ("app", "cell", "exact", "physics")
-# Quick tests that plan, read files, judge motions and show the help.
+# Quick tests that plan, write and read files, judge motions and show the help.
 SELECTION = (
     "unit/test_options.py",
     "unit/test_trajectory.py",
@@ -38,13 +38,11 @@ def core(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def python(
-    core: Path, *words: str, at: Path = TESTS
-) -> subprocess.CompletedProcess[str]:
+def python(core: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """Run Python with the copy in place of the package."""
     return subprocess.run(
         [sys.executable, *words],
-        cwd=at,
+        cwd=TESTS,
         env={**os.environ, "PYTHONPATH": str(core)},
         capture_output=True,
         text=True,
@@ -77,16 +75,6 @@ def test_commands_of_add_ons_are_missing_and_the_others_are_there(core: Path) ->
         "tour is a command of the add-on cell, which is not installed" in lacking.stderr
     )
     assert python(core, "-m", "tominpmp", "plan", "--help").returncode == 0
-
-
-def test_a_motion_is_planned_and_written_without_add_ons(
-    core: Path, tmp_path: Path
-) -> None:
-    task = ("planar3r", "--start", "start", "--goal", "joint1=1")
-    words = ("--intervals", "16", "-o", "m.csv")
-    planned = python(core, "-m", "tominpmp", "plan", *task, *words, at=tmp_path)
-    assert planned.returncode == 0, planned.stderr
-    assert (tmp_path / "m.csv").exists()
 
 
 def test_tests_of_the_core_pass_without_add_ons(core: Path) -> None:

@@ -17,7 +17,7 @@ from sample_arms import make_arm, slide
 
 import tominpmp as tm
 
-OPTIONS = tm.Options(intervals=8)
+OPTIONS = tm.Options(intervals=8, effort="quick", refine=None)
 
 
 def test_goal_that_holds_at_the_start_settles() -> None:

@@ -224,13 +224,14 @@ def test_report_is_given_though_a_file_fails(
 
 
 def test_planning_agrees_with_the_library(run: Run) -> None:
-    result = run(*PLAN, "--json", "--intervals", 20)
+    few = ("--intervals", 20, "--planning-effort", "quick")
+    result = run(*PLAN, "--json", *few)
     assert result.exit_code == 0
     data = json.loads(result.stdout)
     problem = Problem(
         load_robot("planar3r"), [0.5, 1.7, -1.7], JointGoal(np.array([2.0, -1.0, 0.5]))
     )
-    solution = plan(problem, Options(intervals=20))
+    solution = plan(problem, Options(intervals=20, effort="quick"))
     assert data["T"] == pytest.approx(solution.T, rel=1e-9)
     assert data["status"] == solution.status.name
     assert max(data["violations"].values()) <= Options().feasibility

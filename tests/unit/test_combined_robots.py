@@ -198,7 +198,8 @@ def test_a_goal_for_each(planar3r: Robot) -> None:
         ]
     )
     problem = Problem(cell, cell.stack(a=start, b=start), goal)
-    solution = plan(problem, Options(intervals=12, starts=1))
+    few = Options(intervals=12, starts=1, effort="quick", refine=None)
+    solution = plan(problem, few)
     assert solution.feasible
     assert solution.trajectory is not None
     q = solution.trajectory.q[-1]

@@ -15,6 +15,7 @@ from tominpmp.kinematics import RobotKinematics
 FILE = Path(__file__).parents[1] / "reports" / "continuous_across_pi" / "robot.urdf"
 TURN = 2.0 * np.pi
 LIMITS = tm.MotionLimits(acceleration=20.0)
+QUICK = {"effort": "quick", "refine": None}
 
 
 @pytest.fixture(scope="module")
@@ -205,7 +206,7 @@ def test_goals_of_all_kinds_are_reached_where_a_joint_comes_by_itself(
     goal: tm.Goal,
 ) -> None:
     """It comes to rest 31 rad away at the earliest."""
-    found = tm.plan(coasting(goal, -2.5, acceleration=0.1), effort="quick")
+    found = tm.plan(coasting(goal, -2.5, acceleration=0.1), **QUICK)
     assert found.success, found.message
     assert found.trajectory.q[-1, 0] == pytest.approx(1.0 - 6.0 * TURN, abs=1e-4)
 
@@ -221,7 +222,7 @@ def test_later_segments_begin_where_a_moving_joint_comes_by_itself() -> None:
         segments=segments,
         motion_limits=tm.MotionLimits(acceleration=0.3),
     )
-    found = tm.plan(problem, effort="quick")
+    found = tm.plan(problem, **QUICK)
     way = np.diff([part.trajectory.q[-1, 0] for part in found.segments])
     assert way == pytest.approx([0.5 + 2.0 * TURN], abs=1e-4)
 
@@ -288,7 +289,7 @@ def test_segments_go_on_from_turn_to_turn(robot: tm.Robot) -> None:
     goals = [tm.JointGoal([q, 0.1]) for q in (2.0, -2.5, -0.5, 1.5)]
     segments = [tm.Segment(goal, stop=True) for goal in goals]
     problem = tm.Problem(robot, [0.0, 0.1], segments=segments, motion_limits=LIMITS)
-    solution = tm.plan(problem)
+    solution = tm.plan(problem, **QUICK)
     ends = [part.trajectory.q[-1, 0] for part in solution.segments]
     expected = [2.0, TURN - 2.5, TURN - 0.5, TURN + 1.5]
     assert ends == pytest.approx(expected, abs=1e-4)

@@ -9,6 +9,7 @@ Pinocchio's ``rnea``.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -16,6 +17,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from clock_samples import LIMITS, UR5_END, planar_problem, ur5_problem
+from sample_arms import make_arm, slide
 from scipy.interpolate import BPoly, CubicHermiteSpline
 
 import tominpmp as tm
@@ -37,6 +39,18 @@ QUICK = {"effort": "quick", "refine": None}
 
 def plan_quickly(problem, **options):
     return tm.plan(problem, **{**QUICK, **options})
+
+
+@pytest.fixture(scope="module")
+def free(planar3r):
+    """The motion of the planar arm without a clock."""
+    return plan_quickly(planar_problem(planar3r))
+
+
+@pytest.fixture(scope="module")
+def clocked(planar3r):
+    """The same on a clock of ten milliseconds."""
+    return plan_quickly(planar_problem(planar3r), control_period=0.01)
 
 
 def torques(robot, q, v, a):
@@ -107,11 +121,21 @@ def check(solution, period, *, limits=None):
             assert np.all(np.abs(jerk) <= 1.005 * limits.by_joint("jerk", names) + 1e-3)
 
 
+OF_MOTIONS = {"torques": None, "limits": LIMITS}
+
+
+@cache
+def without_a_clock(limits):
+    """A motion of the UR5 by default, with limits of that name."""
+    robot = tm.load_robot("ur5", limits="urdf")
+    return tm.plan(ur5_problem(robot, motion_limits=OF_MOTIONS[limits]))
+
+
 @pytest.mark.parametrize("period", PERIODS)
-@pytest.mark.parametrize("limits", [None, LIMITS], ids=["torques", "limits"])
-def test_the_interpolated_motion_is_the_planned_one(ur5, period, limits):
-    problem = ur5_problem(ur5, motion_limits=limits)
-    free = tm.plan(problem)
+@pytest.mark.parametrize("limits", OF_MOTIONS)
+def test_the_interpolated_motion_is_the_planned_one(period, limits):
+    free = without_a_clock(limits)
+    problem, limits = free.problem, OF_MOTIONS[limits]
     solution = tm.plan(problem, control_period=period)
     check(solution, period, limits=limits)
     # What is given away is little, and never less than nothing.
@@ -250,32 +274,28 @@ def test_motion_limits_of_all_kinds(planar3r, limits):
     assert solution.T <= 1.03 * plan_quickly(problem).T + 0.01
 
 
-def test_warm_starts(planar3r):
-    former = plan_quickly(planar_problem(planar3r), control_period=0.01)
+def test_warm_starts(planar3r, free, clocked):
     near = planar_problem(planar3r, goal=tm.JointGoal((0.92, -1.18, -0.9)))
-    for start in (former, plan_quickly(planar_problem(planar3r)).trajectory):
+    for start in (clocked, free.trajectory):
         check(plan_quickly(near, start=start, control_period=0.01), 0.01)
-    same = plan_quickly(former.problem, start=former, control_period=0.01)
+    same = plan_quickly(clocked.problem, start=clocked, control_period=0.01)
     check(same, 0.01)
-    assert same.T <= former.T + 1e-9
+    assert same.T <= clocked.T + 1e-9
 
 
-def test_a_motion_on_the_clock_can_be_made_quiet(planar3r):
-    solution = plan_quickly(planar_problem(planar3r), control_period=0.01)
-    quiet = tm.smooth(solution, 0.03)
+def test_a_motion_on_the_clock_can_be_made_quiet(clocked):
+    quiet = tm.smooth(clocked, 0.03)
     check(quiet, 0.01)
-    assert quiet.roughness < solution.roughness
+    assert quiet.roughness < clocked.roughness
     count = round(quiet.T / 0.01)
-    assert 1.03 * solution.T <= quiet.T + 1e-9 < 1.03 * solution.T + 0.01
+    assert 1.03 * clocked.T <= quiet.T + 1e-9 < 1.03 * clocked.T + 0.01
     assert quiet.T == pytest.approx(count * 0.01, rel=1e-15)
 
 
-def test_a_coarse_clock_has_a_knot_a_tick(planar3r):
+def test_a_coarse_clock_has_a_knot_a_tick(free):
     """Half of the motion at most; the fewer ticks, the more of them are knots."""
-    problem = planar_problem(planar3r)
-    free = plan_quickly(problem)
     for period in (0.05, free.T / 7.5, free.T / 2.1):
-        check(plan_quickly(problem, control_period=period), period)
+        check(plan_quickly(free.problem, control_period=period), period)
 
 
 @pytest.mark.parametrize(
@@ -290,10 +310,9 @@ def test_wrong_periods(planar3r, period):
 
 
 @pytest.mark.parametrize("share", [0.3, 0.6])
-def test_a_motion_shorter_than_any_on_the_clock(planar3r, share):
-    problem = planar_problem(planar3r)
-    period = share * plan_quickly(problem).T
-    solution = plan_quickly(problem, control_period=period)
+def test_a_motion_shorter_than_any_on_the_clock(free, share):
+    period = share * free.T
+    solution = plan_quickly(free.problem, control_period=period)
     check(solution, period)
     assert solution.status is tm.Status.CONVERGED
     assert pytest.approx(4 * period) == solution.T
@@ -307,9 +326,10 @@ def test_a_period_in_milliseconds(planar3r, period):
 
 
 @pytest.mark.parametrize("period", [1e-9, 1e-300, 5e-324])
-def test_a_period_that_gives_too_many_samples(planar3r, period):
+def test_a_period_that_gives_too_many_samples(period):
+    rail = tm.Problem(make_arm(slide(1.0), effort=1.0), [0.0], tm.JointGoal([1.0]))
     with pytest.raises(OptionsError, match="too short"):
-        tm.plan(planar_problem(planar3r), control_period=period)
+        plan_quickly(rail, control_period=period)
 
 
 def test_exact_switches_are_not_on_a_clock(planar3r):
@@ -326,7 +346,7 @@ def test_no_controller_interpolates_joints_without_motors():
 
 def test_options_by_name(planar3r):
     problem = planar_problem(planar3r)
-    given = tm.Options(intervals=12, control_period=0.02, starts=2)
+    given = tm.Options(intervals=12, control_period=0.02, starts=2, **QUICK)
     solution = tm.plan(problem, given, intervals=16, control_period=0.01)
     assert (solution.options.intervals, solution.options.starts) == (16, 2)
     check(solution, 0.01)
@@ -422,7 +442,8 @@ def test_where_no_number_of_periods_will_do(planar3r, monkeypatch):
 
 def test_scenario_files_keep_the_period(planar3r, tmp_path: Path):
     path = tmp_path / "problem.toml"
-    tm.save_scenario(path, planar_problem(planar3r), tm.Options(control_period=0.004))
+    options = tm.Options(control_period=0.004, **QUICK)
+    tm.save_scenario(path, planar_problem(planar3r), options)
     assert "control_period = 0.004" in path.read_text()
     scenario = tm.load_scenario(path)
     assert scenario.options.control_period == 0.004
@@ -446,14 +467,14 @@ def test_dry_friction(control):
     """Torques jump where joints turn: between ticks as well as at them."""
     arm = tm.load_robot("ur5", limits="urdf", friction=4.0)
     problem = ur5_problem(arm)
-    solution = tm.plan(problem, control=control, control_period=0.008)
+    solution = plan_quickly(problem, control=control, control_period=0.008)
     assert solution.success and solution.verification.ok
     _, q, v, a = as_interpolated(solution.trajectory.sample(0.008), quintic=False)
     moving = np.abs(v) > 1e-6
     u = torques(arm, q, v, a) + 4.0 * np.sign(v) * moving
     # What does not move is held by as much friction as it takes.
     assert np.all(np.abs(u) <= arm.limits.effort_upper * 1.005 + 4.0 * ~moving)
-    assert solution.T <= 1.03 * tm.plan(problem, control=control).T + 0.008
+    assert solution.T <= 1.03 * plan_quickly(problem, control=control).T + 0.008
 
 
 def test_links_that_touch_on_the_clock_are_kept_apart(ur5, monkeypatch):

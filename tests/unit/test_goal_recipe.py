@@ -57,7 +57,8 @@ def test_a_goal_made_elsewhere_is_planned_for(
     if control == "linear" and method != "inverse":
         pytest.skip("linear accelerations belong to the inverse method")
     problem = tm.Problem(planar3r, Q_START, HeightGoal("tip", 1.5))
-    solution = tm.plan(problem, method=method, control=control, intervals=20)
+    few = {"effort": "quick", "intervals": 24, "refine": None}
+    solution = tm.plan(problem, method=method, control=control, **few)
     assert solution.success, solution.message
     assert solution.trajectory is not None
     end = RobotKinematics(planar3r).placement(solution.trajectory.q[-1], "tip")

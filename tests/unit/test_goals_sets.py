@@ -377,7 +377,8 @@ def test_a_tolerance_is_used(method: str, planar3r: Robot) -> None:
     q = np.array([0.5, 1.7, -1.7])
     kinematics = RobotKinematics(planar3r)
     centre = kinematics.placement(q + 0.2, "tip").translation
-    options = Options(method=method, intervals=12, starts=1)
+    quick = {"effort": "quick", "refine": None}
+    options = Options(method=method, intervals=12, starts=1, **quick)
     exact = plan(Problem(planar3r, q, PositionGoal("tip", centre)), options)
     goal = PositionGoal("tip", centre, tolerance=0.3)
     loose = plan(Problem(planar3r, q, goal), options)

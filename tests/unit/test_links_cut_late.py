@@ -25,6 +25,8 @@ from tominpmp.verification.nearest import nearest_pair
 
 ENDS = [0.0, -1.2, 1.0, 0.0, 0.5, 0.0], [1.5, -0.8, 0.4, 0.3, -0.5, 1.0]
 MESHES = 7
+# Which links are cut is looked at here, not the search for the best motion.
+QUICK = {"effort": "quick", "refine": None}
 
 
 @pytest.fixture
@@ -53,7 +55,7 @@ def test_a_plan_in_free_space_cuts_the_nearest_links_only(cut: list[int]) -> Non
     """Nor does it change anything which links had been cut before it."""
     problem = straight()
     assert cut == []
-    fresh = tm.plan(problem)
+    fresh = tm.plan(problem, **QUICK)
     assert fresh.success
     assert 0 < len(cut) <= 3
     # It is the distance of the pieces that is told.
@@ -64,7 +66,7 @@ def test_a_plan_in_free_space_cuts_the_nearest_links_only(cut: list[int]) -> Non
     assert not problem.checker.is_free(np.array([0.0, -1.0, 3.1, 0.0, 0.0, 0.0]))
     again_problem = straight()
     _ = again_problem.checker.pairs
-    again = tm.plan(again_problem)
+    again = tm.plan(again_problem, **QUICK)
     assert len(cut) == MESHES
     assert again.T == fresh.T
     np.testing.assert_array_equal(again.trajectory.q, fresh.trajectory.q)

@@ -130,7 +130,8 @@ def test_reasons_are_kept_by_files_and_by_robots_that_are_combined(
     both = tm.combine_robots([("one", arm, (0, 0, 0)), ("two", arm, (0, 3, 0))])
     expected = (("one/ball", "one/base"), ("two/ball", "two/base"))
     assert both.srdf.never_touch == expected
-    solution = tm.plan(tm.Problem(both, [-1.0, 1.0], tm.JointGoal([1.0, 1.5])))
+    problem = tm.Problem(both, [-1.0, 1.0], tm.JointGoal([1.0, 1.5]))
+    solution = tm.plan(problem, effort="quick", refine=None)
     assert [touch[:2] for touch in solution.verification.touches] == [expected[0]]
 
 

@@ -248,7 +248,8 @@ def test_a_velocity_beyond_the_joint_speeds_is_refused_before_a_search(segment) 
 
 
 def test_a_throw_near_the_speed_limits_ends_where_the_joints_can_do_it() -> None:
-    solution = tm.plan(tm.Problem(UR5, START, throw(1.82)))
+    few = {"effort": "quick", "intervals": 24, "refine": None}
+    solution = tm.plan(tm.Problem(UR5, START, throw(1.82)), **few)
     assert solution, solution.message
 
 

@@ -28,7 +28,9 @@ def own_calls() -> tuple[str, ...]:
     return tuple(found[-2::-1])
 
 
-@pytest.mark.parametrize("options", [{}, {"effort": "quick"}, {"refine": "grid"}])
+@pytest.mark.parametrize(
+    "options", [{}, {"effort": "quick"}, {"effort": "quick", "refine": "grid"}]
+)
 def test_few_calls_lead_from_a_plan_to_its_programs(
     options: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -301,7 +301,8 @@ def test_goals_of_several_arms_have_records_of_joints_and_frames() -> None:
     both = tm.combine_robots([("a", arm(), (0, 0, 0)), ("b", arm(), (0, 12, 0))])
     goals = [JOINTS.prefixed("a/", arm()), tm.PositionGoal("b/tip", (4, 13, 0))]
     problem = tm.Problem(both, (*START, *START), tm.AllGoals(goals))
-    found = tm.plan(problem, effort="quick").sensitivities.of("goal")
+    quick = {"effort": "quick", "refine": None}
+    found = tm.plan(problem, **quick).sensitivities.of("goal")
     joints = {f"a/joint{k}" for k in (1, 2, 3)}
     assert {item.joint for item in found} == joints | {None}
     assert max(abs(item.value) for item in found) > 0.1

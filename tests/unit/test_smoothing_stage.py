@@ -192,6 +192,6 @@ def test_several_segments_are_refused(planar3r):
     goals = [1.0, 0.3, 0.2], [1.2, 0.5, 0.6]
     segments = [tm.Segment(tm.JointGoal(goal)) for goal in goals]
     problem = tm.Problem(planar3r, [0.5, 0.1, 0.1], segments=segments)
-    solution = tm.plan(problem, effort="quick")
+    solution = plan_quickly(problem)
     with pytest.raises(tm.ProblemError, match="2 segments"):
         tm.smooth(solution)

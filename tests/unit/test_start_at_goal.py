@@ -131,10 +131,10 @@ def test_a_start_that_does_not_satisfy_it_moves(problem: tm.Problem) -> None:
 
 def test_what_counts_as_satisfied_is_the_feasibility_of_the_options() -> None:
     problem = from_start(tm.JointGoal(START + 1e-4))
-    assert tm.plan(problem, effort="quick").T > 0.0
+    assert tm.plan(problem, **FEW).T > 0.0
     assert tm.plan(problem, feasibility=2e-4).T == 0.0
     # Never more than verification lets pass.
-    tight = tm.plan(problem, feasibility=2e-4, goal_tolerance=5e-5, effort="quick")
+    tight = tm.plan(problem, feasibility=2e-4, goal_tolerance=5e-5, **FEW)
     assert tight.T > 0.0
 
 
@@ -201,9 +201,9 @@ def test_a_motion_of_no_time_is_taken_up_and_made_quiet() -> None:
     assert quiet.success
     assert tm.plan(stands.problem, slack=0.05).T == 0.0
     onwards = from_start(tm.JointGoal(AWAY))
-    fresh = tm.plan(onwards, effort="quick")
+    fresh = tm.plan(onwards, **FEW)
     for start in (stands, stands.trajectory, stands.trajectory.sample(0.01)):
-        solution = tm.plan(onwards, start=start, effort="quick")
+        solution = tm.plan(onwards, start=start, **FEW)
         assert pytest.approx(fresh.T) == solution.T
     # And the other way round: there is nothing to take from a former motion.
     assert tm.plan(stands.problem, start=fresh).T == 0.0
@@ -267,7 +267,7 @@ def test_who_cannot_wait_at_the_goal_moves() -> None:
     motion = tm.ConstantVelocity(velocity=(-2.0, 0.0, 0.0))
     ball = tm.Sphere("ball", radius=0.1, position=there, motion=motion)
     problem = through(stays_for(1.0), scene=[ball])
-    solution = tm.plan(problem, effort="quick", intervals=20)
+    solution = tm.plan(problem, effort="quick", intervals=24, refine=None)
     assert solution.success, solution.message
     assert solution.T > 1.2
 
@@ -298,8 +298,8 @@ def test_one_arm_of_two_stays() -> None:
         return tm.plan(cell.problem(start=start, goal=goal), **options)
 
     assert plan(START, START).T == 0.0
-    alone = tm.plan(from_start(tm.JointGoal(AWAY)), effort="quick")
-    one = plan(START, AWAY, effort="quick")
+    alone = tm.plan(from_start(tm.JointGoal(AWAY)), **FEW)
+    one = plan(START, AWAY, **FEW)
     assert one.success, one.message
     assert one.T == pytest.approx(alone.T, rel=0.02)
     stays = cell.split(one.trajectory)["left"]

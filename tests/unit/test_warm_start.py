@@ -16,6 +16,8 @@ from tominpmp.planner import starts
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 START, END = (0.5, 1.7, -1.7), (0.9, -1.2, -0.9)
+# The grid of the search shows as well what a former motion is good for.
+QUICK = {"effort": "quick", "refine": None}
 POST = tm.Scene([tm.Sphere("O", radius=0.8, position=(4, 0, 0))])
 
 
@@ -35,7 +37,7 @@ def stepped(free):
 def around(planar3r):
     """The paper's problem with the obstacle."""
     problem = tm.Problem(planar3r, START, tm.PositionGoal("tip", (4, 1, 0)), scene=POST)
-    return tm.plan(problem, tm.Options(starts=1, effort="quick"))
+    return tm.plan(problem, tm.Options(starts=1, **QUICK))
 
 
 def test_the_same_problem_takes_few_iterations(free):
@@ -96,20 +98,20 @@ def test_a_bent_guess_stays_within_the_position_limits(planar3r):
     lower = planar3r.limits.position_lower
     start = np.maximum(START, lower + 0.02)
     first = tm.plan(
-        tm.Problem(planar3r, start, tm.JointGoal((lower[0], -1.0, 0.3))), effort="quick"
+        tm.Problem(planar3r, start, tm.JointGoal((lower[0], -1.0, 0.3))), **QUICK
     )
     goal = tm.JointGoal((lower[0] + 0.3, -1.0, 0.3))
     problem = tm.Problem(planar3r, (lower[0], *start[1:]), goal)
     guess = warm_start(ProblemFunctions.of(problem), first.trajectory)
     assert np.all(guess.q >= lower)
-    assert tm.plan(problem, start=first, effort="quick").success
+    assert tm.plan(problem, start=first, **QUICK).success
 
 
 def test_another_goal_is_as_good_as_from_scratch_and_quicker(around):
     goal = tm.PositionGoal("tip", (4, 1.15, 0))
     problem = replace(around.problem, goal=goal)
-    cold = tm.plan(problem, tm.Options(starts=1, effort="quick"))
-    warm = tm.plan(problem, tm.Options(starts=1, effort="quick"), start=around)
+    cold = tm.plan(problem, tm.Options(starts=1, **QUICK))
+    warm = tm.plan(problem, tm.Options(starts=1, **QUICK), start=around)
     assert warm.success and warm.verification.ok
     assert warm.T <= cold.T * 1.002
     assert warm.iterations < cold.iterations
@@ -180,7 +182,7 @@ def test_the_way_back_begins_with_the_whole_motion(planar3r, free):
 
 @pytest.mark.parametrize("method", ["collocation", "adjoint"])
 def test_other_methods(around, method):
-    options = tm.Options(method=method, starts=1, effort="quick")
+    options = tm.Options(method=method, starts=1, **QUICK)
     first = tm.plan(around.problem, options)
     goal = tm.PositionGoal("tip", (4, 1.05, 0))
     problem = replace(around.problem, goal=goal)
@@ -198,9 +200,9 @@ def test_wider_limits_never_make_it_slower(planar3r, free):
 
 def test_a_motion_that_cannot_be_bettered_is_kept(planar3r, free):
     """A grid that is too coarse for anything as fast."""
-    fine = tm.plan(free.problem, tm.Options(intervals=60, effort="quick"))
-    warm = tm.plan(free.problem, tm.Options(intervals=10, effort="quick"), start=fine)
-    coarse = tm.plan(free.problem, tm.Options(intervals=10, effort="quick"))
+    fine = tm.plan(free.problem, tm.Options(intervals=60, **QUICK))
+    warm = tm.plan(free.problem, tm.Options(intervals=10, **QUICK), start=fine)
+    coarse = tm.plan(free.problem, tm.Options(intervals=10, **QUICK))
     assert coarse.T > fine.T
     assert warm.success and warm.T <= fine.T
 

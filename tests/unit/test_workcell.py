@@ -139,7 +139,8 @@ def test_a_robot_without_a_goal_ends_at_rest(cell: Workcell) -> None:
         {"b": PositionGoal("tip", (1.0, 4.0, 0.0)), "a": None},
         v_start={"a": [0.3, 0.0, 0.0]},
     )
-    solution = plan(problem, Options(intervals=12, starts=1))
+    few = Options(intervals=12, starts=1, effort="quick", refine=None)
+    solution = plan(problem, few)
     assert solution.success
     motions = cell.split(solution.trajectory)
     tip = placement(cell.alone("b"), motions["b"].q[-1].tolist(), "tip").translation
@@ -151,7 +152,7 @@ def test_a_robot_without_a_goal_ends_at_rest(cell: Workcell) -> None:
 def test_split_motion_with_constant_torque(cell: Workcell) -> None:
     start = dict.fromkeys(ENDS, START)
     goal = {k: JointGoal(end) for k, end in ENDS.items()}
-    options = Options(intervals=24, method="collocation")
+    options = Options(intervals=24, method="collocation", effort="quick", refine=None)
     solution = plan(cell.problem(start, goal), options)
     assert solution.success
     after = solution.T + 1.0
