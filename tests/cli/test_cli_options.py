@@ -276,13 +276,14 @@ def test_a_motion_is_judged_by_what_is_typed(run: Run) -> None:
 
 def test_a_motion_is_judged_with_the_tolerances_that_are_typed(run: Run) -> None:
     words = ("planar3r", "--start", START, "--goal", GOAL)
-    assert run("plan", *words, "--intervals", 10, "-o", "m.csv").exit_code == 0
+    few = ("--intervals", 10, "--planning-effort", "quick", "--refine", "none")
+    assert run("plan", *words, *few, "-o", "m.csv").exit_code == 0
     off = ("verify", "planar3r", "m.csv", "--start", START, "--goal", "2,-1,0.52")
     assert run(*off).exit_code == 1
     assert run(*off, "--goal-tolerance", 0.03).exit_code == 0
     # They go before those of a scenario.
     Path("s.toml").write_text(SCENARIO)
-    assert run("plan", "s.toml", "--intervals", 10, "-o", "m.csv").exit_code == 0
+    assert run("plan", "s.toml", *few, "-o", "m.csv").exit_code == 0
     goal = "q = [2.0, -1.0, 0.5]"
     text = SCENARIO.replace(goal, "q = [2.0, -1.0, 0.52]") + "goal_tolerance = 0.03\n"
     Path("s.toml").write_text(text)

@@ -270,8 +270,9 @@ def test_progress_in_a_log_is_seldom(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_verbose_shows_the_log(run: Run) -> None:
-    result = run(*PLAN, "--verbose", "--no-output", "--intervals", 10)
+    few = ("--no-output", "--intervals", 10, "--planning-effort", "quick")
+    result = run(*PLAN, "--verbose", *few)
     assert result.exit_code == 0
     assert re.search(r"^info: start 0: ", result.stderr, re.MULTILINE)
-    again = run(*PLAN, "--no-output", "--intervals", 10)
+    again = run(*PLAN, *few)
     assert again.stderr == ""

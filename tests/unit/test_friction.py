@@ -6,7 +6,7 @@ import itertools
 import math
 import pickle
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -113,6 +113,12 @@ def slid(case: Case, **options: object) -> tm.Solution:
     return tm.plan(problem, tm.Options(**chosen))  # type: ignore[arg-type]
 
 
+@cache
+def slid_by(name: str, method: str) -> tm.Solution:
+    """Plan a case by a method."""
+    return slid(CASES[name], **METHODS[method])
+
+
 def by_hand(solution: tm.Solution, gravity: float = 0.0) -> tuple[float, float]:
     """End of a mass on a rail under the forces of a motion, by Coulomb's law.
 
@@ -153,8 +159,7 @@ def by_hand(solution: tm.Solution, gravity: float = 0.0) -> tuple[float, float]:
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", CASES)
 def test_minimum_time_on_a_rail(name: str, method: str) -> None:
-    case = CASES[name]
-    solution = slid(case, **METHODS[method])
+    case, solution = CASES[name], slid_by(name, method)
     assert solution.success, solution.message
     assert -1e-6 < solution.T / case[2] - 1.0 < 5e-3
     bound = lower_bound(solution.problem).T
@@ -165,7 +170,7 @@ def test_minimum_time_on_a_rail(name: str, method: str) -> None:
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", ["rail", "upwards", "much"])
 def test_another_integration_ends_at_the_goal(name: str, method: str) -> None:
-    solution = slid(CASES[name], **METHODS[method])
+    solution = slid_by(name, method)
     q, v = by_hand(solution, GRAVITY if name == "upwards" else 0.0)
     assert q == pytest.approx(CASES[name][1], abs=2e-4)
     assert v == pytest.approx(0.0, abs=2e-3)

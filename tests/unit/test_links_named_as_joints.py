@@ -15,6 +15,7 @@ import pytest
 import tominpmp as tm
 from tominpmp.kinematics import RobotKinematics
 
+QUICK = {"effort": "quick", "refine": None}
 LINK = """<link name="{}"><inertial><origin xyz="0 0 .15"/><mass value="2"/>
 <inertia ixx=".02" iyy=".02" izz=".004" ixy="0" ixz="0" iyz="0"/></inertial><collision>
 <origin xyz="0 0 .15"/><geometry><cylinder radius=".04" length=".2"/></geometry>
@@ -127,9 +128,8 @@ def test_a_payload_on_the_link(frame: str) -> None:
 def test_a_goal_on_the_link(frame: str) -> None:
     arm = tm.load_robot(twins(), locked_joints={"c": 0.2})
     there = placed(arm, {"a": 0.4, "b": 0.25}, frame)[:3, 3]
-    solution = tm.plan(
-        tm.Problem(arm, (0, 0), tm.PositionGoal(frame, there)), effort="quick"
-    )
+    problem = tm.Problem(arm, (0, 0), tm.PositionGoal(frame, there))
+    solution = tm.plan(problem, **QUICK)
     assert solution.success
     end = dict(zip(arm.joint_names, solution.trajectory.q[-1].tolist(), strict=True))
     np.testing.assert_allclose(placed(arm, end, frame)[:3, 3], there, atol=1e-6)
@@ -151,7 +151,7 @@ def test_a_cell_of_two() -> None:
     }
     goals |= {"two": tm.JointGoal((0.3, 0.3, 0.1))}
     starts = {"one": np.zeros(2), "two": np.zeros(3)}
-    assert tm.plan(cell.problem(starts, goals), effort="quick").success
+    assert tm.plan(cell.problem(starts, goals), **QUICK).success
 
 
 def test_names_that_are_added_are_not_taken() -> None:

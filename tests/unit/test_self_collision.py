@@ -114,7 +114,8 @@ def test_time_that_ends_while_links_are_parted_leaves_a_motion() -> None:
     def late(record: tm.IterationRecord) -> bool:
         return record.start > 1  # after one without rows for links, and one with
 
-    solution = tm.plan(problem, callback=late, max_planning_time=60.0)
+    few = {"intervals": 24, "max_planning_time": 300.0}
+    solution = tm.plan(problem, callback=late, **few)
     assert solution.status is tm.Status.INTERRUPTED
     assert solution.success, solution.message
 

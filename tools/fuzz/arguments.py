@@ -48,7 +48,8 @@ class World:
     @cached_property
     def solution(self) -> tm.Solution:
         """A solution of that problem."""
-        return tm.plan(self.problem, tm.Options(intervals=8))
+        few = tm.Options(intervals=8, effort="quick", refine=None)
+        return tm.plan(self.problem, few)
 
     @cached_property
     def trajectory(self) -> tm.Trajectory:
