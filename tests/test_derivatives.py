@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pinocchio as pin
@@ -120,6 +121,14 @@ PROBLEMS: dict[str, Callable[[], tm.Problem]] = {
         tm.JointGoal(WRIST + np.array([0.3, 0.2, -0.3, -0.2, -0.3, 0.0])),
     ),
 }
+
+
+@cache
+def problem_of(name: str) -> tm.Problem:
+    """A problem of the table, whose robot is read once."""
+    return PROBLEMS[name]()
+
+
 GRIDS = {
     "": lambda: interval_shares("cosine", INTERVALS),
     ", two columns": lambda: np.kron(
@@ -230,7 +239,7 @@ def build(
 ) -> tuple[NonlinearProgram, Array, Transcription]:
     """A program, a random motion of it, and the transcription it began with."""
     make, shares = BUILDERS[method]
-    system, rng = ProblemFunctions.of(PROBLEMS[name]()), np.random.default_rng(seed)
+    system, rng = ProblemFunctions.of(problem_of(name)), np.random.default_rng(seed)
     of, z = make(system, shares(), rng)
     return with_more(NonlinearProgram.of(of)).at(z), z, of
 
@@ -390,7 +399,7 @@ def test_rates_are_how_positions_between_the_nodes_pass(method: str) -> None:
 
 @pytest.mark.parametrize("name", ["position, obstacle", "tip velocity", "ur5"])
 def test_adjoint_sweep_equals_forward_sensitivities(rng, name):
-    problem = PROBLEMS[name]()
+    problem = problem_of(name)
     system = ProblemFunctions.of(problem)
     n, intervals = system.n, 8
     x = np.concatenate([problem.q_start, rng.normal(size=n)])
