@@ -213,6 +213,7 @@ def test_output_cannot_be_written(
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_a_report_that_cannot_be_written_is_no_bad_input(tmp_path: Path) -> None:
     words = "plan planar3r --start start --goal 2,-1,0.5 --planning-effort quick"
+    words += " --refine none"
     with open("/dev/full", "w") as full:
         options = {"capture_output": False, "stdout": full, "stderr": -1}
         result = program(*words.split(), "-o", "m.csv", cwd=tmp_path, **options)

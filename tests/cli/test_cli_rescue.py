@@ -79,6 +79,7 @@ def test_a_limit_on_file_sizes_leaves_nothing_behind(tmp_path: Path) -> None:
         "from tominpmp.cli import main; main()"
     )
     command = ["plan", "planar3r", "--start", START, "--goal", GOAL, "-o", "m.csv"]
+    command += ["--planning-effort", "quick", "--refine", "none"]
     done = subprocess.run(
         [sys.executable, "-c", f"import sys; sys.argv[1:] = {command!r}\n{script}"],
         cwd=tmp_path, capture_output=True, text=True, check=False, timeout=900,

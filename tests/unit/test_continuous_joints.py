@@ -24,7 +24,7 @@ def robot() -> tm.Robot:
 
 
 def end_of(robot: tm.Robot, start: list[float], goal: tm.Goal) -> list[float]:
-    solution = tm.plan(tm.Problem(robot, start, goal))
+    solution = tm.plan(tm.Problem(robot, start, goal), **QUICK)
     assert solution.success
     return solution.trajectory.q[-1].tolist()
 

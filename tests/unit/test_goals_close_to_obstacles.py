@@ -21,6 +21,8 @@ RAIL = """<robot name="rail"><link name="base"/><link name="cube"><inertial>
 <axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="10" velocity="5"/></joint>
 </robot>"""
 # Room that is left at the goal [m].
+# Whether a goal is reached is asked, not how soon.
+QUICK = {"effort": "quick", "refine": None, "max_planning_time": 300.0}
 GAPS = (3e-4, 1e-3)
 
 
@@ -66,7 +68,7 @@ def test_goal_is_reached(planar3r: Robot, kind: str, gap: float) -> None:
         planar3r, START, goals(planar3r)[kind], ball_near(planar3r, gap)
     )
     assert gap < PADDING
-    solution = tm.plan(problem, effort="quick", max_planning_time=60.0)
+    solution = tm.plan(problem, **QUICK)
     assert solution.success, solution.message
 
 
@@ -76,7 +78,7 @@ def test_goal_exactly_at_the_margin_is_reached(planar3r: Robot, kind: str) -> No
     scene, margin = ball_near(planar3r, 0.01), 0.01
     goal = goals(planar3r)[kind]
     problem = tm.Problem(planar3r, START, goal, scene, margin=margin)
-    solution = tm.plan(problem, effort="quick", max_planning_time=60.0)
+    solution = tm.plan(problem, **QUICK)
     assert solution.success, solution.message
 
 
@@ -118,7 +120,7 @@ def test_start_with_a_velocity_towards_a_wall() -> None:
     problem = tm.Problem(
         arm, [0.0], tm.JointGoal([-0.5]), tm.Scene([wall]), v_start=[v]
     )
-    solution = tm.plan(problem, effort="quick", max_planning_time=60.0)
+    solution = tm.plan(problem, **QUICK)
     assert solution.success, solution.message
     free = replace(problem, scene=tm.Scene())
     assert solution.T < 1.01 * tm.plan(free, effort="quick").T
@@ -130,7 +132,7 @@ def test_goal_on_the_way_is_reached(planar3r: Robot, kind: str, stop: bool) -> N
     scene, goal = ball_near(planar3r, 1e-3), goals(planar3r)[kind]
     segments = [tm.Segment(goal, stop=stop), tm.Segment(tm.JointGoal(START))]
     problem = tm.Problem(planar3r, START, segments=segments, scene=scene)
-    solution = tm.plan(problem, effort="quick", max_planning_time=60.0)
+    solution = tm.plan(problem, **QUICK)
     assert solution.success, solution.message
 
 
