@@ -291,8 +291,7 @@ class PlanState:
         Raises:
             Stop: If planning is to end.
         """
-        number, seconds = len(self.records), self.seconds
-        record = replace(record, iteration=number, seconds=seconds)
+        record = replace(record, iteration=len(self.records), seconds=self.seconds)
         self.records.append(record)
         self.show(record)
         if record.violation <= self._enough:
