@@ -70,7 +70,7 @@ class Replay(Record):
     Attributes:
         joint_names: Names of the joints, in column order.
         t: Times [s], all nodes included, at most a millisecond apart unless the motion
-            is longer than some minutes, and less if it is short, see :func:`row_step`,
+            is longer than some minutes, and less if it is short, see FEWEST_ROWS,
             shape (m,).
         q: Positions [rad or m], shape (m, n).
         v: Velocities [rad/s or m/s], shape (m, n).
@@ -127,7 +127,7 @@ def planned(
             None for rows at the nodes only.
     """
     nodes = trajectory.t if torque is None else torque.t
-    step = row_step(trajectory.duration) if time_step is None else time_step
+    step = _row_step(trajectory.duration) if time_step is None else time_step
     t = subdivided(nodes, step)
     q, v, _, u = trajectory(t)
     way = trajectory.turns.at(0.5 * (t[1:] + t[:-1]))
@@ -136,7 +136,7 @@ def planned(
     )
 
 
-def row_step(duration: float) -> float:
+def _row_step(duration: float) -> float:
     """Largest time between two rows of the replay of a motion [s].
 
     Args:
@@ -221,7 +221,7 @@ class Integration:
     def run(self, start: Array) -> Replay:
         """Integrate from a state of shape (2n,) to the end."""
         pieces, n = self.pieces, start.size // 2
-        time_step = row_step(self._trajectory.duration)
+        time_step = _row_step(self._trajectory.duration)
         times, states, ways = [np.zeros(1)], [start[None]], [np.zeros((0, n))]
         x = start
         for k in range(pieces.count):
