@@ -181,3 +181,25 @@ def test_scenario_files_and_the_command_line_know_it(tmp_path):
     problem = tm.Problem(robot, [0.5, 0.5, 0.5], tm.JointGoal([0.6, 0.5, 0.4]))
     tm.save_scenario(path, problem, tm.Options(energy_weight=0.01))
     assert tm.load_scenario(path).options.energy_weight == 0.01
+
+
+def test_the_arm_is_lifted_where_that_saves_energy():
+    """The path of the fastest motion is locally optimal, and 25 % more costly."""
+    robot = tm.load_robot("ur5", limits="urdf")
+    start = [0.04, 1.35, -1.07, 1.35, -0.56, -0.23]
+    goal = tm.JointGoal([0.98, -0.27, 0.15, -1.42, 0.76, 0.11])
+    solution = tm.plan(tm.Problem(robot, start, goal), energy_weight=1e-3)
+    assert solution.status is tm.Status.CONVERGED, solution.message
+    assert solution.cost < 2.15
+    assert solution.T > 1.5
+    assert solution.energy < 500.0
+
+
+def test_weak_motors_that_hold_their_arm_do_not_end_the_search():
+    """Slowing down does not remove such a violation: its weight must be raised."""
+    robot = tm.load_robot("planar3r")
+    goal = tm.JointGoal([0.3, 0.3, 0.69])
+    problem = tm.Problem(robot, [0.53, -0.6, 0.94], goal)
+    solution = tm.plan(problem, energy_weight=1e-4)
+    assert solution.status is tm.Status.CONVERGED, solution.message
+    assert solution.cost < 0.9405

@@ -5,9 +5,9 @@ objective gains from it, and is improved for this objective. If its replay break
 limits, it is repaired: by rows against self-collision if links touch, otherwise by a
 finer grid. If the repair fails, the solution keeps its former motion.
 
-One such objective is time against energy: it begins with the fastest motion, slowed
-down as far as this lowers the cost. Another one is quiet torques, see
-:mod:`~tominpmp.planner.smoothing`.
+One such objective is time against energy: it begins with the better of two motions that
+are optimised roughly, one of them on a way back from a slow motion. Another one is
+quiet torques, see :mod:`~tominpmp.planner.smoothing`.
 """
 
 from __future__ import annotations
@@ -47,12 +47,16 @@ PACES = np.geomspace(1.0, 100.0, 21).tolist()
 # Intervals of the optimal motion per interval of the fastest one: if its torques jump,
 # at other times than in the fastest motion, and if they are continuous.
 FINER = {True: 2, False: 3}
+# Relative reduction of the cost below which rough descents have settled, and the weight
+# of the energy in the descent to a slow motion, as a multiple of the requested one.
+ROUGH, HEAVIER = 1e-3, 30.0
 
 
 def reoptimised(
     solution: Solution,
-    layout: Callable[[int], Layout],
+    layout: Callable[[Trajectory, int], Layout],
     objective: Callable[[NonlinearProgram, Array], tuple[Objective, Array]],
+    begin: Callable[[ProblemFunctions], Trajectory] | None = None,
 ) -> Candidate:
     """Optimise the motion of a solution for another objective.
 
@@ -60,20 +64,19 @@ def reoptimised(
 
     Args:
         solution: The solution.
-        layout: Gives the layout of the new motion, for a number of halvings.
+        layout: Gives the layout of the new motion, from its initial motion and a number
+            of halvings.
         objective: Gives the objective and the initial iterate, from a program and the
             motion as its iterate.
+        begin: Gives the initial motion; None for the motion of the solution.
     """
     options, problem, former = solution.options, solution.problem, solution.trajectory
     assert former is not None  # noqa: S101
-    replay = 0.0 if solution.verification is None else solution.verification.seconds
-
-    def stop_in_time(_: IterationRecord) -> Status | None:
-        return Status.TIME_LIMIT if seconds_left() < REPLAYS * replay else None
+    stop_in_time = _time_for_replays(solution)
 
     def make(tried: ProblemFunctions, halvings: int, _: Candidate | None) -> Candidate:
-        transcription, z = layout(halvings).represented(tried, former, within=True)
-        program = NonlinearProgram.of(transcription).at(z)
+        motion = former if begin is None else begin(tried)
+        program, z = _program(tried, layout(motion, halvings), motion)
         start = program, *objective(program, z)
         steps = trust_regions(options, make_solver("piqp"))
         exchange = RowExchange()
@@ -87,6 +90,24 @@ def reoptimised(
     system = ProblemFunctions.of(problem.alternative_of(former))
     work = Work(system, "former motion", make, REPAIRS)
     return make_and_repair(PlanState(problem, options), work)
+
+
+def _time_for_replays(solution: Solution) -> Callable[[IterationRecord], Status | None]:
+    """Callback that ends an iteration while there is time for replays of its motion."""
+    replay = 0.0 if solution.verification is None else solution.verification.seconds
+
+    def stop(_: IterationRecord) -> Status | None:
+        return Status.TIME_LIMIT if seconds_left() < REPLAYS * replay else None
+
+    return stop
+
+
+def _program(
+    system: ProblemFunctions, layout: Layout, motion: Trajectory
+) -> tuple[NonlinearProgram, Array]:
+    """The program of a layout, and a motion as its iterate."""
+    transcription, z = layout.represented(system, motion, within=True)
+    return NonlinearProgram.of(transcription).at(z), z
 
 
 def run_stage(
@@ -146,10 +167,12 @@ def _least_cost(solution: Solution) -> Solution | str:
     assert former is not None  # noqa: S101
     objective = TimeAndEnergy.of(options)
 
-    def least(program: NonlinearProgram, z: Array) -> tuple[TimeAndEnergy, Array]:
-        return objective, _at_least_cost(objective, program, z)
+    def least(_: NonlinearProgram, z: Array) -> tuple[TimeAndEnergy, Array]:
+        return objective, z
 
-    cheapest = reoptimised(solution, partial(_layout, solution, former), least)
+    layout = partial(_finer_layout, solution)
+    begin = partial(_roughly_cheapest, solution, objective)
+    cheapest = reoptimised(solution, layout, least, begin)
     better = replace(
         solution,
         status=cheapest.status,
@@ -165,8 +188,47 @@ def _least_cost(solution: Solution) -> Solution | str:
     return replace(better, message=_message(better, former))
 
 
-def _layout(solution: Solution, motion: Trajectory, halvings: int) -> Layout:
-    """Spline layout that suits the energy, on a finer grid than the search.
+def _roughly_cheapest(
+    solution: Solution, objective: TimeAndEnergy, system: ProblemFunctions
+) -> Trajectory:
+    """The better of two motions that are optimised roughly, on the grid of the search.
+
+    Motions that nearly minimise the energy alone may take other paths than the fastest
+    one, for example with the arm upright, where gravity needs little torque. One
+    descent begins with the fastest motion. It is continued with a larger weight of the
+    energy, and a second descent begins with the slow motion that it leads to.
+    """
+    former, options = solution.trajectory, solution.options
+    assert former is not None  # noqa: S101
+    program, z = _program(system, _layout(solution, former), former)
+    rough = replace(objective, tolerance=ROUGH)
+    slow = replace(rough, weight=HEAVIER * rough.weight)
+    stop_in_time = _time_for_replays(solution)
+
+    def descent(towards: TimeAndEnergy, z: Array) -> Array:
+        steps = trust_regions(options, make_solver("piqp"))
+        result = solve(program, towards, z, *steps, callback=stop_in_time)
+        return (result.best or result.iterate).z
+
+    first = descent(rough, _at_least_cost(rough, program, z))
+    second = descent(rough, descent(slow, first))
+
+    def cost(z: Array) -> tuple[bool, float]:
+        values = program.evaluate(z)
+        broken = program.rows.largest_violation(values) > objective.feasibility
+        return broken, objective.value(program, z, values)
+
+    return program.trajectory(min(first, second, key=cost))
+
+
+def _finer_layout(solution: Solution, motion: Trajectory, halvings: int) -> Layout:
+    """Layout on a finer grid than that of a motion, for the final descent."""
+    layout, kind = _layout(solution, motion), ENERGIES[solution.options.energy]
+    return layout.with_intervals(2**halvings * FINER[kind.jumping] * len(layout.shares))
+
+
+def _layout(solution: Solution, motion: Trajectory) -> Layout:
+    """Spline layout that suits the energy, on the grid of a motion.
 
     Motions of least squared torques have continuous torques. In motions of least work
     the motors push, coast and brake, and torques jump in between. Torques also jump at
@@ -174,8 +236,6 @@ def _layout(solution: Solution, motion: Trajectory, halvings: int) -> Layout:
     """
     problem, kind = solution.problem, ENERGIES[solution.options.energy]
     layout = Layout.of_motion(motion, problem.segments) or Layout.of_torques(motion)
-    count = 2**halvings * FINER[kind.jumping] * len(layout.shares)
-    layout = layout.with_intervals(count)
     if layout.degree == LIFTED:
         return layout
     degree, breaks = layout.degree, layout.segment_ends[:-1]

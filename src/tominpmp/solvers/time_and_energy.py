@@ -271,3 +271,15 @@ class TimeAndEnergy(Objective):
             model.variation,
             k * model.weight,
         )
+
+    def restored(self, program: NonlinearProgram, state: Iterate) -> Iterate:
+        """The motion slowed down, unless that costs more than its violations are worth.
+
+        Torques that hold the arm against gravity hardly fall with the speed. The
+        weights of their violations are then too small.
+        """
+        slower = super().restored(program, state)
+        cost = self.value(program, state.z, state.values)
+        most = (1.0 + state.violation) * cost
+        costly = self.value(program, slower.z, slower.values) > most
+        return state if costly else slower
