@@ -54,9 +54,8 @@ ROUGH, HEAVIER = 1e-3, 30.0
 
 def reoptimised(
     solution: Solution,
-    layout: Callable[[Trajectory, int], Layout],
+    layout: Callable[[int], Layout],
     objective: Callable[[NonlinearProgram, Array], tuple[Objective, Array]],
-    begin: Callable[[ProblemFunctions], Trajectory] | None = None,
 ) -> Candidate:
     """Optimise the motion of a solution for another objective.
 
@@ -64,19 +63,16 @@ def reoptimised(
 
     Args:
         solution: The solution.
-        layout: Gives the layout of the new motion, from its initial motion and a number
-            of halvings.
+        layout: Gives the layout of the new motion, for a number of halvings.
         objective: Gives the objective and the initial iterate, from a program and the
             motion as its iterate.
-        begin: Gives the initial motion; None for the motion of the solution.
     """
     options, problem, former = solution.options, solution.problem, solution.trajectory
     assert former is not None  # noqa: S101
     stop_in_time = _time_for_replays(solution)
 
     def make(tried: ProblemFunctions, halvings: int, _: Candidate | None) -> Candidate:
-        motion = former if begin is None else begin(tried)
-        program, z = _program(tried, layout(motion, halvings), motion)
+        program, z = _program(tried, layout(halvings), former)
         start = program, *objective(program, z)
         steps = trust_regions(options, make_solver("piqp"))
         exchange = RowExchange()
@@ -167,12 +163,9 @@ def _least_cost(solution: Solution) -> Solution | str:
     assert former is not None  # noqa: S101
     objective = TimeAndEnergy.of(options)
 
-    def least(_: NonlinearProgram, z: Array) -> tuple[TimeAndEnergy, Array]:
-        return objective, z
-
-    layout = partial(_finer_layout, solution)
-    begin = partial(_roughly_cheapest, solution, objective)
-    cheapest = reoptimised(solution, layout, least, begin)
+    rough = replace(solution, trajectory=_roughly_cheapest(solution, objective))
+    layout = partial(_finer_layout, rough)
+    cheapest = reoptimised(rough, layout, lambda _, z: (objective, z))
     better = replace(
         solution,
         status=cheapest.status,
@@ -188,9 +181,7 @@ def _least_cost(solution: Solution) -> Solution | str:
     return replace(better, message=_message(better, former))
 
 
-def _roughly_cheapest(
-    solution: Solution, objective: TimeAndEnergy, system: ProblemFunctions
-) -> Trajectory:
+def _roughly_cheapest(solution: Solution, objective: TimeAndEnergy) -> Trajectory:
     """The better of two motions that are optimised roughly, on the grid of the search.
 
     Motions that nearly minimise the energy alone may take other paths than the fastest
@@ -200,7 +191,8 @@ def _roughly_cheapest(
     """
     former, options = solution.trajectory, solution.options
     assert former is not None  # noqa: S101
-    program, z = _program(system, _layout(solution, former), former)
+    system = ProblemFunctions.of(solution.problem.alternative_of(former))
+    program, z = _program(system, _layout(solution), former)
     rough = replace(objective, tolerance=ROUGH)
     slow = replace(rough, weight=HEAVIER * rough.weight)
     stop_in_time = _time_for_replays(solution)
@@ -221,20 +213,22 @@ def _roughly_cheapest(
     return program.trajectory(min(first, second, key=cost))
 
 
-def _finer_layout(solution: Solution, motion: Trajectory, halvings: int) -> Layout:
+def _finer_layout(solution: Solution, halvings: int) -> Layout:
     """Layout on a finer grid than that of a motion, for the final descent."""
-    layout, kind = _layout(solution, motion), ENERGIES[solution.options.energy]
+    layout, kind = _layout(solution), ENERGIES[solution.options.energy]
     return layout.with_intervals(2**halvings * FINER[kind.jumping] * len(layout.shares))
 
 
-def _layout(solution: Solution, motion: Trajectory) -> Layout:
+def _layout(solution: Solution) -> Layout:
     """Spline layout that suits the energy, on the grid of a motion.
 
     Motions of least squared torques have continuous torques. In motions of least work
     the motors push, coast and brake, and torques jump in between. Torques also jump at
     the ends of segments, where the load changes.
     """
-    problem, kind = solution.problem, ENERGIES[solution.options.energy]
+    problem, motion = solution.problem, solution.trajectory
+    assert motion is not None  # noqa: S101
+    kind = ENERGIES[solution.options.energy]
     layout = Layout.of_motion(motion, problem.segments) or Layout.of_torques(motion)
     if layout.degree == LIFTED:
         return layout

@@ -10,7 +10,6 @@ from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance, number, raised_as
 from tominpmp.exceptions import OptionsError, ProblemError
 from tominpmp.motion.measures import roughness, travel
-from tominpmp.motion.trajectory import Trajectory
 from tominpmp.planner.energy import reoptimised, run_stage
 from tominpmp.problem.segments import spans_of
 from tominpmp.solution import Solution
@@ -82,7 +81,7 @@ def _quietest(solution: Solution, slack: float) -> Solution | str:
         return "the motion takes no time."
     T, period = (1.0 + slack) * former.duration, options.control_period
 
-    def layout(former: Trajectory, halvings: int) -> Layout:
+    def layout(halvings: int) -> Layout:
         if period is not None:
             whole, counts = spans_of(former, ()), [ticks_of(T, period)]
             return Layout.on_clock(former, whole, period, counts, halvings)
