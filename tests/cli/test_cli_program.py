@@ -223,6 +223,20 @@ def test_a_report_that_cannot_be_written_is_no_bad_input(tmp_path: Path) -> None
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_motion_for_a_full_disk_is_kept_elsewhere(tmp_path: Path) -> None:
+    """The exit code was that of bad input."""
+    words = "plan planar3r --start start --goal 2,-1,0.5 --planning-effort quick"
+    words += " --refine none -o -"
+    with open("/dev/full", "w") as full:
+        options = {"capture_output": False, "stdout": full, "stderr": -1}
+        result = program(*words.split(), cwd=tmp_path, **options)
+    assert result.returncode == 74
+    kept = tmp_path / result.stderr.rpartition("kept in ")[2].strip()
+    assert kept.name == "motion.csv" and kept.stat().st_size > 1000
+    assert "error: standard output: No space left on device; the" in result.stderr
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_the_exit_code_is_the_same_where_errors_cannot_be_written() -> None:
     with open("/dev/full", "w") as full:
         streams = {"capture_output": False, "stdout": full, "stderr": full}

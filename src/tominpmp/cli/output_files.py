@@ -102,6 +102,7 @@ def write_files(
     Raises:
         ScenarioError: If the motion cannot be written, with the place where it was
             saved instead.
+        OSError: If standard output cannot be written, with that place, too.
     """
     judgement = None
     if motion is not None and options.output is None:
@@ -115,15 +116,15 @@ def write_files(
     except BrokenPipeError:
         raise  # the reader of the pipe has ended, so the motion is not wanted
     except (ScenarioError, ProblemError, OSError) as error:
-        reason = str(error)
-        if isinstance(error, OSError):
-            reason = f"{error.filename}: {error.strerror}"
         if isinstance(error, ProblemError):
             options = replace(options, dt=None)  # dt gives too many rows
         saved = _saved(solution, options, motion)
         where = "not saved elsewhere" if saved is None else f"kept in {saved}"
+        if isinstance(error, OSError):
+            reason = f"{error.strerror}; the motion is {where}"
+            raise OSError(error.errno, reason, error.filename) from error
         path = motion or DEFAULT_MOTION
-        raise ScenarioError(f"{reason}; the motion is {where}", path) from error
+        raise ScenarioError(f"{error}; the motion is {where}", path) from error
     for field, (kind, _, method) in FILES.items():
         path = getattr(options, field)
         if path is not None:
