@@ -21,9 +21,9 @@ RAIL = """<robot name="rail"><link name="base"/><link name="cube"><inertial>
 <axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="10" velocity="5"/></joint>
 </robot>"""
 # Room that is left at the goal [m].
+GAPS = (3e-4, 1e-3)
 # Whether a goal is reached is asked, not how soon.
 QUICK = {"effort": "quick", "refine": None, "max_planning_time": 300.0}
-GAPS = (3e-4, 1e-3)
 
 
 def tip_of(robot: Robot) -> pin.SE3:
