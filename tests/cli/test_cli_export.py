@@ -104,12 +104,12 @@ def test_effort_only_if_asked_for(run: Run, planner: Planner) -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ("-o m.csv --with-effort", "with_effort is for ROS messages (.yaml"),
+        ("-o m.csv --with-effort", "--with-effort is for ROS messages (.yaml"),
         ("-o m.npz --ros-message JointTrajectory", "message is for ROS messages"),
         ("-o m.yaml --ros-message JointState", "message is 'JointState', expected one"),
         ("-o - --with-effort", "--with-effort and --ros-message are for files"),
         ("--no-output --ros-message JointTrajectory", "are for files of ROS messages"),
-        ("--with-effort", "with_effort is for ROS messages"),
+        ("--with-effort", "--with-effort is for ROS messages"),
     ],
 )
 def test_wrong_options_are_told_before_planning(

@@ -223,7 +223,7 @@ def test_a_scenario_is_checked_as_it_is_changed(
     found = run("plan", "s.toml", *words, "--no-output")
     assert (found.exit_code, found.stderr) == (0, "")
     wrong = run("plan", "s.toml", "--margin", "-1")
-    assert wrong.stderr.startswith("error: margin is -1.0, expected a length >= 0")
+    assert wrong.stderr.startswith("error: --margin is -1.0, expected a length >= 0")
 
 
 FOLDED = [0.0, -1.2, 2.9, 0.0, 0.0, 0.0]

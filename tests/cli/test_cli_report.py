@@ -123,7 +123,7 @@ def test_debug_shows_the_traceback(run: Run, planner: Planner) -> None:
     result = run(*PLAN, "--debug")
     assert result.exit_code == 2
     assert "Traceback" in result.stderr
-    assert result.stderr.endswith("error: goal: nothing there\n")
+    assert result.stderr.endswith("error: --goal: nothing there\n")
 
 
 def test_json_report(run: Run, planner: Planner) -> None:

@@ -140,7 +140,9 @@ def test_binary_file_is_no_xml(tmp_path: Path) -> None:
 def test_scenario_in_yaml_is_told_what_it_is_to_be(tmp_path: Path) -> None:
     path = tmp_path / "scenario.yaml"
     path.write_text("robot: panda\n", encoding="utf-8")
-    with pytest.raises(RobotLoadError, match=r"is not XML: .*, which is TOML"):
+    with pytest.raises(
+        RobotLoadError, match=r"is not XML: .*load_scenario\(\) take TOML files"
+    ):
         read_urdf(path)
 
 

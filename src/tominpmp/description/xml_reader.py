@@ -105,7 +105,7 @@ def parse_xml(content: bytes, path: Path) -> Element:
     except (expat.ExpatError, LookupError, ValueError) as error:
         hint = ""
         if path.suffix.lower() in OTHER_ENDINGS:
-            hint = "; expected a URDF file; load_scenario() and plan read .toml"
+            hint = "; expected a URDF file; plan and load_scenario() take TOML files"
         raise RobotLoadError(f"{path} is not XML: {error}{hint}", path) from error
     return builder.close()
 
