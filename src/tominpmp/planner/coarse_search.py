@@ -33,6 +33,7 @@ from tominpmp.planner.descent import (
     descend,
     descent_work,
     guess_of,
+    stop_if_hopeless,
     torques_rule,
 )
 from tominpmp.planner.plan_state import PlanState, start_key
@@ -40,6 +41,7 @@ from tominpmp.planner.torque_starts import FEW_JOINTS, torque_starts, torques_ma
 from tominpmp.planner.work import Schedule, Work
 from tominpmp.solvers.loop import Loop, Rule
 from tominpmp.solvers.objective import RESTORABLE
+from tominpmp.solvers.stop import first_of
 from tominpmp.status import Status
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -76,6 +78,9 @@ GAP = 0.03
 # (speeds times four) this held for five, and three of these were 1 to 4 % longer than
 # necessary. A start of a whole robot takes seconds.
 FAR_ABOVE, MOST_JOINTS = 2.0, 10
+# A descent among obstacles on the requested grid is stopped at any iteration where the
+# gap to the lower bound exceeds this. Coarse grids follow.
+LARGE_GAP = 0.1
 # Stop rule of probes: number of consecutive starts without a gain, in free space and
 # where obstacles move, as a path can be followed with different timing; and among
 # obstacles at rest. For a Panda under a table a second such path leads to a faster
@@ -116,12 +121,16 @@ def search(
     first = next((guess for guess in head if guess.timed), head[0])
     torques = torques_rule(system, first)
     coarse = CoarseSearch(system, state, torques=torques)
-    fixed = system.final_configuration is not None
-    if fixed and system.in_free_space and not torques:
-        # Where speed limits rule, a descent on the requested grid takes a few
-        # iterations, and ends near the lower bound.
-        yield descent_work(system, state.options, first, state)
-        if state.best_duration < np.inf:
+    if system.final_configuration is not None and not torques:
+        # Where speed limits rule and there are few obstacles, a descent on the
+        # requested grid takes a few iterations, and ends near the lower bound.
+        stop = None
+        if not system.in_free_space:
+            stop = first_of(partial(_gap_rule, state, system), stop_if_hopeless())
+        yield descent_work(system, state.options, first, state, stop)
+        if state.best_duration < np.inf and (
+            system.in_free_space or not coarse.promising
+        ):
             return
     yield from coarse.descents(_paths_first(system, guesses, compared), compared)
     if state.options.effort == "quick" or not coarse.promising:
@@ -146,6 +155,14 @@ def _paths_first(
     if not (swap and second and second[0].name == SAMPLED):
         return guesses.since(0)
     return itertools.chain(second, [first], guesses.since(2))
+
+
+def _gap_rule(state: PlanState, system: ProblemFunctions, loop: Loop) -> Status | None:
+    """Stop rule among obstacles: the gap to the lower bound remains too large."""
+    record = loop.history[-1]
+    bound = state.lower_bound(system.problem).T
+    above = record.duration / max(bound, 1e-12) - 1.0
+    return Status.ITERATION_LIMIT if above > LARGE_GAP else None
 
 
 def _further_guesses(
