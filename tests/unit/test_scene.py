@@ -278,3 +278,14 @@ def test_names_are_unique() -> None:
 def test_bad_scenes(content: object, message: str) -> None:
     with pytest.raises(SceneError, match=message):
         Scene(content)  # type: ignore[arg-type]
+
+
+def test_an_obstacle_may_leave_the_region_in_which_it_may_be_placed() -> None:
+    """Long motions ended in an error, though the obstacle began nearby."""
+    motion = ConstantVelocity((1, 0, 0))
+    box = Box("box", size=(0.1, 0.1, 0.1), motion=motion)
+    there = box.frozen(3e6)
+    assert there.motion is None
+    np.testing.assert_array_equal(there.position, [3e6, 0.0, 0.0])
+    with pytest.raises(SceneError, match=r"within 1e\+06"):
+        Box("box", size=(0.1, 0.1, 0.1), position=(3e6, 0, 0))

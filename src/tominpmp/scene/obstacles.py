@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, TypeVar
 
@@ -190,7 +190,9 @@ class Obstacle(Record):
     def frozen(self, time: float) -> Obstacle:
         """The obstacle at rest at its placement at a time [s]."""
         R, p = self.poses(np.array([number(time, "time", "a time [s]")]))
-        return replace(self, motion=None, rotation=R[0], position=p[0])
+        # Unchecked: in a long time it may go farther than obstacles may be placed.
+        place = {"rotation": frozen_array(R[0]), "position": frozen_array(p[0])}
+        return self._altered(motion=None, **place)
 
 
 @obstacle
