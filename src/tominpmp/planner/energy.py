@@ -5,9 +5,10 @@ objective gains from it, and is improved for this objective. If its replay break
 limits, it is repaired: by rows against self-collision if links touch, otherwise by a
 finer grid. If the repair fails, the solution keeps its former motion.
 
-One such objective is time against energy: it begins with the better of two motions that
-are optimised roughly, one of them on a way back from a slow motion. Another one is
-quiet torques, see :mod:`~tominpmp.planner.smoothing`.
+One such objective is time against energy: it begins with the fastest motion, or, for
+squared torques, with the better of two motions that are optimised roughly, one of them
+on a way back from a slow motion. Another one is quiet torques, see
+:mod:`~tominpmp.planner.smoothing`.
 """
 
 from __future__ import annotations
@@ -163,9 +164,13 @@ def _least_cost(solution: Solution) -> Solution | str:
     assert former is not None  # noqa: S101
     objective = TimeAndEnergy.of(options)
 
-    rough = replace(solution, trajectory=_roughly_cheapest(solution, objective))
-    layout = partial(_finer_layout, rough)
-    cheapest = reoptimised(rough, layout, lambda _, z: (objective, z))
+    def least(program: NonlinearProgram, z: Array) -> tuple[TimeAndEnergy, Array]:
+        return objective, _at_least_cost(objective, program, z)
+
+    rough = solution
+    if not objective.kind.jumping:  # no path saves the work of holding: it is zero
+        rough = replace(solution, trajectory=_roughly_cheapest(solution, objective))
+    cheapest = reoptimised(rough, partial(_finer_layout, rough), least)
     better = replace(
         solution,
         status=cheapest.status,
