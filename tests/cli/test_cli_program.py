@@ -155,6 +155,13 @@ def program(*args: str, **options: Any) -> subprocess.CompletedProcess[str]:
     )
 
 
+def on_a_full_disk(*args: str, **options: Any) -> subprocess.CompletedProcess[str]:
+    """Run the program with a standard output that cannot be written."""
+    with open("/dev/full", "w") as full:
+        streams = {"capture_output": False, "stdout": full, "stderr": -1}
+        return program(*args, **streams, **options)
+
+
 @pytest.mark.skipif(sys.platform == "darwin", reason="names of files are UTF-8 there")
 @pytest.mark.parametrize("encoding", ["ascii", "utf-8:strict"])
 def test_names_that_a_terminal_cannot_show(encoding: str, tmp_path: Path) -> None:
@@ -204,8 +211,7 @@ def test_output_cannot_be_written(
     args: list[str], unbuffered: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PYTHONUNBUFFERED", unbuffered)
-    with open("/dev/full", "w") as full:
-        result = program(*args, capture_output=False, stdout=full, stderr=-1)
+    result = on_a_full_disk(*args)
     assert result.returncode == 74
     assert result.stderr == "error: standard output: No space left on device\n"
 
@@ -214,9 +220,7 @@ def test_output_cannot_be_written(
 def test_a_report_that_cannot_be_written_is_no_bad_input(tmp_path: Path) -> None:
     words = "plan planar3r --start start --goal 2,-1,0.5 --planning-effort quick"
     words += " --refine none"
-    with open("/dev/full", "w") as full:
-        options = {"capture_output": False, "stdout": full, "stderr": -1}
-        result = program(*words.split(), "-o", "m.csv", cwd=tmp_path, **options)
+    result = on_a_full_disk(*words.split(), "-o", "m.csv", cwd=tmp_path)
     assert result.returncode == 74
     assert result.stderr == "error: standard output: No space left on device\n"
     assert [path.name for path in tmp_path.iterdir()] == ["m.csv"]
@@ -227,9 +231,7 @@ def test_a_motion_for_a_full_disk_is_kept_elsewhere(tmp_path: Path) -> None:
     """The exit code was that of bad input."""
     words = "plan planar3r --start start --goal 2,-1,0.5 --planning-effort quick"
     words += " --refine none -o -"
-    with open("/dev/full", "w") as full:
-        options = {"capture_output": False, "stdout": full, "stderr": -1}
-        result = program(*words.split(), cwd=tmp_path, **options)
+    result = on_a_full_disk(*words.split(), cwd=tmp_path)
     assert result.returncode == 74
     kept = tmp_path / result.stderr.rpartition("kept in ")[2].strip()
     assert kept.name == "motion.csv" and kept.stat().st_size > 1000

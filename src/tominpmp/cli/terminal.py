@@ -113,11 +113,20 @@ def as_command_line_flags(message: str, typed: Collection[str] = ()) -> str:
     return message
 
 
-def complain(prefix: str, message: str, style: str = "bold red") -> None:
-    """Write a line like ``error: ...`` to standard error."""
+def complain(
+    prefix: str, message: str, style: str = "bold red", typed: Collection[str] = ()
+) -> None:
+    """Write a line like ``error: ...`` to standard error.
+
+    Args:
+        prefix: The word before the colon.
+        message: The message, whose arguments of Python are replaced by flags.
+        style: Style of the prefix.
+        typed: The words of the command line, see :func:`as_command_line_flags`.
+    """
     from rich.text import Text
 
-    text = " ".join(as_command_line_flags(message).split())
+    text = " ".join(as_command_line_flags(message, typed).split())
     line = Text.assemble((f"{prefix}:", style), " ", text)
     with suppress(OSError):  # the exit code is correct without the line
         error_console().print(line, soft_wrap=True)
@@ -161,7 +170,7 @@ def guarded(typed: Collection[str] = ()) -> Iterator[None]:
 def _explain(message: str, typed: Collection[str]) -> None:
     if "--debug" in typed:
         traceback.print_exc()
-    complain("error", as_command_line_flags(message, typed))
+    complain("error", message, typed=typed)
 
 
 @contextmanager

@@ -409,9 +409,8 @@ class CoarseSearch:
 
     def _is_too_slow(self, guess: Guess) -> bool:
         """Whether a guess is much slower than that of a known motion."""
-        timed = [rough.guess for rough in self.known if rough.guess.timed]
-        fastest = min((known.duration for known in timed), default=np.inf)
-        return guess.timed and guess.duration > TOO_SLOW * fastest
+        timed = [rough.guess.duration for rough in self.known if rough.guess.timed]
+        return guess.timed and guess.duration > TOO_SLOW * min(timed, default=np.inf)
 
     def _promises(self, rough: CoarseMotion) -> bool:
         """Whether a coarse motion predicts a gain over the incumbent once finished."""

@@ -175,8 +175,7 @@ class PlanState:
     @property
     def solve(self) -> Callable[..., SlpResult[NonlinearProgram]]:
         """:func:`~tominpmp.solvers.loop.solve` with row exchange, seen by the plan."""
-        exchange = RowExchange()
-        return partial(solve, exchange=exchange, callback=self, keep=self.keep)
+        return partial(solve, exchange=RowExchange(), callback=self, keep=self.keep)
 
     def lower_bound(self, problem: Problem) -> LowerBound:
         """Lower bound of the duration, computed once per combination of goals.
