@@ -59,7 +59,7 @@ def record(search, **changes):
 
 def loop(search, records):
     """A loop with records, at the motion that the search has found last."""
-    _, (program, iterate, _), *_ = search.state.fallbacks[0]
+    program, iterate, _ = search.state.fallbacks[0].kept
     return loop_with(records, program=program, best=None, state=iterate)
 
 

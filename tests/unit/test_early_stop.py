@@ -11,7 +11,7 @@ import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tests.schedules import carried_out
 from tominpmp.initial_guess.guess import Guess, GuessRequest, initial_guesses
-from tominpmp.planner.candidate import Candidate, Fallback, KeptIterate
+from tominpmp.planner.candidate import Candidate, Fallback, KeptIterate, as_candidate
 from tominpmp.planner.coarse_search import CoarseSearch
 from tominpmp.planner.descent import descent_work
 from tominpmp.planner.first_program import first_program
@@ -19,7 +19,6 @@ from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.planning import _finish
 from tominpmp.planner.work import (
     _scaled,
-    as_candidate,
     make_and_repair,
     use_fallback,
 )
@@ -163,7 +162,7 @@ def test_a_slow_incumbent_does_not_hide_a_faster_coarse_motion():
     assert state.incumbent is slow
     solution = _finish(state, tm.Status.TIME_LIMIT)
     assert solution.success and solution.status is tm.Status.TIME_LIMIT
-    assert solution.T < 1.3 * coarse.candidate.trajectory.duration < slow.duration
+    assert solution.T < 1.3 * iterate.duration < slow.duration
 
 
 def test_starts_that_all_end_without_a_motion_leave_a_guess_slowed_down():
@@ -187,7 +186,7 @@ def test_a_guess_is_not_slowed_down_once_time_is_up():
     late = Deadline()
     late.end = 0.0
     with late.in_force(), pytest.raises(Stop):
-        _scaled(Fallback(candidate, begun, problem), candidate, options)
+        _scaled(Fallback("guess", begun, begun, problem), candidate, options)
 
 
 def test_time_is_reserved_for_a_replay_before_one_was_timed():

@@ -146,14 +146,31 @@ class Fallback(NamedTuple):
     """A motion that no replay has confirmed, used if the plan has no incumbent.
 
     Attributes:
-        candidate: The motion.
-        kept: Its iterate.
+        name: Name of its guess.
+        kept: The motion as an iterate.
+        initial: The initial iterate.
         problem: The problem that the motion solves, which has one goal.
     """
 
-    candidate: Candidate
+    name: str
     kept: KeptIterate
+    initial: KeptIterate
     problem: Problem
+
+    def candidate(self, status: Status) -> Candidate:
+        """The motion as a candidate, not replayed yet."""
+        return as_candidate(self.name, self.kept, self.initial, status)
+
+
+def as_candidate(
+    name: str, kept: KeptIterate, initial: KeptIterate, status: Status
+) -> Candidate:
+    """A kept iterate as a candidate, not replayed yet."""
+    program, iterate, feasible = kept
+    best = iterate if feasible else None
+    result = SlpResult(status, iterate, best, (), program)
+    begun = initial.program.trajectory(initial.iterate.z)
+    return Candidate.of(name, begun, result)
 
 
 def best_of(candidates: Sequence[Candidate]) -> Candidate | None:

@@ -277,7 +277,7 @@ def _reason(state: PlanState) -> str:
 
 def _why_not_found(state: PlanState, status: Status, reason: str) -> str:
     """Why a plan has found no motion, in sentences."""
-    coarse = [item.candidate for item in state.fallbacks[:1]]
+    coarse = [item.candidate(status) for item in state.fallbacks[:1]]
     tried = state.start + 1, len(state.history)
     best = best_of([*coarse, *state.candidates])
     motion = None if best is None else best.trajectory

@@ -76,8 +76,7 @@ def on_clock(solution: Solution, state: PlanState) -> Solution:
 
     Args:
         solution: The solution of planning without the clock.
-        state: The plan. If its fastest candidate cannot be moved to the clock, the next
-            one is tried.
+        state: The plan, whose incumbent is the motion of the solution.
 
     Returns:
         The solution on the clock; the solution itself if it has no motion, or options
@@ -87,8 +86,8 @@ def on_clock(solution: Solution, state: PlanState) -> Solution:
     Raises:
         OptionsError: If the period does not suit the duration of the motion.
     """
-    period = solution.options.control_period
-    if period is None or not solution.success:
+    period, fastest = solution.options.control_period, state.incumbent
+    if period is None or fastest is None:
         return solution
     if not solution.T / period <= MAX_SAMPLES:
         raise OptionsError(
@@ -98,13 +97,13 @@ def on_clock(solution: Solution, state: PlanState) -> Solution:
         )
     clocked, status = None, None
     try:
-        clocked = _fastest_on_clock(period, state)
+        clocked = _bring_to_clock(period, fastest, state)
     except (Stop, KeyboardInterrupt) as stop:
         status = state.stopped(stop)
         if status is Status.INTERRUPTED and solution.status is not status:
             # A motion off the clock is of no use: the grace period serves to move it.
             with state.saving(), contextlib.suppress(Stop, KeyboardInterrupt):
-                clocked = _fastest_on_clock(period, state)
+                clocked = _bring_to_clock(period, fastest, state)
     except NUMERICAL as error:
         logger.warning("the motion could not be brought to the clock: %r", error)
     history = tuple(state.history)
@@ -112,26 +111,6 @@ def on_clock(solution: Solution, state: PlanState) -> Solution:
     if clocked is None or not clocked.confirmed:
         return _without_clock(solution, period, clocked, status)
     return _with_clock(solution, period, clocked, state)
-
-
-def _fastest_on_clock(period: float, state: PlanState) -> Candidate | None:
-    """The fastest candidate that can be moved to the clock, as a motion on it.
-
-    Args:
-        period: The period [s].
-        state: The plan.
-
-    Returns:
-        The motion on the clock; if there is none, the last one that was tried.
-    """
-    # Of candidates with the same motion the last one has the newest status.
-    motions = {id(c.trajectory): c for c in state.candidates if c.confirmed}
-    clocked = None
-    for former in sorted(motions.values(), key=lambda c: c.duration):
-        clocked = _bring_to_clock(period, former, state)
-        if clocked.confirmed:
-            break
-    return clocked
 
 
 def _with_clock(

@@ -76,8 +76,8 @@ class PlanState:
         cut_short: How the candidate in progress was stopped; None if it was not.
         fallbacks: Candidates of coarse grids, the best one first, whose last iterate
             may become the solution; beside an incumbent the best one only.
-        first_guesses: The first guess for each goal, with its name and its problem,
-            which are tried next if the best fallback fails.
+        first_guesses: The first guess for each goal; these are tried next if the best
+            fallback fails.
         complete: Whether all stages of a plan with less effort are done. The thorough
             search that follows is open-ended: a time limit then is its regular end.
         callback_error: Error that the callback has raised; None without one.
@@ -105,7 +105,7 @@ class PlanState:
         self.initial: KeptIterate | None = None
         self.cut_short: Status | None = None
         self.fallbacks: list[Fallback] = []
-        self.first_guesses: list[tuple[str, KeptIterate, Problem]] = []
+        self.first_guesses: list[Fallback] = []
         self.complete = False
         self.callback_error: Exception | None = None
         self.impossible = ""

@@ -15,10 +15,10 @@ from dataclasses import replace
 from tominpmp.goals.joints import JointGoal
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.options import Options
-from tominpmp.planner.candidate import Candidate, KeptIterate
+from tominpmp.planner.candidate import Candidate, KeptIterate, as_candidate
 from tominpmp.planner.descent import descend, guess_of
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.planner.work import Schedule, Work, as_candidate, run
+from tominpmp.planner.work import Schedule, Work, run
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import spans_of
 from tominpmp.problem.sequence import joined

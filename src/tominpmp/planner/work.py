@@ -5,15 +5,13 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
-from itertools import chain
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from tominpmp.exceptions import TominpmpError
 from tominpmp.options import Options
-from tominpmp.planner.candidate import Candidate, Fallback, KeptIterate
-from tominpmp.solvers.iterate import SlpResult
+from tominpmp.planner.candidate import Candidate, Fallback, as_candidate
 from tominpmp.solvers.objective import RESTORABLE, TIME_SCALINGS
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop, check
@@ -129,7 +127,7 @@ def _kept(state: PlanState, work: Work, candidate: Candidate) -> Candidate:
     if work.replay or candidate.confirmed:
         state.candidates.append(candidate)
     else:
-        _keep_fallback(state, work, candidate)
+        _keep_fallback(state, work)
     return candidate
 
 
@@ -240,39 +238,29 @@ def _from_iterates(state: PlanState, work: Work, status: Status) -> Candidate | 
     return last
 
 
-def as_candidate(
-    name: str, kept: KeptIterate, initial: KeptIterate, status: Status
-) -> Candidate:
-    """A kept iterate as a candidate, not replayed yet."""
-    program, iterate, feasible = kept
-    best = iterate if feasible else None
-    result = SlpResult(status, iterate, best, (), program)
-    begun = initial.program.trajectory(initial.iterate.z)
-    return Candidate.of(name, begun, result)
-
-
 def _keep_first_guess(state: PlanState, work: Work) -> None:
     """Keep the first guess for each goal, as a last resort."""
     problem, guess = work.system.problem, state.initial
-    known = any(other is problem for _, _, other in state.first_guesses)
+    known = any(other.problem is problem for other in state.first_guesses)
     if guess is not None and not known:
-        state.first_guesses.append((work.name, guess, problem))
+        state.first_guesses.append(Fallback(work.name, guess, guess, problem))
 
 
-def _keep_fallback(state: PlanState, work: Work, candidate: Candidate) -> None:
-    """Keep a candidate of a coarse grid as fallback, the best one first.
+def _keep_fallback(state: PlanState, work: Work) -> None:
+    """Keep the motion of work on a coarse grid as fallback, the best one first.
 
     Beside an incumbent only the best one may be of use, and the programs of all
     candidates of a long search would fill the memory.
     """
 
     def order(item: Fallback) -> tuple[bool, float]:
-        coarse = item.candidate
-        return coarse.violation > RESTORABLE, coarse.trajectory.duration
+        coarse = item.kept.iterate
+        return coarse.violation > RESTORABLE, coarse.duration
 
-    fallback = Fallback(candidate, state.kept_iterates[-1], work.system.problem)
-    kept = sorted([*state.fallbacks, fallback], key=order)
-    state.fallbacks = kept if state.incumbent is None else kept[:1]
+    kept = state.kept_iterates[-1]
+    fallback = Fallback(work.name, kept, state.initial or kept, work.system.problem)
+    fallbacks = sorted([*state.fallbacks, fallback], key=order)
+    state.fallbacks = fallbacks if state.incumbent is None else fallbacks[:1]
 
 
 def use_fallback(state: PlanState, status: Status) -> None:
@@ -285,19 +273,15 @@ def use_fallback(state: PlanState, status: Status) -> None:
     """
     best = state.best_duration
     coarse, others = state.fallbacks[:1], state.fallbacks[1:]
-    guesses = (
-        Fallback(as_candidate(name, kept, kept, status), kept, problem)
-        for name, kept, problem in state.first_guesses
-    )
-    tries = coarse if best < np.inf else chain(coarse, guesses, others)
+    tries = coarse if best < np.inf else [*coarse, *state.first_guesses, *others]
     errors = state.failures[-1:]
     remark = "".join(STAGE_FAILED.format(type(error).__name__) for error in errors)
     tried: list[Candidate] = []
     with state.saving():
         for fallback in tries:
-            if fallback.candidate.trajectory.duration >= best:
+            if fallback.kept.iterate.duration >= best:
                 continue
-            candidate = replace(fallback.candidate, status=status, remark=remark)
+            candidate = replace(fallback.candidate(status), remark=remark)
             try:
                 candidate = _scaled(fallback, candidate, state.options)
             except (Stop, KeyboardInterrupt) as stop:
@@ -318,7 +302,7 @@ def use_fallback(state: PlanState, status: Status) -> None:
 
 def _scaled(fallback: Fallback, candidate: Candidate, options: Options) -> Candidate:
     """A fallback slowed down until its program and its replay keep all limits."""
-    _, (program, iterate, _), problem = fallback
+    (program, iterate, _), problem = fallback.kept, fallback.problem
     for factor in FACTORS:
         check()
         z = program.time_scale(iterate.z, factor)
