@@ -25,6 +25,21 @@ EPA_TOLERANCE = 1e-6
 FAILED = 1e100
 
 
+def _make_first_query_of_a_box() -> None:
+    """Query a box in a direction without zero components, before any other query.
+
+    In the first query of a box Coal decides, for the whole process, whether it enlarges
+    the sides of boxes by 1e-10: it does if a component of the direction is zero.
+    Without this query, distances and plans would depend on the problems before.
+    """
+    turned = coal.Transform3s(pin.exp3(np.array([0.3, 0.5, 0.7])), np.ones(3))
+    pair = coal.Capsule(0.1, 0.1), coal.Transform3s(), coal.Box(0.1, 0.1, 0.1), turned
+    coal.distance(*pair, coal.DistanceRequest(), coal.DistanceResult())
+
+
+_make_first_query_of_a_box()
+
+
 class NarrowPhase:
     """Exact distances of pairs, at one configuration at a time.
 
