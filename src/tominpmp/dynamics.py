@@ -119,10 +119,9 @@ class RobotDynamics:
     def __init__(self, robot: Robot, *, dry: bool = True) -> None:
         self.robot = robot
         self.friction = robot.friction if dry and np.any(robot.friction) else None
-        self._data = robot.model.createData()  # scratch of the algorithms
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle without the scratch data."""
+        """Pickle by the arguments, as :meth:`__new__` takes them."""
         return partial(type(self), dry=self.friction is not None), (self.robot,)
 
     @property
@@ -170,7 +169,7 @@ class RobotDynamics:
         return zip(robot.expand(q), *rates, strict=True)
 
     def _smooth(self, q: Array, v: Array, a: Array) -> Array:
-        robot, model, data = self.robot, self.robot.model, self._data
+        robot, (model, data) = self.robot, self.robot.model_and_data
         rnea, rows = pin.rnea, self._states(q, v, a)
         tau = np.array([rnea(model, data, *row) for row in _interruptible(rows)])
         return robot.reduce_tangent(tau.reshape(-1, model.nv)) + robot.damping * v
@@ -189,7 +188,7 @@ class RobotDynamics:
 
     def mass(self, q: Array) -> Array:
         """Mass matrices at positions of shape (m, n), shape (m, n, n)."""
-        robot, model, data = self.robot, self.robot.model, self._data
+        robot, (model, data) = self.robot, self.robot.model_and_data
         out = np.empty((len(q), model.nv, model.nv))
         for i, row in enumerate(_interruptible(robot.expand(q))):
             out[i] = pin.crba(model, data, row)
@@ -213,7 +212,7 @@ class RobotDynamics:
         Returns:
             Torque and derivatives with respect to q, v and a.
         """
-        robot, model, data = self.robot, self.robot.model, self._data
+        robot, (model, data) = self.robot, self.robot.model_and_data
         m, nv = q.shape[0], model.nv
         tau = np.empty((m, nv))
         parts = np.empty((3, m, nv, nv))
@@ -266,7 +265,7 @@ class RobotDynamics:
         return a
 
     def _acceleration(self, q: Array, v: Array, u: Array) -> Array:
-        robot, model, data = self.robot, self.robot.model, self._data
+        robot, (model, data) = self.robot, self.robot.model_and_data
         if robot.expansion_matrix is not None:
             rest = u - self._smooth(q, v, np.zeros_like(v))
             return np.asarray(np.linalg.solve(self.mass(q), rest[..., None])[..., 0])
@@ -288,7 +287,7 @@ class RobotDynamics:
         Returns:
             Accelerations, shape (n,).
         """
-        robot, model, data = self.robot, self.robot.model, self._data
+        robot, (model, data) = self.robot, self.robot.model_and_data
         force = u - robot.damping * v
         S, offset = robot.expansion_matrix, robot.expansion_offset
         if S is None or offset is None:
@@ -324,7 +323,7 @@ class RobotDynamics:
 
     def _acceleration_slopes(self, q: Array, v: Array, u: Array) -> tuple[Array, Array]:
         """Accelerations, and their derivatives by q, v and u, shape (3, m, n, n)."""
-        robot, model, data = self.robot, self.robot.model, self._data
+        robot, (model, data) = self.robot, self.robot.model_and_data
         if robot.expansion_matrix is not None:
             acceleration = self._acceleration(q, v, u)
             parts = self.inverse_jacobians(q, v, acceleration)

@@ -8,7 +8,7 @@ by state; everything after it is vectorised over the states.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -38,11 +38,6 @@ class RobotKinematics:
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
-        self._data = robot.model.createData()  # scratch of the algorithms
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle without the scratch data."""
-        return type(self), (self.robot,)
 
     def placement(self, q: Array, frame: str) -> pin.SE3:
         """Placement frame_to_world.
@@ -55,7 +50,7 @@ class RobotKinematics:
             FrameNotFound: If there is no such frame.
         """
         index = self.robot.frame_id(frame)
-        model, data = self.robot.model, self._data
+        model, data = self.robot.model_and_data
         pin.forwardKinematics(model, data, self.robot.expand(q))
         return pin.updateFramePlacement(model, data, index).copy()
 
@@ -73,7 +68,7 @@ class RobotKinematics:
         """
         robot, axes = self.robot, LOCAL if local else WORLD
         index, row = robot.frame_id(frame), robot.expand(q)
-        jacobian = pin.computeFrameJacobian(robot.model, self._data, row, index, axes)
+        jacobian = pin.computeFrameJacobian(*robot.model_and_data, row, index, axes)
         # Pinocchio drops the second dimension of arms with a single joint.
         return robot.reduce_tangent(np.reshape(jacobian, (6, -1)))
 
@@ -182,15 +177,10 @@ class FrameMotions:
     def __init__(self, robot: Robot, frame: str) -> None:
         self.robot, self.frame = robot, frame
         self._index = robot.frame_id(frame)
-        self._data = robot.model.createData()  # scratch of the algorithms
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle without the scratch data."""
-        return type(self), (self.robot, self.frame)
 
     def placements(self, q: Array) -> Placements:
         """Placements of the frame at positions, shape (m, n) [rad or m]."""
-        model, data, index = self.robot.model, self._data, self._index
+        (model, data), index = self.robot.model_and_data, self._index
         (rows,) = self._expanded(q)
         found = np.empty((len(rows), 4, 4))
         for k, row in enumerate(rows):
@@ -206,7 +196,7 @@ class FrameMotions:
             local: Whether the axes are those of the frame; otherwise those of the
                 world.
         """
-        model, data, index = self.robot.model, self._data, self._index
+        (model, data), index = self.robot.model_and_data, self._index
         axes, nv = LOCAL if local else WORLD, self.robot.model.nv
         (rows,) = self._expanded(q)
         found = np.empty((len(rows), 6, nv))
@@ -250,7 +240,7 @@ class FrameMotions:
         self, quantity: Callable[..., pin.Motion], q: Array, **rates: Array
     ) -> Array:
         """Linear part of a quantity of Pinocchio in the world, shape (m, 3)."""
-        model, data, index = self.robot.model, self._data, self._index
+        (model, data), index = self.robot.model_and_data, self._index
         parts = self._expanded(q, **rates)
         found = np.empty((len(parts[0]), 3))
         for k, state in enumerate(zip(*parts, strict=True)):
@@ -266,7 +256,7 @@ class FrameMotions:
             v: Velocities, shape (m, n).
             a: Accelerations, shape (m, n).
         """
-        model, data, index = self.robot.model, self._data, self._index
+        (model, data), index = self.robot.model_and_data, self._index
         parts = self._expanded(q, v=v, a=a)
         m = len(parts[0])
         found = SpatialStates(np.empty((m, 3, 3)), np.empty((m, 6)), np.empty((m, 6)))
@@ -292,7 +282,7 @@ class FrameMotions:
             velocities by v, which are those of accelerations by a; shape (4, m, 3, n),
             or (4, m, 6, n) for spatial vectors.
         """
-        model, data, frame = self.robot.model, self._data, self._index
+        (model, data), frame = self.robot.model_and_data, self._index
         derivatives = pin.getFrameAccelerationDerivatives
         place: tuple[object, ...] = frame, LOCAL
         if not spatial:

@@ -210,11 +210,12 @@ class CollisionChecker(PairDistances):
         rows = self.robot.expand(q)
         # A sampler calls this tens of thousands of times with the same margin.
         limit = self._by_pair(margin, "margin")
-        if self._guard is None or self._guard[0] != limit.tobytes():
-            self._guard = limit.tobytes(), Guard(self.narrow, limit)
-        guard, (R, p) = self._guard[1], self.obstacles.placements(np.array([time]))
+        guard = self._guard
+        if guard is None or guard[0] != limit.tobytes():
+            guard = self._guard = limit.tobytes(), Guard(self.narrow, limit)
+        R, p = self.obstacles.placements(np.array([time]))
         for row in rows:
-            yield guard.is_free(row, R[0], p[0])
+            yield guard[1].is_free(row, R[0], p[0])
 
     def margins(self, margin: float) -> Array:
         """Margin of each pair, shape (pairs,) [m].

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from typing import Any
 
@@ -40,8 +41,10 @@ def _make_first_query_of_a_box() -> None:
 _make_first_query_of_a_box()
 
 
-class NarrowPhase:
+class NarrowPhase(threading.local):
     """Exact distances of pairs, at one configuration at a time.
+
+    Each thread has its own bodies, as it places them before it measures distances.
 
     Results do not depend on former queries: each query is a cold start. A warm start
     from the previous query is not faster, even along a motion.
@@ -179,7 +182,7 @@ def _results(geometry: pin.GeometryModel) -> pin.GeometryData:
     return results
 
 
-class Guard:
+class Guard(threading.local):
     """Check whether all pairs keep their margins, in agreement with the distances.
 
     Bounding boxes decide most pairs, GJK stops as soon as a pair is certainly farther

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Collection, Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -35,6 +36,19 @@ TURNING = (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)
 SLIDING = (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ)
 # Default colour of shapes, as in Pinocchio.
 GREY = (0.9, 0.9, 0.9, 1.0)
+
+
+class ScratchData(threading.local):
+    """Data in which Pinocchio's algorithms leave their results, of each thread its own.
+
+    With common data, threads would read the results of each other.
+
+    Attributes:
+        data: The data.
+    """
+
+    def __init__(self, model: pin.Model) -> None:
+        self.data = model.createData()
 
 
 def build_model(description: UrdfDescription, locked: Mapping[str, float]) -> pin.Model:

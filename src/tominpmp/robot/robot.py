@@ -47,6 +47,7 @@ from tominpmp.description.joint_table import (
 )
 from tominpmp.description.mjcf import describe_mjcf
 from tominpmp.description.model import (
+    ScratchData,
     build_geometry,
     build_model,
     configured_model,
@@ -201,6 +202,15 @@ class Robot(Record):
         """Names of the joints without a motor: both effort limits are equal."""
         passive = self.limits.effort_lower == self.limits.effort_upper
         return tuple(np.array(self.joint_names)[passive].tolist())
+
+    @cached_property
+    def _scratch(self) -> ScratchData:
+        return ScratchData(self.model)
+
+    @property
+    def model_and_data(self) -> tuple[pin.Model, pin.Data]:
+        """The model, and data of the calling thread for Pinocchio's algorithms."""
+        return self.model, self._scratch.data
 
     @cached_property
     def collision_model(self) -> pin.GeometryModel:
