@@ -13,7 +13,7 @@ import time
 from select import select
 
 import pytest
-from unit.parallel_work import until_asked
+from unit.parallel_work import wait_for_stop_request
 
 import tominpmp as tm
 from tominpmp.initial_guess import parallel
@@ -46,9 +46,9 @@ def test_processes_end_with_their_parent(number):
     code = """
         import os, sys, time
         sys.path.insert(0, sys.argv[1])
-        from parallel_work import sleep_and_tell
+        from parallel_work import print_pid_and_sleep
         from tominpmp.initial_guess.parallel import run_parallel
-        for _ in run_parallel(sleep_and_tell, [300.0, 300.0], 2):
+        for _ in run_parallel(print_pid_and_sleep, [300.0, 300.0], 2):
             pass
     """
     folder = os.path.join(os.path.dirname(__file__), "unit")
@@ -84,7 +84,7 @@ def test_an_interrupt_gets_what_processes_have_found(tmp_path, monkeypatch):
     try:
         with pytest.raises(KeyboardInterrupt):
             watch.start()
-            for result in run_parallel(until_asked, [tmp_path, tmp_path], 2):
+            for result in run_parallel(wait_for_stop_request, [tmp_path, tmp_path], 2):
                 found.append(result)
     finally:
         signal.signal(signal.SIGINT, former)

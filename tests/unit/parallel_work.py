@@ -1,29 +1,31 @@
-"""Functions for other processes, which need not import the library for them."""
+"""Functions that run in other processes, which need not import the library for them."""
 
 from __future__ import annotations
 
 import os
 import time
 
-PATIENCE = 300.0  # with a machine that does other things, too [s]
+PATIENCE = 300.0  # on a busy machine [s]
 
 
 def square(x):
     return x * x
 
 
-def wait_and_tell(seconds):
+def sleep_and_report(seconds):
     time.sleep(seconds)
     return os.getpid(), os.environ.get("OMP_NUM_THREADS")
 
 
-def sleep_and_tell(seconds):
+def print_pid_and_sleep(seconds):
     os.write(1, f"{os.getpid()}\n".encode())
     time.sleep(seconds)
 
 
 def await_file(path):
-    """Wait until somebody makes a file, if one is named; say who did."""
+    """Wait until the file exists, if a path is given; return process id and thread
+    count.
+    """
     end = time.monotonic() + PATIENCE
     while path is not None and not path.exists():
         assert time.monotonic() < end, "nobody makes the file"
@@ -31,8 +33,10 @@ def await_file(path):
     return os.getpid(), os.environ.get("OMP_NUM_THREADS")
 
 
-def until_asked(folder):
-    """Say that this has begun, and wait; tell whether it was asked to end."""
+def wait_for_stop_request(folder):
+    """Create a file named after this process, and wait; return whether a stop was
+    requested.
+    """
     from tominpmp.initial_guess.parallel import stop_requested
 
     (folder / str(os.getpid())).touch()
@@ -43,7 +47,9 @@ def until_asked(folder):
 
 
 def begin_and_wait(folder):
-    """Say that this has begun, and wait, whoever asks; nothing without a folder."""
+    """Create a file named after this process, and wait regardless of requests; return
+    at once without a folder.
+    """
     if folder is not None:
         (folder / str(os.getpid())).touch()
         time.sleep(2.0 * PATIENCE)

@@ -1,4 +1,4 @@
-"""Files of MoveIt for the paper's arm."""
+"""Messages of MoveIt for the paper's arm: a planning scene and a request."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ MISSING = object()
 
 
 def changed(message: dict[str, Any], *steps: Any) -> dict[str, Any]:
-    """Copy a message with the value at the end of the steps put or taken away."""
+    """Copy a message and set (MISSING: delete) the value at the end of the steps."""
     *path, value = steps
     copy = deepcopy(message)
     inner: Any = copy

@@ -12,7 +12,7 @@ import time
 import numpy as np
 import pytest
 from guess_samples import START, maze, wall
-from parallel_work import await_file, square, wait_and_tell
+from parallel_work import await_file, sleep_and_report, square
 
 from tominpmp.exceptions import FrameNotFound
 from tominpmp.initial_guess.parallel import LATE, available_processes, run_parallel
@@ -54,7 +54,7 @@ def test_exceptions_arrive_with_their_values(processes):
 
 def test_late_results_are_not_waited_for(clock):
     begin, found = time.monotonic(), []
-    for number, _ in run_parallel(wait_and_tell, [0.0, 600.0], 2, seconds=100.0):
+    for number, _ in run_parallel(sleep_and_report, [0.0, 600.0], 2, seconds=100.0):
         found.append(number)
         clock.advance(100.0 + 1.1 * LATE)
     assert found == [0]
@@ -107,7 +107,7 @@ def test_an_interruption_leaves_what_was_finished():
     found = []
     timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
     with pytest.raises(KeyboardInterrupt):
-        for number, _ in run_parallel(wait_and_tell, [0.0, 60.0, 60.0], 2):
+        for number, _ in run_parallel(sleep_and_report, [0.0, 60.0, 60.0], 2):
             found.append(number)
             timer.start()
     timer.join()

@@ -1,4 +1,7 @@
-"""Tests of making trajectories from recorded motions."""
+"""Making trajectories from recorded motions:
+
+`join` on samples of motion files and of callers.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +39,9 @@ def samples_of(t: np.ndarray, **changes: np.ndarray) -> Samples:
     return Samples(NAMES, t, **parts)
 
 
-def test_constant_acceleration_comes_back(planar3r: Robot, tmp_path: Path) -> None:
+def test_exported_motion_of_constant_accelerations_is_joined_exactly(
+    planar3r: Robot, tmp_path: Path
+) -> None:
     dynamics = RobotDynamics(planar3r)
     t = np.array([0.0, 0.3, 0.5, 1.0])
     a = np.array([[1.0, -2.0, 0.5], [0.0, 1.0, 0.0], [-1.0, 0.5, 0.25]])
@@ -50,19 +55,21 @@ def test_constant_acceleration_comes_back(planar3r: Robot, tmp_path: Path) -> No
     for ending in ("csv", "npz"):
         path = export(motion, tmp_path / f"m.{ending}")
         assert join(load_motion(path), planar3r, path).trajectory == motion
-    # Jumps between samples are found again.
+    # Jumps of the acceleration between two samples are joined again.
     between = np.linspace(0.0, 1.0, 77)
     for ending in ("csv", "npz"):
         path = export(motion, tmp_path / f"m.{ending}", dt=0.04)
-        found = join(load_motion(path), planar3r, path).trajectory
-        assert found.a is not None
-        assert found.t.size == 27 + 1  # the jump at 0.3 is between samples
-        np.testing.assert_allclose(found(between).q, motion(between).q, atol=1e-7)
-        np.testing.assert_allclose(found(between).a, motion(between).a, atol=1e-9)
-        np.testing.assert_allclose(found(between).u, motion(between).u, atol=1e-5)
+        joined = join(load_motion(path), planar3r, path).trajectory
+        assert joined.a is not None
+        assert joined.t.size == 27 + 1  # the jump at 0.3 is between samples
+        np.testing.assert_allclose(joined(between).q, motion(between).q, atol=1e-7)
+        np.testing.assert_allclose(joined(between).a, motion(between).a, atol=1e-9)
+        np.testing.assert_allclose(joined(between).u, motion(between).u, atol=1e-5)
 
 
-def test_torque_is_what_the_motion_takes(planar3r: Robot) -> None:
+def test_torques_come_from_inverse_dynamics_of_the_joined_motion(
+    planar3r: Robot,
+) -> None:
     t = np.linspace(0.0, 2.0, 201)
     lacking = np.full((201, 3), np.nan)
     motion = join(samples_of(t, a=lacking), planar3r, HERE).trajectory
@@ -77,7 +84,9 @@ def test_torque_is_what_the_motion_takes(planar3r: Robot) -> None:
     np.testing.assert_allclose(motion.u[1:-1], motion(t[1:-1]).u, atol=1e-9)
 
 
-def test_smooth_accelerations_make_it_exact(planar3r: Robot) -> None:
+def test_samples_with_smooth_accelerations_are_interpolated_exactly(
+    planar3r: Robot,
+) -> None:
     motion = join(samples_of(np.linspace(0.0, 2.0, 21)), planar3r, HERE).trajectory
     between = np.linspace(0.003, 1.997, 50)
     q, v, a = smooth(between)
@@ -88,14 +97,14 @@ def test_smooth_accelerations_make_it_exact(planar3r: Robot) -> None:
     np.testing.assert_allclose(state.u, expected, atol=1e-8)
 
 
-def test_accelerations_that_jump_are_left_to_the_velocities(planar3r: Robot) -> None:
+def test_recorded_accelerations_that_jump_are_ignored(planar3r: Robot) -> None:
     t = np.linspace(0.0, 2.0, 21)
     jumping = smooth(t)[2]
     jumping[10:] += 1.0
     assert join(samples_of(t, a=jumping), planar3r, HERE).trajectory.a is None
 
 
-def test_positions_alone(planar3r: Robot) -> None:
+def test_velocities_are_estimated_from_positions_alone(planar3r: Robot) -> None:
     t = np.linspace(0.0, 2.0, 81)
     lacking = np.full((81, 3), np.nan)
     motion = join(samples_of(t, v=lacking, a=lacking), planar3r, HERE).trajectory
@@ -103,7 +112,7 @@ def test_positions_alone(planar3r: Robot) -> None:
     np.testing.assert_allclose(motion.v[[0, -1]], np.zeros((2, 3)), atol=1e-12)
 
 
-def test_first_point_after_the_start(planar3r: Robot) -> None:
+def test_first_sample_after_time_zero_needs_the_start_state(planar3r: Robot) -> None:
     t = np.linspace(0.0, 2.0, 81)
     whole = samples_of(t)
     late = Samples(
@@ -134,10 +143,12 @@ def test_first_point_after_the_start(planar3r: Robot) -> None:
         ([], 0.3, 1),
     ],
 )
-def test_rows_without_an_order_or_a_place(
+def test_samples_with_unordered_times_or_without_positions_are_rejected(
     planar3r: Robot, interpolation: str, times: list[float], position: float, row: int
 ) -> None:
-    """Motions of a caller: SciPy refused to join them, in words of its own."""
+    """Regression: samples given by a caller reached SciPy, which refused to join them
+    with messages of its own.
+    """
     q = np.zeros((len(times), 3))
     q[1:2, 1] = position
     lacking = np.full(q.shape, np.nan)
@@ -146,7 +157,7 @@ def test_rows_without_an_order_or_a_place(
         join(samples, planar3r)
 
 
-def test_columns_by_name(planar3r: Robot) -> None:
+def test_columns_are_assigned_to_joints_by_name(planar3r: Robot) -> None:
     t = np.linspace(0.0, 2.0, 21)
     whole = samples_of(t)
     rows = [getattr(whole, key)[:, ::-1] for key in ("q", "v", "a", "u")]
@@ -157,7 +168,9 @@ def test_columns_by_name(planar3r: Robot) -> None:
         join(other, planar3r, HERE)
 
 
-def test_locked_joints_may_be_recorded(planar3r: Robot) -> None:
+def test_recorded_locked_joints_are_dropped_if_they_stay_at_their_lock(
+    planar3r: Robot,
+) -> None:
     t = np.linspace(0.0, 2.0, 21)
     q = smooth(t)[0]
     q[:, 2] = -1.7

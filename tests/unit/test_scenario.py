@@ -1,4 +1,4 @@
-"""Tests of the project's own scenario files."""
+"""Scenario files in TOML: reading, writing, and messages about mistakes."""
 
 from __future__ import annotations
 
@@ -51,13 +51,13 @@ def write(folder: Path, text: str, name: str = "s.toml") -> Path:
 
 
 def round_trip(problem: Problem, options: Options, folder: Path) -> str:
-    """Save and load, and save again: all must stay the same."""
+    """Save, load and save a problem, which must change nothing; return the text."""
     path = save_scenario(folder / "a.toml", problem, options)
     found = load_scenario(path)
     assert found.problem == problem
     assert found.options == options
-    again = save_scenario(folder / "b.toml", found.problem, found.options)
-    assert again.read_text(encoding="utf-8") == path.read_text(encoding="utf-8")
+    saved_again = save_scenario(folder / "b.toml", found.problem, found.options)
+    assert saved_again.read_text(encoding="utf-8") == path.read_text(encoding="utf-8")
     return path.read_text(encoding="utf-8")
 
 
@@ -65,7 +65,9 @@ def problem_of(robot: Robot, goal: Goal | None = None, **values: Any) -> Problem
     return Problem(robot, START, JointGoal(GOAL) if goal is None else goal, **values)
 
 
-def test_small_scenario(planar3r: Robot, tmp_path: Path) -> None:
+def test_smallest_scenario_is_loaded_with_default_options(
+    planar3r: Robot, tmp_path: Path
+) -> None:
     found = load_scenario(write(tmp_path, SMALL))
     assert found.problem == problem_of(planar3r)
     assert found.options == Options()
@@ -73,7 +75,7 @@ def test_small_scenario(planar3r: Robot, tmp_path: Path) -> None:
     assert tm.save_scenario is save_scenario
 
 
-def test_defaults_are_left_out(planar3r: Robot, tmp_path: Path) -> None:
+def test_saved_scenario_omits_default_values(planar3r: Robot, tmp_path: Path) -> None:
     text = round_trip(problem_of(planar3r), Options(), tmp_path)
     assert tomllib.loads(text) == {
         "robot": {"name": "planar3r"},
@@ -108,11 +110,15 @@ def test_defaults_are_left_out(planar3r: Robot, tmp_path: Path) -> None:
     ],
     ids=lambda goal: type(goal).__name__,
 )
-def test_goals_come_back(planar3r: Robot, goal: Goal, tmp_path: Path) -> None:
+def test_goal_survives_saving_and_loading(
+    planar3r: Robot, goal: Goal, tmp_path: Path
+) -> None:
     round_trip(problem_of(planar3r, goal), Options(), tmp_path)
 
 
-def test_every_obstacle_comes_back(planar3r: Robot, tmp_path: Path) -> None:
+def test_primitive_obstacles_survive_saving_and_loading(
+    planar3r: Robot, tmp_path: Path
+) -> None:
     place: dict[str, Any] = {"position": [9.0, 0.1 + 0.2, 1e-7]}
     scene = Scene(
         [
@@ -132,7 +138,9 @@ def test_every_obstacle_comes_back(planar3r: Robot, tmp_path: Path) -> None:
     assert "rotation = [0.0, 0.0, 0.6, 0.8]" in text
 
 
-def test_grids_and_triangles_come_back(planar3r: Robot, tmp_path: Path) -> None:
+def test_meshes_and_grids_survive_saving_and_loading(
+    planar3r: Robot, tmp_path: Path
+) -> None:
     corners = [[0, 0, 0], [0.3, 0, 0], [0, 0.3, 0], [0, 0, 0.1 + 0.2]]
     triangles = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
     far: dict[str, Any] = {"position": [0.0, 0.0, 9.0]}
@@ -146,7 +154,7 @@ def test_grids_and_triangles_come_back(planar3r: Robot, tmp_path: Path) -> None:
     round_trip(problem_of(planar3r, scene=scene), Options(), tmp_path)
 
 
-def test_mesh_files_are_relative_to_the_scenario(
+def test_paths_of_meshes_are_relative_to_the_scenario_file(
     planar3r: Robot, tmp_path: Path
 ) -> None:
     folder, elsewhere = tmp_path / "here", tmp_path / "there"
@@ -164,14 +172,16 @@ def test_mesh_files_are_relative_to_the_scenario(
     folder.rename(elsewhere)
     found = load_scenario(elsewhere / "s.toml").problem.scene["part"]
     assert found.path == elsewhere / "meshes" / "part.obj"
-    # Without the file as it was, the triangles themselves are kept.
+    # If the mesh file has changed, the scenario holds the triangles themselves.
     (elsewhere / "meshes" / "part.obj").write_text(content.replace("v 1", "v 2"))
     changed = problem_of(planar3r, scene=Scene([found]))
-    again = load_scenario(save_scenario(elsewhere / "b.toml", changed))
-    assert again.problem.scene["part"] == found
+    saved_again = load_scenario(save_scenario(elsewhere / "b.toml", changed))
+    assert saved_again.problem.scene["part"] == found
 
 
-def test_motions_of_obstacles_come_back(planar3r: Robot, tmp_path: Path) -> None:
+def test_motions_of_obstacles_survive_saving_and_loading(
+    planar3r: Robot, tmp_path: Path
+) -> None:
     turns = [[0, 0, 0, 1], [0, 0, 0.6, 0.8], [0.1, 0.2, 0.3, 0.4]]
     line = [[0, 0, 9], [0.1 + 0.2, 0, 9], [1, 1, 9]]
     motions: list[tm.Motion] = [
@@ -198,7 +208,7 @@ def test_motions_of_obstacles_come_back(planar3r: Robot, tmp_path: Path) -> None
             np.testing.assert_array_equal(one, other)
 
 
-def test_payloads_come_back(planar3r: Robot, tmp_path: Path) -> None:
+def test_payloads_survive_saving_and_loading(planar3r: Robot, tmp_path: Path) -> None:
     cup = tm.Payload(
         mass=0.1 + 0.2,
         frame="tip",
@@ -222,13 +232,17 @@ def test_payloads_come_back(planar3r: Robot, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("own", [True, False])
-def test_self_collision_comes_back(planar3r: Robot, own: bool, tmp_path: Path) -> None:
+def test_self_collision_flag_survives_saving_and_loading(
+    planar3r: Robot, own: bool, tmp_path: Path
+) -> None:
     problem = problem_of(planar3r, self_collision=own)
     text = round_trip(problem, Options(), tmp_path)
     assert f"self_collision = {str(own).lower()}" in text
 
 
-def test_options_come_back(planar3r: Robot, tmp_path: Path) -> None:
+def test_options_except_callbacks_survive_saving_and_loading(
+    planar3r: Robot, tmp_path: Path
+) -> None:
     options = Options(
         method="adjoint",
         intervals=75,
@@ -257,14 +271,16 @@ def test_options_come_back(planar3r: Robot, tmp_path: Path) -> None:
     ],
     ids=lambda values: next(iter(values)),
 )
-def test_every_option_comes_back(
+def test_each_option_survives_saving_and_loading(
     planar3r: Robot, values: dict[str, Any], tmp_path: Path
 ) -> None:
     text = round_trip(problem_of(planar3r), Options(**values), tmp_path)
     assert tomllib.loads(text)["options"] == values
 
 
-def test_motion_limits_come_back(planar3r: Robot, tmp_path: Path) -> None:
+def test_motion_limits_survive_saving_and_loading(
+    planar3r: Robot, tmp_path: Path
+) -> None:
     limits = MotionLimits(
         acceleration=10.0,
         jerk=[100.0, math.inf, 300.0],
@@ -277,15 +293,17 @@ def test_motion_limits_come_back(planar3r: Robot, tmp_path: Path) -> None:
     assert "[motion_limits.effort_curves.joint1]" in text
 
 
-def test_limits_that_say_nothing_come_back(planar3r: Robot, tmp_path: Path) -> None:
-    """They were no limits at all once they had been saved."""
+def test_empty_motion_limits_survive_saving_and_loading(
+    planar3r: Robot, tmp_path: Path
+) -> None:
+    """Regression: empty `MotionLimits` became None once they had been saved."""
     problem = problem_of(planar3r, motion_limits=MotionLimits())
     round_trip(problem, Options(), tmp_path)
     free = replace(planar3r, motion_limits=MotionLimits())
     round_trip(problem_of(free), Options(), tmp_path)
 
 
-def test_changed_robots_come_back(tmp_path: Path) -> None:
+def test_changes_of_the_robot_survive_saving_and_loading(tmp_path: Path) -> None:
     robot = load_robot(
         "planar3r",
         locked_joints={"joint3": 0.25},
@@ -308,7 +326,7 @@ def test_changed_robots_come_back(tmp_path: Path) -> None:
     assert plain.with_changes(gravity=(0.0, 0.0, -1.62)) != robot
 
 
-def test_robot_files_are_relative_to_the_scenario(
+def test_paths_of_robot_files_are_relative_to_the_scenario_file(
     planar3r: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "arms"
@@ -325,12 +343,12 @@ def test_robot_files_are_relative_to_the_scenario(
     assert table["path"] == "arms/arm.urdf"
     assert table["srdf"] == "arms/other.srdf"
     assert table["package_dirs"] == ["arms", "."]
-    # From anywhere, and when all has been moved together.
+    # The scenario loads from any working folder, and after its folder was moved.
     moved = tmp_path.rename(tmp_path.with_name(f"{tmp_path.name}-moved"))
     monkeypatch.chdir(moved)
     found = load_scenario("a.toml").problem
     assert found.robot.urdf_path == moved / "arms" / "arm.urdf"
-    # Elsewhere, the path is absolute.
+    # A scenario saved outside the folder of the robot has the absolute path.
     other = moved / "elsewhere"
     other.mkdir()
     path = save_scenario(other / "c.toml", found)
@@ -340,7 +358,7 @@ def test_robot_files_are_relative_to_the_scenario(
     assert load_scenario(path).problem == found
 
 
-def test_a_goal_without_a_condition_is_named_once(tmp_path: Path) -> None:
+def test_message_about_an_unbounded_region_names_the_goal_once(tmp_path: Path) -> None:
     goal = 'type = "region"\nframe = "tip"\nlower = [-inf, -inf, -inf]\n'
     text = f"{goal}upper = [inf, inf, inf]\n"
     path = write(
@@ -350,7 +368,9 @@ def test_a_goal_without_a_condition_is_named_once(tmp_path: Path) -> None:
         load_scenario(path)
 
 
-def test_ways_to_say_positions(planar3r: Robot, tmp_path: Path) -> None:
+def test_joint_positions_are_lists_named_joints_or_group_states(
+    planar3r: Robot, tmp_path: Path
+) -> None:
     def positions(start: str, goal: str) -> tuple[list[float], list[float]]:
         text = f'[robot]\nname = "planar3r"\n[start]\n{start}\n[goal]\n'
         found = load_scenario(write(tmp_path, f'{text}type = "joint"\n{goal}')).problem
@@ -373,7 +393,9 @@ def test_ways_to_say_positions(planar3r: Robot, tmp_path: Path) -> None:
             positions(named, nothing)
 
 
-def test_goals_of_any_kind_are_by_names(planar3r: Robot, tmp_path: Path) -> None:
+def test_goals_of_every_type_accept_values_by_name(
+    planar3r: Robot, tmp_path: Path
+) -> None:
     def goal(text: str) -> Goal:
         start = '[robot]\nname = "planar3r"\n[start]\nstate = "start"\n[goal]\n'
         return load_scenario(write(tmp_path, start + text)).problem.goal
@@ -389,7 +411,7 @@ def test_goals_of_any_kind_are_by_names(planar3r: Robot, tmp_path: Path) -> None
         goal(f'type = "any"\ngoals = [{one.replace("joint2", "jont2")}]')
 
 
-def test_limits_of_moveit(tmp_path: Path) -> None:
+def test_joint_limits_of_moveit_are_overridden_by_the_scenario(tmp_path: Path) -> None:
     write(
         tmp_path,
         """
@@ -556,7 +578,7 @@ joint_limits:
         ),
     ],
 )
-def test_wrong_scenario(
+def test_message_about_a_wrong_scenario_names_file_and_key(
     change: tuple[str, str], key: str | None, words: str, tmp_path: Path
 ) -> None:
     assert change[0] in SMALL
@@ -599,7 +621,7 @@ def test_wrong_scenario(
         ('type = "sphere"\nname = "a"\nradius = 4', None, "start in collision"),
     ],
 )
-def test_wrong_obstacles(
+def test_message_about_a_wrong_obstacle_names_its_key(
     obstacle: str, key: str | None, words: str, tmp_path: Path
 ) -> None:
     path = write(tmp_path, f"{SMALL}\n[[scene.obstacles]]\n{obstacle}\n")
@@ -612,7 +634,7 @@ def test_wrong_obstacles(
 @pytest.mark.parametrize(
     "content", [b"\xff", b"a = ", b"a = 1\na = 2", b"a = " + b"[" * 20_000, b"[robot"]
 )
-def test_what_is_no_toml(content: bytes, tmp_path: Path) -> None:
+def test_malformed_toml_raises_scenario_error(content: bytes, tmp_path: Path) -> None:
     path = tmp_path / "s.toml"
     path.write_bytes(content)
     with pytest.raises(ScenarioError, match="is not TOML") as caught:
@@ -620,7 +642,9 @@ def test_what_is_no_toml(content: bytes, tmp_path: Path) -> None:
     assert caught.value.path == path
 
 
-def test_what_cannot_be_saved(planar3r: Robot, tmp_path: Path) -> None:
+def test_save_scenario_rejects_problems_that_no_file_can_hold(
+    planar3r: Robot, tmp_path: Path
+) -> None:
     class Cone(Obstacle):
         """A shape of the caller's own."""
 
@@ -648,7 +672,7 @@ def test_what_cannot_be_saved(planar3r: Robot, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_robots_differ_by_their_inertia(planar3r: Robot) -> None:
+def test_robots_with_different_inertias_are_unequal(planar3r: Robot) -> None:
     heavy = planar3r.model.copy()
     heavy.inertias[3] = heavy.inertias[3] + heavy.inertias[3]
     other = replace(planar3r, model=heavy)
@@ -657,7 +681,7 @@ def test_robots_differ_by_their_inertia(planar3r: Robot) -> None:
     assert hash(planar3r) == hash(load_robot("planar3r"))
 
 
-def test_curves_over_speed_have_the_forms_of_yaml_files(tmp_path: Path) -> None:
+def test_effort_curves_accept_the_three_forms_of_yaml_files(tmp_path: Path) -> None:
     curves = """
 [motion_limits.effort_curves]
 joint1 = {stall = 20.0, no_load_speed = 3.0}
@@ -675,7 +699,7 @@ joint3 = {speed = [0.0, 2.0], effort = [20.0, 10.0]}
     round_trip(problem, Options(), tmp_path)
 
 
-def test_names_of_classes() -> None:
+def test_classes_are_registered_by_the_names_used_in_files() -> None:
     assert {"sphere", "box", "cylinder", "capsule"} <= set(classes(Obstacle))
     assert {"joint", "position", "pose"} <= set(classes(Goal))
     assert "frame" not in classes(Goal)
@@ -698,12 +722,14 @@ values = st.recursive(
 
 
 @given(st.dictionaries(keys, values, max_size=4))
-def test_toml_comes_back(table: dict[str, Any]) -> None:
+def test_any_table_survives_writing_and_parsing_toml(table: dict[str, Any]) -> None:
     assert tomllib.loads(toml_text(table)) == table
 
 
-def test_rows_of_numbers_are_on_one_line() -> None:
-    """As people write them, and compare versions of a file."""
+def test_toml_writer_puts_each_row_of_numbers_on_one_line() -> None:
+    """Rows on lines of their own are readable, and versions of a file are easy to
+    compare.
+    """
     rows = [[1.0, 0.0], [0.0, -1e-9]]
     table = {"q": [0.5, 1.7], "of": {"turn": rows, "names": ["a [b,", "c"]}, "no": []}
     text = toml_text(table)
@@ -736,7 +762,7 @@ intervals = 50
 """
 
 
-def test_damaged_files_never_raise_anything_else(
+def test_damaged_scenario_raises_only_scenario_error(
     rng: np.random.Generator, tmp_path: Path
 ) -> None:
     path = tmp_path / "s.toml"

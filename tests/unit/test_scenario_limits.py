@@ -1,4 +1,6 @@
-"""Tests of reading MoveIt's joint_limits.yaml."""
+"""Reading MoveIt's joint_limits.yaml: limits of each joint, scaling factors, wrong
+files.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +47,7 @@ def write(folder: Path, text: str) -> Path:
     return path
 
 
-def test_limits(tmp_path: Path) -> None:
+def test_joint_limits_file_is_read_into_limits_of_each_joint(tmp_path: Path) -> None:
     limits = load_joint_limits(write(tmp_path, FULL))
     assert limits.velocity == {"joint1": 2.5, "joint3": 1.0}
     assert limits.acceleration == {"joint1": 3.75}
@@ -59,8 +61,10 @@ def test_limits(tmp_path: Path) -> None:
         limits.velocity["joint1"] = 1.0  # type: ignore[index]
 
 
-def test_limits_are_copied_and_passed_to_processes(tmp_path: Path) -> None:
-    """Their read-only mappings could be neither copied nor pickled."""
+def test_joint_limits_can_be_copied_and_pickled(tmp_path: Path) -> None:
+    """Regression: the read-only mappings of the limits could be neither copied nor
+    pickled.
+    """
     limits = load_joint_limits(write(tmp_path, FULL))
     for other in (copy.deepcopy(limits), pickle.loads(pickle.dumps(limits))):
         assert other == limits
@@ -68,7 +72,7 @@ def test_limits_are_copied_and_passed_to_processes(tmp_path: Path) -> None:
             other.velocity["joint1"] = 1.0  # type: ignore[index]
 
 
-def test_overrides(tmp_path: Path) -> None:
+def test_overrides_change_the_limits_of_the_robot(tmp_path: Path) -> None:
     limits = load_joint_limits(write(tmp_path, FULL))
     plain = load_robot("planar3r")
     robot = load_robot("planar3r", **limits.overrides())
@@ -85,14 +89,16 @@ def test_overrides(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "node", ["/**", "/move_group", "rviz: {ros__parameters: {a: 1}}\nmove_group"]
 )
-def test_wrapped_as_parameters_of_ros_2(node: str, tmp_path: Path) -> None:
-    """``ros2 param dump`` and files of several nodes have the names of nodes."""
+def test_ros2_parameter_files_are_unwrapped(node: str, tmp_path: Path) -> None:
+    """``ros2 param dump`` and files of several nodes nest the limits in the names of
+    nodes.
+    """
     inner = "\n".join(f"      {line}" for line in FULL.splitlines())
     text = f"{node}:\n  ros__parameters:\n    robot_description_planning:{inner}\n"
     assert load_joint_limits(write(tmp_path, text)).velocity["joint1"] == 2.5
 
 
-def test_limits_of_ros2_control(tmp_path: Path) -> None:
+def test_limits_of_ros2_control_warn_about_unused_keys(tmp_path: Path) -> None:
     text = "controller_manager: {ros__parameters: {update_rate: 9, joint_limits: {%s}}}"
     path = write(tmp_path, text % "joint2: {max_velocity: 2}")
     with pytest.warns(tm.TominpmpWarning, match="not used: update_rate"):
@@ -138,7 +144,9 @@ def test_limits_of_ros2_control(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_wrong_files(text: str, key: str, words: str, tmp_path: Path) -> None:
+def test_message_about_wrong_joint_limits_names_the_key(
+    text: str, key: str, words: str, tmp_path: Path
+) -> None:
     path = write(tmp_path, text)
     with pytest.raises(ScenarioError, match=words) as caught:
         load_joint_limits(path)

@@ -1,4 +1,4 @@
-"""Tests of loading planning scenes and requests of MoveIt."""
+"""Loading planning scenes and motion plan requests of MoveIt."""
 
 from __future__ import annotations
 
@@ -44,6 +44,7 @@ def place(link: str = "tip", **changes: Any) -> dict[str, Any]:
 
 
 def turn(link: str = "tip", **changes: Any) -> dict[str, Any]:
+    """Goal constraints with an orientation."""
     constraint = {"link_name": link, "orientation": [0.0, 0.0, 0.6, 0.8]}
     return {"orientation_constraints": [constraint | changes]}
 
@@ -60,7 +61,7 @@ def within(kind: str, size: list[float], **changes: Any) -> dict[str, Any]:
 
 
 def free(goal: dict[str, Any], *widths: float) -> dict[str, Any]:
-    """The same with tolerances of the orientation about x, y and z."""
+    """The goal constraints with tolerances of the orientation about x, y and z."""
     keys = [f"absolute_{axis}_axis_tolerance" for axis in "xyz"]
     one = goal["orientation_constraints"][0] | dict(zip(keys, widths, strict=True))
     return goal | {"orientation_constraints": [one]}
@@ -71,7 +72,7 @@ def goal_of(robot: Robot, folder: Path, goal: dict[str, Any], **scene: Any) -> A
     return load_moveit(robot, *write(folder, request=request, **scene)).goal
 
 
-def test_joint_goal(planar3r: Robot, tmp_path: Path) -> None:
+def test_joint_constraints_become_a_joint_goal(planar3r: Robot, tmp_path: Path) -> None:
     problem = load_moveit(planar3r, *write(tmp_path), margin=0.01)
     np.testing.assert_array_equal(problem.q_start, START)
     assert problem.goal == JointGoal(np.array(GOAL))
@@ -81,7 +82,7 @@ def test_joint_goal(planar3r: Robot, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("argument", ["margin", "self_collision", "constraints"])
-def test_a_wrong_argument_is_not_blamed_on_a_file(
+def test_wrong_argument_of_load_moveit_is_not_attributed_to_a_file(
     planar3r: Robot, tmp_path: Path, argument: str
 ) -> None:
     wrong: dict[str, Any] = {argument: "far"}
@@ -90,7 +91,9 @@ def test_a_wrong_argument_is_not_blamed_on_a_file(
     assert error.value.field == argument
 
 
-def test_obstacles(planar3r: Robot, tmp_path: Path) -> None:
+def test_collision_objects_become_obstacles_in_the_world_frame(
+    planar3r: Robot, tmp_path: Path
+) -> None:
     scene = load_moveit_scene(write(tmp_path)[0])
     assert scene == load_moveit(planar3r, *write(tmp_path)).scene
     assert [item.name for item in scene] == ["box", "pair.0", "pair.1"]
@@ -108,8 +111,8 @@ def test_obstacles(planar3r: Robot, tmp_path: Path) -> None:
     np.testing.assert_allclose(cylinder.position, [4.0, -1.0, 3.0], atol=1e-15)
 
 
-def test_poses_become_those_of_the_base(tmp_path: Path) -> None:
-    """A base at (1, 0, 0), turned about z by a quarter."""
+def test_poses_are_transformed_to_the_base_of_the_robot(tmp_path: Path) -> None:
+    """The base is at (1, 0, 0), turned about z by a quarter of a turn."""
     half = 0.5**0.5
     base = {"translation": [1.0, 0.0, 0.0], "rotation": [0.0, 0.0, half, half]}
     steps = ("robot_state", "multi_dof_joint_state", "transforms", [base])
@@ -128,8 +131,10 @@ def test_poses_become_those_of_the_base(tmp_path: Path) -> None:
     assert caught.value.key == "robot_state.multi_dof_joint_state"
 
 
-def test_the_base_is_the_link_that_no_joint_carries(tmp_path: Path) -> None:
-    """The link at the top of the file was taken for it, whatever carried that link."""
+def test_base_is_the_root_link_whatever_the_order_of_links(tmp_path: Path) -> None:
+    """Regression: the first link of the file was taken for the base, even if a joint
+    carried it.
+    """
     root = fromstring(load_robot("planar3r").urdf_path.read_text())
     root[:] = sorted(root, key=lambda item: item.get("name") != "tip")
     (tmp_path / "arm.urdf").write_bytes(tostring(root))
@@ -145,8 +150,10 @@ def test_the_base_is_the_link_that_no_joint_carries(tmp_path: Path) -> None:
         load_moveit_scene(scene, robot)
 
 
-def test_links_that_are_fixed_to_the_base_are_frames(tmp_path: Path) -> None:
-    """Only the root was known as a frame, not the base of an arm on a table."""
+def test_links_fixed_to_the_root_are_frames_of_the_scene(tmp_path: Path) -> None:
+    """Regression: only the root was known as a frame, not the base of an arm on a
+    table.
+    """
     root = fromstring(load_robot("planar3r").urdf_path.read_text())
     root.append(fromstring('<link name="table"/>'))
     root.append(
@@ -167,10 +174,12 @@ def test_links_that_are_fixed_to_the_base_are_frames(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("parent", ["base", "/base", "world", "/world", ""])
-def test_parents_of_fixed_frames_are_found_as_frames_of_obstacles(
+def test_parent_of_a_fixed_frame_may_have_a_leading_slash(
     parent: str, tmp_path: Path
 ) -> None:
-    """A frame whose parent was written with a slash, as "/base", was left out."""
+    """Regression: a frame whose parent was written with a slash, as "/base", was left
+    out.
+    """
     robot = load_robot("planar3r")
     frame = {**SCENE["fixed_frame_transforms"][0], "header": {"frame_id": parent}}
     placed = load_moveit_scene(write(tmp_path, SCENE)[0], robot)["pair.0"]
@@ -180,21 +189,23 @@ def test_parents_of_fixed_frames_are_found_as_frames_of_obstacles(
     )
 
 
-def test_goals_on_frames(planar3r: Robot, tmp_path: Path) -> None:
+def test_position_and_orientation_constraints_become_frame_goals(
+    planar3r: Robot, tmp_path: Path
+) -> None:
     assert goal_of(planar3r, tmp_path, place()) == PositionGoal("tip", [4.0, 1.0, 0.0])
     rotation = np.array([[0.28, -0.96, 0.0], [0.96, 0.28, 0.0], [0.0, 0.0, 1.0]])
     goal = goal_of(planar3r, tmp_path, place() | turn())
     assert isinstance(goal, PoseGoal)
     np.testing.assert_allclose(goal.pose.rotation, rotation, atol=1e-15)
     np.testing.assert_allclose(goal.pose.translation, [4.0, 1.0, 0.0])
-    # The point that is to be there is 1 m ahead of the frame.
+    # The target point is 1 m ahead of the frame.
     offset = {"target_point_offset": {"x": 1.0, "y": 0.0, "z": 0.0}}
     goal = goal_of(planar3r, tmp_path, place(**offset) | turn())
     np.testing.assert_allclose(goal.pose.translation, [3.72, 0.04, 0.0], atol=1e-15)
     assert isinstance(goal.pose, pin.SE3)
 
 
-def test_wide_tolerances_are_regions(planar3r: Robot, tmp_path: Path) -> None:
+def test_wide_tolerances_become_region_goals(planar3r: Robot, tmp_path: Path) -> None:
     def read(goal: dict[str, Any]) -> Any:
         return goal_of(planar3r, tmp_path, goal)
 
@@ -205,12 +216,12 @@ def test_wide_tolerances_are_regions(planar3r: Robot, tmp_path: Path) -> None:
     box = read(within("box", [0.2, 0.4, 0.6]))
     assert box == RegionGoal("tip", [-0.1, -0.2, -0.3], [0.1, 0.2, 0.3], box.pose)
     assert box.pose.isApprox(pose)
-    # What tools ask for as accuracy is a point.
+    # A box as small as the usual accuracy of a tool becomes a point.
     assert read(within("box", [0.02, 0.02, 0.02])) == PositionGoal("tip", centre)
     can = read(within("cylinder", [0.5, 0.1]))
     assert np.hypot(*can.upper[:2]) == pytest.approx(0.1)
     assert (can.lower[2], can.upper[2]) == (-0.25, 0.25)
-    # Any yaw: the direction of z is asked for.
+    # With a free yaw, only the direction of z is constrained.
     axis = read(free(turn(), 0.1, 0.2, 4.0))
     assert axis == AxisGoal("tip", [0, 0, 1], [0, 0, 1], angle_tolerance=0.1)
     askew = read(free(turn(), 0.1, 0.005, 0.3))
@@ -224,7 +235,9 @@ def test_wide_tolerances_are_regions(planar3r: Robot, tmp_path: Path) -> None:
     assert [goal.frame for goal in two.goals] == ["tip", "link1"]
 
 
-def test_joint_tolerances(planar3r: Robot, tmp_path: Path) -> None:
+def test_wide_joint_tolerances_become_joint_regions(
+    planar3r: Robot, tmp_path: Path
+) -> None:
     wide = {"joint_name": "joint2", "position": -1.0, "tolerance_above": 0.3}
     goal = goal_of(planar3r, tmp_path, {"joint_constraints": [wide]})
     assert isinstance(goal, JointRegionGoal)
@@ -240,8 +253,12 @@ def test_joint_tolerances(planar3r: Robot, tmp_path: Path) -> None:
     )
 
 
-def test_alternatives(planar3r: Robot, tmp_path: Path) -> None:
-    """Several sets of constraints, or several regions for one link: any will do."""
+def test_several_goal_constraints_become_alternatives(
+    planar3r: Robot, tmp_path: Path
+) -> None:
+    """Each set of constraints, and each of several regions for one link, is an
+    alternative.
+    """
     request = changed(
         REQUEST, "goal_constraints", [*REQUEST["goal_constraints"], {}, place()]
     )
@@ -267,14 +284,16 @@ FACES = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
 
 
 def meshes(*shapes: dict[str, Any]) -> dict[str, Any]:
-    """A scene with one object of meshes."""
+    """A scene with one object that consists of meshes."""
     poses = [{"position": [5, 4, 0]} for _ in shapes]
     item = {"id": "part", "meshes": list(shapes), "mesh_poses": poses}
     return changed(SCENE, "world", "collision_objects", [item])
 
 
-def test_meshes(planar3r: Robot, tmp_path: Path) -> None:
-    """Corners and triangles in both ways of writing, and files."""
+def test_meshes_are_read_from_triangles_and_from_files(
+    planar3r: Robot, tmp_path: Path
+) -> None:
+    """Vertices and triangles in both notations of ROS, and mesh files."""
     lines = [f"v {x} {y} {z}" for x, y, z in CORNERS]
     lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in FACES]
     (tmp_path / "pkg" / "meshes").mkdir(parents=True)
@@ -316,7 +335,7 @@ def test_meshes(planar3r: Robot, tmp_path: Path) -> None:
         ({"resource": "scene.yaml"}, "", "cannot be read"),
     ],
 )
-def test_wrong_meshes(
+def test_message_about_a_wrong_mesh_names_its_key(
     mesh: dict[str, Any], key: str, words: str, tmp_path: Path
 ) -> None:
     path = write(tmp_path, meshes(mesh))[0]
@@ -326,13 +345,17 @@ def test_wrong_meshes(
     assert caught.value.key == f"world.collision_objects[0].meshes[0]{key}"
 
 
-def test_request_is_no_scene(planar3r: Robot, tmp_path: Path) -> None:
+def test_request_in_place_of_a_scene_is_rejected(
+    planar3r: Robot, tmp_path: Path
+) -> None:
     _, request = write(tmp_path)
     with pytest.raises(ScenarioError, match="is not a planning scene"):
         load_moveit(planar3r, request, request)
 
 
-def test_start_velocity_and_slower_robots(planar3r: Robot, tmp_path: Path) -> None:
+def test_start_velocity_and_velocity_scaling_are_read(
+    planar3r: Robot, tmp_path: Path
+) -> None:
     state = {**REQUEST["start_state"]["joint_state"], "velocity": [0.3, 0.2, 0.1]}
     request = changed(REQUEST, "start_state", "joint_state", state)
     request["max_velocity_scaling_factor"] = 0.5
@@ -343,8 +366,10 @@ def test_start_velocity_and_slower_robots(planar3r: Robot, tmp_path: Path) -> No
     )
 
 
-def test_joints_without_a_goal(planar3r: Robot, tmp_path: Path) -> None:
-    """They stay where they start, or are locked if the robot is given by name."""
+def test_joints_without_a_goal_stay_at_the_start_or_are_locked(
+    planar3r: Robot, tmp_path: Path
+) -> None:
+    """They stay where they start, or are locked if the robot is given by its name."""
     constraints = REQUEST["goal_constraints"][0]["joint_constraints"][:2]
     request = changed(REQUEST, "goal_constraints", [{"joint_constraints": constraints}])
     paths = write(tmp_path, request=request)
@@ -430,7 +455,7 @@ def test_joints_without_a_goal(planar3r: Robot, tmp_path: Path) -> None:
         (("world", 7), "world", "a table"),
     ],
 )
-def test_wrong_scene(
+def test_message_about_a_wrong_planning_scene_names_its_key(
     planar3r: Robot, scene: tuple[Any, ...], key: str, words: str, tmp_path: Path
 ) -> None:
     paths = write(tmp_path, changed(SCENE, *scene))
@@ -532,7 +557,7 @@ def test_wrong_scene(
         ),
     ],
 )
-def test_wrong_request(
+def test_message_about_a_wrong_request_names_its_key(
     planar3r: Robot, request_: tuple[Any, ...], key: str, words: str, tmp_path: Path
 ) -> None:
     paths = write(tmp_path, request=changed(REQUEST, *request_))
@@ -542,7 +567,7 @@ def test_wrong_request(
     assert caught.value.key == key
 
 
-def test_start_in_collision_says_which_pair(planar3r: Robot, tmp_path: Path) -> None:
+def test_start_in_collision_names_the_pair(planar3r: Robot, tmp_path: Path) -> None:
     steps = ("world", "collision_objects", 0, "primitive_poses", 0, "position")
     paths = write(tmp_path, changed(SCENE, *steps, [1.0, 0.5, 0.0]))
     words = r"start_state: start in collision: link '\w+' and obstacle 'box' overlap"
@@ -553,7 +578,9 @@ def test_start_in_collision_says_which_pair(planar3r: Robot, tmp_path: Path) -> 
         load_moveit(planar3r, *write(tmp_path), margin=-1.0)
 
 
-def test_what_is_not_taken_over_is_told(planar3r: Robot, tmp_path: Path) -> None:
+def test_padding_and_allowed_collision_matrix_are_warned_about(
+    planar3r: Robot, tmp_path: Path
+) -> None:
     scene = SCENE | {
         "link_padding": [{"link_name": "link1", "padding": 0.01}],
         "allowed_collision_matrix": {
@@ -565,7 +592,7 @@ def test_what_is_not_taken_over_is_told(planar3r: Robot, tmp_path: Path) -> None
         load_moveit(planar3r, *write(tmp_path, scene))
 
 
-def test_factors_that_moveit_does_not_use_are_told_of(
+def test_scaling_factor_outside_its_range_is_warned_about_and_ignored(
     planar3r: Robot, tmp_path: Path
 ) -> None:
     request = REQUEST | {"max_velocity_scaling_factor": 50}
@@ -574,7 +601,9 @@ def test_factors_that_moveit_does_not_use_are_told_of(
     assert problem.robot.limits == planar3r.limits
 
 
-def test_files_that_are_no_messages(planar3r: Robot, tmp_path: Path) -> None:
+def test_files_without_a_ros_message_are_rejected(
+    planar3r: Robot, tmp_path: Path
+) -> None:
     scene, request = write(tmp_path)
     with pytest.raises(ScenarioError, match="there is no file"):
         load_moveit(planar3r, tmp_path / "none.yaml", request)
@@ -584,16 +613,16 @@ def test_files_that_are_no_messages(planar3r: Robot, tmp_path: Path) -> None:
             load_moveit(planar3r, scene, request)
 
 
-def test_block_style_of_ros(planar3r: Robot, tmp_path: Path) -> None:
-    """As ``ros2 topic echo`` prints messages."""
+def test_block_style_yaml_is_read_like_json(planar3r: Robot, tmp_path: Path) -> None:
+    """``ros2 topic echo`` prints messages in this style."""
     paths = write(tmp_path)
     paths[0].write_text(yaml.safe_dump(SCENE, default_flow_style=False) + "---\n")
     paths[1].write_text(yaml.safe_dump(REQUEST, default_flow_style=False))
     assert load_moveit(planar3r, *paths) == load_moveit(planar3r, *write(tmp_path))
 
 
-def spots(message: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    """Paths to all values of a message."""
+def paths_to_values(message: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """The paths of keys and indices that lead to each value of a message."""
     if isinstance(message, dict):
         inner: Any = message.items()
     elif isinstance(message, list):
@@ -602,7 +631,7 @@ def spots(message: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
         return [path]
     found = [path] if path else []
     for key, value in inner:
-        found += spots(value, (*path, key))
+        found += paths_to_values(value, (*path, key))
     return found
 
 
@@ -610,13 +639,13 @@ ODD = (None, "", "x", -1, 1e300, float("nan"), float("inf"), True, [], {}, [[]],
 
 
 @pytest.mark.filterwarnings("ignore::tominpmp.TominpmpWarning")
-def test_odd_values_never_raise_anything_else(
+def test_odd_values_in_messages_raise_only_scenario_error(
     planar3r: Robot, rng: np.random.Generator, tmp_path: Path
 ) -> None:
     refused = 0
     for case in range(200):
         message = (SCENE, REQUEST)[case % 2]
-        places = spots(message)
+        places = paths_to_values(message)
         where = places[rng.integers(len(places))]
         damaged = changed(message, *where, ODD[rng.integers(len(ODD))])
         scene, request = (damaged, None) if case % 2 == 0 else (None, damaged)

@@ -1,4 +1,4 @@
-"""Scenarios of robots that no file holds, and keys that are nearly right."""
+"""Scenarios with robots that no file holds; hints in messages about misspelt keys."""
 
 from __future__ import annotations
 
@@ -55,7 +55,9 @@ def saved_and_loaded(robot: Robot, folder: Path) -> tuple[tm.Problem, tm.Problem
 
 
 @pytest.mark.parametrize("make", [from_text, from_model])
-def test_a_robot_that_no_file_holds_comes_back(make: Any, tmp_path: Path) -> None:
+def test_robot_without_a_file_is_saved_beside_its_scenario(
+    make: Any, tmp_path: Path
+) -> None:
     robot = make()
     load = tm.Payload(
         0.1, "tip", com=(0.1, 0, 0), geometry=[tm.Sphere("s", radius=0.05)]
@@ -69,14 +71,15 @@ def test_a_robot_that_no_file_holds_comes_back(make: Any, tmp_path: Path) -> Non
     np.testing.assert_allclose(torques[1], torques[0], rtol=1e-12)
     again = tmp_path / "again"
     again.mkdir()
-    # From files it is now, so that it comes back to the last bit.
+    # The loaded robot has files, so that it is saved and loaded without rounding.
     assert saved_and_loaded(found.robot, again)[1].robot == found.robot
 
 
-def test_a_robot_beside_the_folder_of_its_scenario_comes_back(tmp_path: Path) -> None:
-    """The names of its files were written without "..", which is another path.
-
-    Behind a link to a folder it is another file, too.
+def test_robot_in_a_parent_folder_of_its_scenario_is_found_again(
+    tmp_path: Path,
+) -> None:
+    """Regression: paths of robot files were saved without "..", which names another
+    path, and behind a link to a folder another file.
     """
     (tmp_path / "arms" / "cells").mkdir(parents=True)
     (tmp_path / "linked").symlink_to(tmp_path / "arms" / "cells")
@@ -88,7 +91,7 @@ def test_a_robot_beside_the_folder_of_its_scenario_comes_back(tmp_path: Path) ->
             assert loaded.robot == problem.robot
 
 
-def test_semantics_of_a_text_come_back(tmp_path: Path) -> None:
+def test_srdf_given_as_text_survives_saving_and_loading(tmp_path: Path) -> None:
     problem, found = saved_and_loaded(from_text(), tmp_path)
     mine, theirs = found.robot.srdf, problem.robot.srdf
     assert mine is not None and theirs is not None
@@ -100,8 +103,10 @@ def test_semantics_of_a_text_come_back(tmp_path: Path) -> None:
     assert found.robot.armature[1] == 1.0
 
 
-def test_states_of_several_groups_come_back(tmp_path: Path) -> None:
-    """Of states of one name, the joints that move later decide which one holds."""
+def test_states_of_several_groups_survive_saving_and_loading(tmp_path: Path) -> None:
+    """Of several group states with one name, the unlocked joints decide which state
+    holds.
+    """
     up = '<group_state name="up" group="{0}"><joint name="joint1" value="{1}"/>'
     joints = '<joint name="joint1"/>', '<joint name="joint1"/><joint name="joint2"/>'
     srdf = "".join(
@@ -117,8 +122,12 @@ def test_states_of_several_groups_come_back(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("reason", ["", "Never", "User"])
-def test_reasons_of_disabled_pairs_come_back(reason: str, tmp_path: Path) -> None:
-    """Distant links whose pair has no reason are taken for links that never touch."""
+def test_reasons_of_disabled_pairs_survive_saving_and_loading(
+    reason: str, tmp_path: Path
+) -> None:
+    """A disabled pair of distant links without a reason counts as links that never
+    touch.
+    """
     pair = '<disable_collisions link1="base" link2="link3" reason="{}"/>'
     srdf = f'<robot name="planar3r">{pair.format(reason)}</robot>'
     robot = tm.load_robot(URDF.read_text("utf-8"), srdf=srdf)
@@ -127,7 +136,7 @@ def test_reasons_of_disabled_pairs_come_back(reason: str, tmp_path: Path) -> Non
     assert bool(found.robot.srdf.never_touch) == (reason != "User")
 
 
-def test_files_of_others_are_not_replaced(tmp_path: Path) -> None:
+def test_save_scenario_does_not_overwrite_robot_files_of_others(tmp_path: Path) -> None:
     problem, found = saved_and_loaded(from_text(), tmp_path)
     changed = problem.robot.with_changes(damping=0.5)
     # A scenario is replaced together with the files of its robot.
@@ -143,7 +152,7 @@ def test_files_of_others_are_not_replaced(tmp_path: Path) -> None:
     assert not scenario.exists()
 
 
-def test_robots_that_differ_are_told_apart() -> None:
+def test_difference_of_names_the_first_field_in_which_robots_differ() -> None:
     one = from_text()
     assert not difference_of(one, one)
     heavy = one.model.copy()
@@ -153,7 +162,7 @@ def test_robots_that_differ_are_told_apart() -> None:
     assert difference_of(one, replace(one, model=heavy)) == "inertias"
 
 
-def test_where_no_files_can_lie_beside_it_is_said(tmp_path: Path) -> None:
+def test_scenario_text_rejects_a_robot_without_a_file(tmp_path: Path) -> None:
     from tominpmp.files.scenario import scenario_text
 
     problem = tm.Problem(from_text(), START, tm.JointGoal(GOAL))
@@ -193,7 +202,7 @@ radius = 0.1
         ("obstacle", "pos = [1, 0, 0]", "scene.obstacles[0].pos", "position"),
     ],
 )
-def test_keys_that_are_nearly_right(
+def test_message_about_a_misspelt_key_suggests_the_right_key(
     place: str, line: str, key: str, meant: str, tmp_path: Path
 ) -> None:
     blanks = dict.fromkeys(("top", "robot", "goal", "options", "obstacle"), "")
@@ -205,7 +214,7 @@ def test_keys_that_are_nearly_right(
     assert caught.value.key == key
 
 
-def test_kinds_that_are_nearly_right(tmp_path: Path) -> None:
+def test_message_about_a_misspelt_type_suggests_the_right_type(tmp_path: Path) -> None:
     text = SMALL.format(top="", robot="", goal="", options="", obstacle="")
     path = tmp_path / "s.toml"
     path.write_text(text.replace('"sphere"', '"spheer"'), "utf-8")
@@ -214,7 +223,7 @@ def test_kinds_that_are_nearly_right(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif("panda" not in robot_names(), reason="needs example-robot-data")
-def test_a_hand_with_followers_comes_back(tmp_path: Path) -> None:
+def test_robot_with_mimic_joints_survives_saving_and_loading(tmp_path: Path) -> None:
     files = find_robot("panda")
     folders = [files.urdf.parents[3]]
     robot = tm.load_robot(

@@ -1,4 +1,4 @@
-"""Segments in scenario files: read, written, read again, and what is said of errors."""
+"""Segments in scenario files: reading, writing, and messages about mistakes."""
 
 from __future__ import annotations
 
@@ -55,14 +55,16 @@ def problem_of(arm: tm.Robot, *segments: tm.Segment, **changes: Any) -> tm.Probl
 
 
 def round_trip(problem: tm.Problem, folder: Path) -> dict[str, Any]:
-    """Save, load, and save again: all must stay the same. Returns the document."""
+    """Save, load and save a problem again, which must change nothing; returns the
+    table.
+    """
     path = tm.save_scenario(folder / "a.toml", problem)
     found = tm.load_scenario(path).problem
     assert found == problem
     assert found.segments == problem.segments
     assert len(found.phases) == len(problem.phases)
-    again = tm.save_scenario(folder / "b.toml", found)
-    assert again.read_text(encoding="utf-8") == path.read_text(encoding="utf-8")
+    saved_again = tm.save_scenario(folder / "b.toml", found)
+    assert saved_again.read_text(encoding="utf-8") == path.read_text(encoding="utf-8")
     return tomllib.loads(path.read_text(encoding="utf-8"))
 
 
@@ -78,10 +80,12 @@ def refused(folder: Path, text: str) -> tm.ScenarioError:
     return caught.value
 
 
-# -- there and back --------------------------------------------------------------------
+# -- saving and loading ----------------------------------------------------------------
 
 
-def test_plain_segments_hold_their_goals_only(arm: tm.Robot, tmp_path: Path) -> None:
+def test_saved_plain_segments_have_only_their_goals(
+    arm: tm.Robot, tmp_path: Path
+) -> None:
     document = round_trip(problem_of(arm, at(MIDDLE), at(END)), tmp_path)
     assert document == {
         "robot": {"name": "planar3r"},
@@ -129,7 +133,7 @@ def test_plain_segments_hold_their_goals_only(arm: tm.Robot, tmp_path: Path) -> 
     ids=lambda changes: "+".join(changes),
 )
 @pytest.mark.parametrize("number", [0, 1])
-def test_every_field_comes_back(
+def test_each_field_of_a_segment_survives_saving_and_loading(
     arm: tm.Robot, changes: dict[str, Any], number: int, tmp_path: Path
 ) -> None:
     changes = dict(changes)
@@ -151,14 +155,16 @@ def test_every_field_comes_back(
     ],
     ids=lambda goal: type(goal).__name__,
 )
-def test_goals_on_the_way_and_at_the_end_come_back(
+def test_goals_of_segments_survive_saving_and_loading(
     arm: tm.Robot, goal: tm.Goal, tmp_path: Path
 ) -> None:
     round_trip(problem_of(arm, tm.Segment(goal), at(END)), tmp_path)
     round_trip(problem_of(arm, at(MIDDLE), tm.Segment(goal)), tmp_path)
 
 
-def test_what_may_touch_comes_back(arm: tm.Robot, tmp_path: Path) -> None:
+def test_pairs_that_may_touch_survive_saving_and_loading(
+    arm: tm.Robot, tmp_path: Path
+) -> None:
     pairs = [("link1", "ball"), ("ball", "link3")]
     scene = tm.Scene([BALL])
     plain = tm.Problem(
@@ -170,7 +176,7 @@ def test_what_may_touch_comes_back(arm: tm.Robot, tmp_path: Path) -> None:
     assert round_trip(several, tmp_path)["may_touch"] == [list(pairs[0])]
 
 
-def test_what_the_problem_says_stands_beside_segments(
+def test_fields_of_the_problem_are_saved_beside_its_segments(
     arm: tm.Robot, tmp_path: Path
 ) -> None:
     gentle = tm.MotionLimits(acceleration=2.0)
@@ -192,7 +198,7 @@ def test_what_the_problem_says_stands_beside_segments(
     round_trip(problem_of(of_robot, at(MIDDLE), own), tmp_path)
 
 
-def test_paths_of_meshes_are_relative_to_the_file(
+def test_paths_of_meshes_are_relative_to_the_scenario_file(
     arm: tm.Robot, tmp_path: Path
 ) -> None:
     mesh = tmp_path / "part.obj"
@@ -206,7 +212,9 @@ def test_paths_of_meshes_are_relative_to_the_file(
     assert second["scene"]["obstacles"][0]["path"] == "part.obj"
 
 
-def test_what_no_file_can_hold_is_told(arm: tm.Robot, tmp_path: Path) -> None:
+def test_segment_that_no_file_can_hold_is_named_in_the_error(
+    arm: tm.Robot, tmp_path: Path
+) -> None:
     moved = tm.PoseFunction(
         lambda t: pin.SE3(np.eye(3), np.array(FAR["position"])),
         speed=1.0,
@@ -219,10 +227,10 @@ def test_what_no_file_can_hold_is_told(arm: tm.Robot, tmp_path: Path) -> None:
     assert not (tmp_path / "a.toml").exists()
 
 
-# -- as people write them --------------------------------------------------------------
+# -- files written by hand -------------------------------------------------------------
 
 
-def test_joints_that_are_not_named_are_where_the_segment_before_ends(
+def test_unnamed_joints_stay_where_the_previous_segment_ends(
     arm: tm.Robot, tmp_path: Path
 ) -> None:
     text = """
@@ -242,7 +250,7 @@ def test_joints_that_are_not_named_are_where_the_segment_before_ends(
     assert [item.stop for item in (first, second, third)] == [False, True, False]
 
 
-def test_after_a_goal_of_a_frame_all_joints_are_to_be_named(tmp_path: Path) -> None:
+def test_joint_goal_after_a_frame_goal_must_name_every_joint(tmp_path: Path) -> None:
     place = """
     [[segments]]
     goal = {type = "position", frame = "tip", position = [4.0, 1.0, 0.0]}
@@ -256,7 +264,9 @@ def test_after_a_goal_of_a_frame_all_joints_are_to_be_named(tmp_path: Path) -> N
     np.testing.assert_array_equal(found.goal.configuration, [0.7, 0.1, 0.2])
 
 
-def test_no_obstacles_are_not_those_of_the_problem(tmp_path: Path) -> None:
+def test_empty_scene_of_a_segment_replaces_the_scene_of_the_problem(
+    tmp_path: Path,
+) -> None:
     scene = """
     [[scene.obstacles]]
     type = "sphere"
@@ -268,7 +278,7 @@ def test_no_obstacles_are_not_those_of_the_problem(tmp_path: Path) -> None:
     assert [len(phase.scene) for phase in phases] == [1, 0]
 
 
-# -- what is said of mistakes ----------------------------------------------------------
+# -- messages about mistakes -----------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -332,7 +342,7 @@ def test_no_obstacles_are_not_those_of_the_problem(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_mistakes_are_named_by_segment_and_key(
+def test_message_about_a_mistake_names_segment_and_key(
     text: str, key: str, word: str, tmp_path: Path
 ) -> None:
     error = refused(tmp_path, FIRST + LAST + text)
@@ -372,7 +382,7 @@ def test_mistakes_are_named_by_segment_and_key(
         ),
     ],
 )
-def test_mistakes_in_goals_are_named(
+def test_message_about_a_wrong_goal_of_a_segment_names_its_key(
     goal: str, key: str, word: str, tmp_path: Path
 ) -> None:
     error = refused(tmp_path, f"{FIRST}\n[[segments]]\n{goal}\n")
@@ -380,7 +390,7 @@ def test_mistakes_in_goals_are_named(
     assert word in str(error)
 
 
-def test_a_goal_beside_segments_is_refused(tmp_path: Path) -> None:
+def test_goal_beside_segments_and_missing_goal_are_rejected(tmp_path: Path) -> None:
     goal = '\n[goal]\ntype = "joint"\nq = [2.0, -1.0, 0.5]\n'
     error = refused(tmp_path, goal + FIRST)
     assert error.key == "goal"
@@ -400,7 +410,7 @@ def loaded_whole(folder: Path, first: str) -> tm.Problem:
     return tm.load_scenario(path).problem
 
 
-def test_what_the_problem_lacks_is_not_said_of_a_segment(tmp_path: Path) -> None:
+def test_mistake_of_the_problem_is_not_attributed_to_a_segment(tmp_path: Path) -> None:
     text = '[[constraints]]\ntype = "tool_speed"\nframe = "nose"\nlimit = 1.0\n'
     assert refused(tmp_path, text + FIRST + LAST).key == "constraints[0]"
     goal = '[goal]\ntype = "joint"\nq = [2.0, -1.0, 0.5]\n'
@@ -418,7 +428,7 @@ def test_what_the_problem_lacks_is_not_said_of_a_segment(tmp_path: Path) -> None
     assert caught.value.key == "start"
 
 
-def test_a_start_against_a_limit_of_the_first_segment_is_about_the_start(
+def test_start_beyond_a_limit_of_the_first_segment_names_the_start(
     tmp_path: Path,
 ) -> None:
     slow = 'constraints = [{type = "tool_speed", frame = "tip", limit = 0.01}]\n'
@@ -429,7 +439,7 @@ def test_a_start_against_a_limit_of_the_first_segment_is_about_the_start(
     assert caught.value.key == "start"
 
 
-def test_what_stands_in_the_way_of_a_segment_is_said_of_it(tmp_path: Path) -> None:
+def test_obstacle_at_the_goal_of_a_segment_names_that_segment(tmp_path: Path) -> None:
     there = """
     scene = {obstacles = [{type = "sphere", name = "ball", radius = 0.3,
                            position = [0.0, 0.0, 0.0]}]}
@@ -471,7 +481,7 @@ def solution(scenario: Path) -> tm.Solution:
     return found
 
 
-def test_the_report_has_the_segments(solution: tm.Solution) -> None:
+def test_report_lists_the_segments(solution: tm.Solution) -> None:
     data = report_data(solution, {})
     first, second, third = data["segments"]
     assert first["begin"] == 0.0 and first["end"] == second["begin"]
@@ -488,10 +498,12 @@ def test_the_report_has_the_segments(solution: tm.Solution) -> None:
 
 
 @pytest.mark.parametrize(("name", "dt"), [("m.csv", None), ("m.npz", 0.001)])
-def test_a_file_of_several_segments_holds_as_it_is_read(
+def test_exported_motion_of_several_segments_passes_the_check(
     solution: tm.Solution, name: str, dt: float | None, tmp_path: Path
 ) -> None:
-    """Where it meets a goal within what is tolerated is not yet where it ends."""
+    """A segment ends where it reaches its goal best, not where it first is within the
+    tolerance.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         path = solution.export(tmp_path / name, dt=dt)
@@ -499,14 +511,16 @@ def test_a_file_of_several_segments_holds_as_it_is_read(
     assert found.ok, found.message
 
 
-def test_the_command_line_plans_and_judges(scenario: Path, tmp_path: Path) -> None:
+def test_command_line_plans_and_verifies_segments(
+    scenario: Path, tmp_path: Path
+) -> None:
     motion = tmp_path / "m.csv"
     planned = invoke(["plan", str(scenario), "-o", str(motion), "--json"])
     assert planned.exit_code == 0, planned.output
     assert len(json.loads(planned.stdout)["segments"]) == 3
     judged = invoke(["verify", str(scenario), str(motion)])
     assert judged.exit_code == 0, judged.output
-    # The same motion past another goal on the way, and without its stay.
+    # The same motion fails with another via point, and with a longer dwell.
     text = scenario.read_text(encoding="utf-8")
     for before, after in (("[1.2, 0.6, -0.6]", "[1.2, 0.7, -0.6]"), ("0.1", "0.3")):
         other = tmp_path / "other.toml"
@@ -518,7 +532,7 @@ def test_the_command_line_plans_and_judges(scenario: Path, tmp_path: Path) -> No
 # -- pictures --------------------------------------------------------------------------
 
 
-def test_plots_show_where_segments_end(solution: tm.Solution) -> None:
+def test_plots_have_lines_at_the_ends_of_segments(solution: tm.Solution) -> None:
     pytest.importorskip("matplotlib")
     panel = solution.plot().axes[0]
     upright = [
@@ -529,7 +543,7 @@ def test_plots_show_where_segments_end(solution: tm.Solution) -> None:
     assert upright == [segment.end for segment in solution.segments[:-1]]
 
 
-def test_a_goal_of_what_is_carried_has_a_frame_to_watch(arm: tm.Robot) -> None:
+def test_goal_on_a_payload_is_drawn_at_a_frame_of_the_robot(arm: tm.Robot) -> None:
     load = tm.Payload(0.01, "tip", name="cup")
     goal = tm.PositionGoal("cup", [4.0, 1.0, 0.0])
     problem = problem_of(arm, at(MIDDLE), tm.Segment(goal, payload=load))

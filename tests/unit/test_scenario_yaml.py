@@ -1,4 +1,4 @@
-"""Tests of reading YAML that strangers wrote."""
+"""The YAML reader: scalars, hostile and damaged files."""
 
 from __future__ import annotations
 
@@ -57,24 +57,24 @@ def loader(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> N
         ("panda_joint1", "panda_joint1"),
     ],
 )
-def test_words(word: str, value: object) -> None:
+def test_scalars_follow_yaml_1_2(word: str, value: object) -> None:
     found = parse_yaml(f"key: {word}\n".encode(), HERE)["key"]
     assert found == value
     assert type(found) is type(value)
 
 
-def test_what_is_not_a_number() -> None:
+def test_nan_is_read_as_a_number() -> None:
     assert math.isnan(parse_yaml(b"[.nan]", HERE)[0])
 
 
-def test_nested_values() -> None:
+def test_nested_values_and_empty_documents_are_read() -> None:
     text = b"a: {b: [1, {c: x}], 2: y}\nd:\n- - 1\n  - 2\n- {}\n- []\n"
     expected = {"a": {"b": [1, {"c": "x"}], "2": "y"}, "d": [[1, 2], {}, []]}
     assert parse_yaml(text, HERE) == expected
     assert parse_yaml(b"", HERE) is None
 
 
-def test_aliases() -> None:
+def test_aliases_are_resolved() -> None:
     text = b"a: &x {k: 1}\nb: *x\nc: &y word\nd: *y\n"
     value = parse_yaml(text, HERE)
     assert value == {"a": {"k": 1}, "b": {"k": 1}, "c": "word", "d": "word"}
@@ -105,7 +105,9 @@ def bomb(levels: int) -> bytes:
         (b"--- 1\n--- 2\n", "a second document"),
     ],
 )
-def test_hostile_yaml(content: bytes, words: str) -> None:
+def test_hostile_yaml_is_rejected_with_a_short_message(
+    content: bytes, words: str
+) -> None:
     with pytest.raises(ScenarioError, match=words) as caught:
         parse_yaml(content, HERE)
     assert caught.value.path == HERE
@@ -113,7 +115,7 @@ def test_hostile_yaml(content: bytes, words: str) -> None:
     assert len(str(caught.value)) < 600
 
 
-def test_damaged_files_never_raise_anything_else(rng: np.random.Generator) -> None:
+def test_damaged_yaml_raises_only_scenario_error(rng: np.random.Generator) -> None:
     text = b"a: {b: [1, 'x', \"y\"], c: &z 1e-5}\nd:\n- - 1\n  - *z\n- |\n  text\n" * 1
     whole = np.frombuffer(text, dtype=np.uint8)
     refused = 0
@@ -128,7 +130,7 @@ def test_damaged_files_never_raise_anything_else(rng: np.random.Generator) -> No
     assert 50 < refused < 300
 
 
-def test_files(tmp_path: Path) -> None:
+def test_unreadable_files_are_rejected(tmp_path: Path) -> None:
     path = tmp_path / "a.yaml"
     path.write_text("x: 1")
     assert read_yaml(path) == {"x": 1}

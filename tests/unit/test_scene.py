@@ -1,4 +1,4 @@
-"""Tests of obstacles and scenes."""
+"""Obstacles and scenes: defaults, conversions, wrong values, equality."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ kinds = pytest.mark.parametrize("kind", MAKERS)
 
 
 @kinds
-def test_defaults(kind: str) -> None:
+def test_obstacle_is_unrotated_at_the_origin_by_default(kind: str) -> None:
     obstacle = MAKERS[kind]()
     assert obstacle.name == "o"
     np.testing.assert_array_equal(obstacle.position, np.zeros(3))
     np.testing.assert_array_equal(obstacle.rotation, np.eye(3))
 
 
-def test_edges_and_velocities_are_along_named_axes() -> None:
+def test_sizes_and_velocities_may_be_given_by_named_axes() -> None:
     box = Box("o", size={"z": 3.0, "x": 1.0, "y": 2.0})
     assert box == Box("o", size=(1.0, 2.0, 3.0))
     up = ConstantVelocity({"x": 0.0, "y": 0.0, "z": 0.1})
@@ -45,7 +45,7 @@ def test_edges_and_velocities_are_along_named_axes() -> None:
 
 
 @kinds
-def test_numbers_become_floats(kind: str) -> None:
+def test_dimensions_of_obstacles_become_floats(kind: str) -> None:
     obstacle = MAKERS[kind](position=(1, 2, 3))
     assert obstacle.position.dtype == np.float64
     for key in ("radius", "length"):
@@ -70,13 +70,17 @@ def test_numbers_become_floats(kind: str) -> None:
         ((1, 0, 0, 0), np.diag([1.0, -1.0, -1.0])),
     ],
 )
-def test_rotations(rotation: object, matrix: np.ndarray) -> None:
+def test_rotation_is_a_quaternion_or_a_matrix(
+    rotation: object, matrix: np.ndarray
+) -> None:
     obstacle = Box("o", size=(1, 1, 1), rotation=rotation)  # type: ignore[arg-type]
     np.testing.assert_allclose(obstacle.rotation, matrix, atol=1e-15)
 
 
 @given(st.tuples(*[st.floats(-10, 10)] * 4))
-def test_quaternions_give_rotations(quaternion: tuple[float, ...]) -> None:
+def test_quaternion_becomes_a_rotation_about_its_vector_part(
+    quaternion: tuple[float, ...],
+) -> None:
     assume(np.linalg.norm(quaternion) > 1e-6)
     R = Sphere("o", radius=1, rotation=quaternion).rotation  # type: ignore[arg-type]
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
@@ -105,7 +109,9 @@ def test_quaternions_give_rotations(quaternion: tuple[float, ...]) -> None:
         5,
     ],
 )
-def test_bad_rotations(rotation: object) -> None:
+def test_wrong_rotation_is_rejected_with_the_name_of_the_obstacle(
+    rotation: object,
+) -> None:
     with pytest.raises(SceneError, match=r"^obstacle 'o': .*rotation") as caught:
         Sphere("o", radius=1, rotation=rotation)  # type: ignore[arg-type]
     assert caught.value.obstacle == "o"
@@ -127,7 +133,7 @@ def test_bad_rotations(rotation: object) -> None:
         ("capsule", "length"),
     ],
 )
-def test_bad_lengths(kind: str, key: str, value: object) -> None:
+def test_wrong_radius_or_length_is_rejected(kind: str, key: str, value: object) -> None:
     with pytest.raises(SceneError, match=f"'o': {key} is .*, expected a positive"):
         MAKERS[kind](**{key: value})
 
@@ -144,7 +150,7 @@ def test_bad_lengths(kind: str, key: str, value: object) -> None:
         (None, "expected three edge lengths"),
     ],
 )
-def test_bad_sizes(size: object, message: str) -> None:
+def test_wrong_size_of_a_box_is_rejected(size: object, message: str) -> None:
     with pytest.raises(SceneError, match=message) as caught:
         Box("o", size=size)  # type: ignore[arg-type]
     assert caught.value.obstacle == "o"
@@ -155,19 +161,19 @@ def test_bad_sizes(size: object, message: str) -> None:
     "position",
     [(1, 2), np.zeros((3, 1)), (0, 0, np.nan), (0, np.inf, 0), None, "abc", 1],
 )
-def test_bad_positions(kind: str, position: object) -> None:
+def test_wrong_position_is_rejected(kind: str, position: object) -> None:
     with pytest.raises(SceneError, match=r"(?s)'o': position is .*three coordinates"):
         MAKERS[kind](position=position)
 
 
-def test_two_numbers_are_no_pose() -> None:
-    """The first of them was shown as the position."""
+def test_position_of_two_numbers_is_shown_whole_in_the_error() -> None:
+    """Regression: only the first of the two numbers was shown as the position."""
     with pytest.raises(SceneError, match=r"position is \(1, 2\), expected three"):
         Sphere("o", radius=1, position=(1, 2))
 
 
 @pytest.mark.parametrize("name", ["", None, 3])
-def test_bad_names(name: object) -> None:
+def test_wrong_name_of_an_obstacle_is_rejected(name: object) -> None:
     with pytest.raises(SceneError, match="an obstacle needs a name"):
         Sphere(name, radius=1)  # type: ignore[arg-type]
 
@@ -204,7 +210,7 @@ def test_obstacles_are_equal_by_value(kind: str) -> None:
     assert obstacle != "o"
 
 
-def test_kinds_are_not_equal() -> None:
+def test_obstacles_of_different_types_are_unequal() -> None:
     assert Cylinder("o", radius=1, length=2) != Capsule("o", radius=1, length=2)
 
 
@@ -223,7 +229,7 @@ def obstacles() -> list[Obstacle]:
 
 
 @pytest.mark.parametrize("container", [list, tuple, iter, Scene])
-def test_scene_takes_any_iterable(container: type) -> None:
+def test_scene_accepts_any_iterable_of_obstacles(container: type) -> None:
     scene = Scene(container(obstacles()))
     assert scene.obstacles == tuple(obstacles())
     assert [item.name for item in scene] == list(MAKERS)
@@ -240,7 +246,7 @@ def test_scene_is_empty_by_default() -> None:
         scene["x"]
 
 
-def test_unknown_obstacle_lists_those_there_are() -> None:
+def test_message_about_an_unknown_obstacle_lists_the_obstacles() -> None:
     with pytest.raises(SceneError, match=r"'x' .*; there are: sphere, box") as caught:
         Scene(obstacles())["x"]
     assert caught.value.obstacle == "x"
@@ -258,7 +264,7 @@ def test_scenes_are_frozen_and_equal_by_value() -> None:
     assert scene != tuple(obstacles())
 
 
-def test_names_are_unique() -> None:
+def test_obstacles_with_equal_names_are_rejected() -> None:
     with pytest.raises(SceneError, match="two obstacles are named 'box'") as caught:
         Scene([*obstacles(), obstacles()[1]])
     assert caught.value.obstacle == "box"
@@ -275,13 +281,13 @@ def test_names_are_unique() -> None:
         (Sphere("o", radius=1), "from a list of obstacles, not from a Sphere"),
     ],
 )
-def test_bad_scenes(content: object, message: str) -> None:
+def test_wrong_content_of_a_scene_is_rejected(content: object, message: str) -> None:
     with pytest.raises(SceneError, match=message):
         Scene(content)  # type: ignore[arg-type]
 
 
-def test_an_obstacle_may_leave_the_region_in_which_it_may_be_placed() -> None:
-    """Long motions ended in an error, though the obstacle began nearby."""
+def test_moving_obstacle_may_leave_the_region_of_placement() -> None:
+    """Regression: long motions ended in an error, though the obstacle began nearby."""
     motion = ConstantVelocity((1, 0, 0))
     box = Box("box", size=(0.1, 0.1, 0.1), motion=motion)
     there = box.frozen(3e6)

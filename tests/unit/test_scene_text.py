@@ -10,7 +10,7 @@ import pytest
 import tominpmp as tm
 
 HALF = 0.5**0.5
-# Quarter of a turn about z, one of the poses of the object.
+# The box is turned about z by a quarter of a turn; objects have no poses of their own.
 OLD = f"""(noname)
 * a box
 1
@@ -86,7 +86,7 @@ def scene_file(folder: Path, text: str, name: str = "desk.scene") -> Path:
 
 
 @pytest.mark.parametrize("name", ["desk.scene", "desk.txt"])
-def test_format_without_poses_of_objects(tmp_path: Path, name: str) -> None:
+def test_old_text_format_has_no_poses_of_objects(tmp_path: Path, name: str) -> None:
     scene = tm.load_moveit_scene(scene_file(tmp_path, OLD, name))
     assert [item.name for item in scene] == ["a box", "many.0", "many.1", "many.2"]
     box, ball, rod, mesh = scene
@@ -103,7 +103,7 @@ def test_format_without_poses_of_objects(tmp_path: Path, name: str) -> None:
     np.testing.assert_array_equal(mesh.position, [0.0, 0.0, 5.0])
 
 
-def test_format_with_poses_of_objects(tmp_path: Path) -> None:
+def test_new_text_format_has_poses_of_objects(tmp_path: Path) -> None:
     scene = tm.load_moveit_scene(scene_file(tmp_path, NEW))
     assert [item.name for item in scene] == ["desk.0", "desk.1", "floor"]
     # The desk is 1 m up and turned by a quarter.
@@ -115,7 +115,7 @@ def test_format_with_poses_of_objects(tmp_path: Path) -> None:
     assert floor.position[2] + 0.5 * floor.size[2] == pytest.approx(-0.5)
 
 
-def test_planes_of_messages_are_the_same(tmp_path: Path) -> None:
+def test_planes_in_messages_and_in_text_become_equal_boxes(tmp_path: Path) -> None:
     planes = "{id: floor, planes: [{coef: [0, 0, 2, 1]}], plane_poses: [{}]}"
     text = f"world: {{collision_objects: [{planes}]}}"
     scene = tm.load_moveit_scene(scene_file(tmp_path, text, "scene.yaml"))
@@ -123,7 +123,7 @@ def test_planes_of_messages_are_the_same(tmp_path: Path) -> None:
     assert scene["floor"] == other["floor"]
 
 
-def test_problem_with_a_request(tmp_path: Path) -> None:
+def test_text_scene_and_request_become_a_problem(tmp_path: Path) -> None:
     names = "[joint1, joint2, joint3]"
     request = scene_file(
         tmp_path,
@@ -138,7 +138,7 @@ def test_problem_with_a_request(tmp_path: Path) -> None:
     assert "a box" in [item.name for item in problem.scene]
 
 
-def test_scene_without_objects(tmp_path: Path) -> None:
+def test_text_scene_without_objects_is_empty(tmp_path: Path) -> None:
     assert len(tm.load_moveit_scene(scene_file(tmp_path, "(noname)\n.\n"))) == 0
 
 
@@ -169,7 +169,9 @@ def test_scene_without_objects(tmp_path: Path) -> None:
         ("1 2 3\n", "1 nan 3\n", r"position\[1\]: is nan, expected a finite number"),
     ],
 )
-def test_wrong_scenes(tmp_path: Path, old: str, new: str, message: str) -> None:
+def test_message_about_a_wrong_text_scene_names_the_line(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
     path = scene_file(tmp_path, OLD.replace(old, new, 1))
     with pytest.raises(tm.ScenarioError, match=message) as caught:
         tm.load_moveit_scene(path)

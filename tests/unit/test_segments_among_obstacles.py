@@ -12,7 +12,7 @@ NEAR = [0.6, -1.2, 1.9, -0.7, 0.3, 0.0]
 FAR = [-0.6, -1.2, 1.9, -0.7, 0.3, 0.0]
 THERE = tm.Segment(tm.JointGoal(FAR), stop=True)
 BACK = tm.Segment(tm.JointGoal(NEAR))
-# On the grid of the search.
+# Motions stay on the first grid, without refinement.
 QUICK = {"effort": "quick", "refine": None}
 WALL = tm.Box("wall", size=(0.8, 0.03, 0.9), position=(0.7, 0.0, 0.45))
 
@@ -57,7 +57,7 @@ def both(arm: tm.Robot) -> tuple[tm.Solution, list[float]]:
     return planned(problem(arm, THERE, BACK), callback=see), durations
 
 
-def test_segments_with_a_stop_take_as_long_as_each_alone(
+def test_segments_with_a_stop_last_as_long_as_separate_plans(
     both: tuple[tm.Solution, list[float]], alone: float
 ) -> None:
     solution, _ = both
@@ -65,7 +65,7 @@ def test_segments_with_a_stop_take_as_long_as_each_alone(
     assert solution.status is tm.Status.CONVERGED
 
 
-def test_dwells_come_between(arm: tm.Robot, alone: float) -> None:
+def test_dwell_adds_its_duration_between_segments(arm: tm.Robot, alone: float) -> None:
     there = tm.Segment(tm.JointGoal(FAR), dwell=0.3)
     solution = planned(problem(arm, there, BACK))
     assert solution.T == pytest.approx(alone + 0.3, rel=1e-4)
@@ -75,7 +75,9 @@ def test_dwells_come_between(arm: tm.Robot, alone: float) -> None:
     assert np.max(np.abs(rest.v)) < 1e-6
 
 
-def test_goals_that_are_passed_gain_time(arm: tm.Robot, alone: float) -> None:
+def test_via_point_is_faster_than_a_stop_at_the_same_goal(
+    arm: tm.Robot, alone: float
+) -> None:
     via = tm.JointGoal([-0.2, -1.9, 0.9, -0.7, 0.3, 0.0])
     stop = [tm.Segment(via, stop=True), tm.Segment(tm.JointGoal(FAR))]
     passing = [tm.Segment(via), tm.Segment(tm.JointGoal(FAR))]
@@ -84,7 +86,7 @@ def test_goals_that_are_passed_gain_time(arm: tm.Robot, alone: float) -> None:
     assert 0.5 * alone < fast.T < 0.995 * slow.T
 
 
-def test_records_have_the_duration_of_all_segments(
+def test_iteration_records_have_the_duration_of_all_segments(
     both: tuple[tm.Solution, list[float]], alone: float
 ) -> None:
     solution, durations = both
@@ -93,7 +95,7 @@ def test_records_have_the_duration_of_all_segments(
 
 
 @pytest.mark.parametrize("count", [1, 5])
-def test_a_callback_ends_the_plan_of_a_segment(arm: tm.Robot, count: int) -> None:
+def test_callback_interrupts_the_plan_of_a_segment(arm: tm.Robot, count: int) -> None:
     seen: list[tm.IterationRecord] = []
 
     def stop(record: tm.IterationRecord) -> bool:
@@ -106,8 +108,10 @@ def test_a_callback_ends_the_plan_of_a_segment(arm: tm.Robot, count: int) -> Non
 
 
 @pytest.mark.parametrize("looks", [50.0, 200.0])
-def test_time_limits_are_kept(arm: tm.Robot, clock: Clock, looks: float) -> None:
-    """Time goes by with every look at it, of which a motion takes thousands."""
+def test_planning_time_limit_holds_for_segments(
+    arm: tm.Robot, clock: Clock, looks: float
+) -> None:
+    """The clock advances with each reading; a plan reads it thousands of times."""
     clock.tick = 1.0
     solution = tm.plan(problem(arm, THERE, BACK), max_planning_time=looks, **QUICK)
     assert solution.status is tm.Status.TIME_LIMIT

@@ -1,4 +1,4 @@
-"""Pages and figures show loads, obstacles and ends of segments where they are."""
+"""Pages and figures show payloads, obstacles and ends of segments at their places."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def solution():
     return found
 
 
-def crates_of(problem, trajectory, times):
-    """The loads of a motion, each of which is one body of the name of its shape."""
+def crate_bodies(problem, trajectory, times):
+    """The payloads of a motion, each of which is one body named after its shape."""
     loads = [one for one in scene_items(problem, trajectory, times) if one.load]
     names = ["crate", "crate (2)"][: len(loads)]
     assert [load.load for load in loads] == names
@@ -43,18 +43,20 @@ def crates_of(problem, trajectory, times):
     return loads
 
 
-def test_a_load_stands_is_carried_and_stays(solution):
+def test_payload_is_drawn_before_during_and_after_its_segment(solution):
     first, second, third = solution.trajectory.segment_ends
     times = np.array([0.0, first, 0.5 * (first + second), second, third])
-    (load,) = crates_of(solution.problem, solution.trajectory, times)
+    (load,) = crate_bodies(solution.problem, solution.trajectory, times)
     x = load.placements[:, :3, 3] - load.placements[0, :3, 3]
     way = np.linalg.norm(x, axis=1)
     middle = float(solution.trajectory(times[2]).q[0]) - 0.5
     np.testing.assert_allclose(way, [0.0, 0.0, middle, 0.5, 0.5], atol=1e-9)
 
 
-def test_equal_loads_at_two_places_are_two_bodies():
-    """They were drawn as one, which jumped from the one place to the other."""
+def test_equal_payloads_at_two_places_are_two_bodies():
+    """Regression: they were drawn as one body, which jumped from one place to the
+    other.
+    """
     shape = tm.Box("crate", size=(0.1, 0.1, 0.1))
     crate = tm.Payload(1.0, "tip", geometry=[shape], name="crate")
     ends = [0.5, 1.0, 0.7, 0.2, 0.6]
@@ -71,15 +73,15 @@ def test_equal_loads_at_two_places_are_two_bodies():
     motion = Trajectory(robot.joint_names, t, q, zero, zero, segment_ends=t[1:])
     times = np.array([0.5, 1.0, 1.5, 2.5, 3.0, 3.5, 4.0, 4.5])
     hand = motion(times).q[:, 0]
-    # The first stands at 0.5, is carried on two segments to 0.7, and stays there; the
-    # other stands at 0.2, where it is taken up.
+    # The first payload stands at 0.5, is carried on two segments to 0.7, and stays
+    # there; the other stands at 0.2, where it is taken up.
     ways = [0.5, 0.5, hand[2], hand[3], 0.7, 0.7, 0.7, 0.7], [*[0.2] * 7, hand[7]]
     begin = frame_placements(robot, q[:1], "tip")[0, 0, 3]
-    for load, way in zip(crates_of(problem, motion, times), ways, strict=True):
+    for load, way in zip(crate_bodies(problem, motion, times), ways, strict=True):
         np.testing.assert_allclose(load.placements[:, 0, 3] - begin, way, atol=1e-9)
 
 
-def test_a_load_that_is_taken_up_again_where_it_stands_is_one_body(solution):
+def test_payload_taken_up_again_where_it_stands_is_one_body(solution):
     first, carries, last = solution.problem.segments
     problem = replace(
         solution.problem,
@@ -87,13 +89,13 @@ def test_a_load_that_is_taken_up_again_where_it_stands_is_one_body(solution):
         segments=[first, carries, replace(last, payload=carries.payload)],
     )
     times = solution.trajectory.segment_ends
-    (load,) = crates_of(problem, solution.trajectory, times)
+    (load,) = crate_bodies(problem, solution.trajectory, times)
     way = load.placements[:, 0, 3] - load.placements[0, 0, 3]
     np.testing.assert_allclose(way, [0.0, 0.5, -0.3], atol=1e-9)
 
 
-def test_other_loads_of_one_name_are_other_bodies(solution):
-    """The second once took the place of the first."""
+def test_different_payloads_with_one_name_are_two_bodies(solution):
+    """Regression: the second payload took the place of the first."""
     small, large = (
         tm.Payload(1.0, "tip", geometry=[tm.Box("crate", size=(size,) * 3)])
         for size in (0.1, 0.2)
@@ -115,7 +117,7 @@ def test_other_loads_of_one_name_are_other_bodies(solution):
     assert len(loads) == len(set(loads)) == 2
 
 
-def test_obstacles_are_there_on_their_segments(solution):
+def test_obstacles_are_visible_only_on_their_segments(solution):
     first, second, _ = solution.trajectory.segment_ends
     times = np.array([0.5 * first, first, 0.5 * (first + second), second + 0.01])
     ball, _ = scene_items(solution.problem, solution.trajectory, times)
@@ -124,7 +126,7 @@ def test_obstacles_are_there_on_their_segments(solution):
     np.testing.assert_array_equal(ball.present, [False, True, True, False])
 
 
-def test_the_page_has_them_all(solution):
+def test_page_has_payloads_obstacles_and_ends_of_segments(solution):
     recorder = Recorder()
     viewer = meshcat.Visualizer(window=recorder)
     draw(viewer, solution.problem, solution.trajectory, fps=20.0)
@@ -140,7 +142,7 @@ def test_the_page_has_them_all(solution):
     assert tracks["/meshcat/obstacles/ball"] == {".visible"}
 
 
-def test_the_figure_has_them_all(solution, tmp_path):
+def test_figure_has_payloads_obstacles_and_ends_of_segments(solution, tmp_path):
     path = tmp_path / "motion.png"
     figure = plot_motion(solution.problem, {"": solution.trajectory}, path, instants=4)
     labels = {text.get_text() for text in figure.legends[0].get_texts()}
@@ -148,7 +150,7 @@ def test_the_figure_has_them_all(solution, tmp_path):
     assert path.stat().st_size > 5000
 
 
-def test_a_load_that_another_hand_takes_is_one_body():
+def test_payload_handed_over_to_another_frame_is_one_body():
     robot = make_arm(slide(1.0), slide(1.0), effort=10.0)
     first, other = robot.frame_names[-1], "link1"
     # The first frame is 0.2 m further along x where the other takes over.
@@ -174,7 +176,7 @@ def test_a_load_that_another_hand_takes_is_one_body():
         np.testing.assert_allclose(load.placements[row], place, atol=1e-9)
 
 
-def test_the_path_of_many_segments_has_no_corners():
+def test_path_of_many_segments_is_drawn_without_corners():
     # 25 circles, each of them a segment; with 300 points they had twelve corners each.
     t = np.linspace(0.0, 25.0, 2501)
     angle = 2.0 * np.pi * t
@@ -187,6 +189,6 @@ def test_the_path_of_many_segments_has_no_corners():
     assert between.min() > 0.99
 
 
-def test_the_caption_of_a_page_counts_the_obstacles_of_all_segments(solution, tmp_path):
+def test_caption_of_a_page_counts_obstacles_of_all_segments(solution, tmp_path):
     page = solution.play(tmp_path / "motion.html").read_text()
     assert "<p>1 joint, 3 segments, 1 obstacle</p>" in page

@@ -1,4 +1,4 @@
-"""Files carry the ends of segments, and judges of files look for them there."""
+"""Ends of segments in motion files, and the replay of files with segments."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ STAY = 0.1
 
 @pytest.fixture(scope="module")
 def solution():
-    """There and back past the same point, which is the goal of the third segment."""
+    """A motion on a rail that passes a point twice; segment 3 has its goal there."""
     robot = make_arm(slide(2.0), effort=10.0)
     segments = [
         tm.Segment(tm.JointGoal([1.0]), dwell=STAY),
@@ -31,7 +31,7 @@ def solution():
 
 @pytest.mark.parametrize("ending", ["csv", "npz"])
 @pytest.mark.parametrize("dt", [None, 0.01])
-def test_the_ends_of_segments_are_in_the_file(solution, tmp_path, ending, dt):
+def test_exported_file_has_the_ends_of_segments(solution, tmp_path, ending, dt):
     path = solution.export(tmp_path / f"motion.{ending}", dt=dt)
     samples = tm.load_motion(path)
     late = samples.segment_ends - solution.trajectory.segment_ends
@@ -47,8 +47,10 @@ def test_the_ends_of_segments_are_in_the_file(solution, tmp_path, ending, dt):
         assert tm.verify(problem, samples).ok
 
 
-def test_a_recorded_end_is_not_the_local_minimum_before_it():
-    """At the row before, the motion is near the goal, but turns away from it first."""
+def test_recorded_end_of_a_segment_is_kept():
+    """At the row before that end, the motion is near the goal, but first moves away
+    from it. A search for the minimum of the distance would end there.
+    """
     robot = make_arm(slide(2.0), effort=10.0)
     segments = [tm.Segment(tm.JointGoal([goal])) for goal in (1.0, 0.5)]
     problem = tm.Problem(robot, [0.0], segments=segments)
@@ -65,8 +67,10 @@ def test_a_recorded_end_is_not_the_local_minimum_before_it():
     assert read.segment_ends.tolist() == ends
 
 
-def test_a_goal_that_is_met_too_early_and_again_is_met_in_time(tmp_path):
-    """The arm begins at the goal; in a file without ends this was its arrival."""
+def test_goal_met_before_its_time_window_and_again_in_it_is_accepted(tmp_path):
+    """Regression: the arm begins at the goal, and in a file without ends of segments
+    this start was taken for the arrival.
+    """
     segments = [
         tm.Segment(tm.JointGoal([0.0]), arrival=(0.5, 1.0)),
         tm.Segment(tm.JointGoal([1.0])),
@@ -78,7 +82,7 @@ def test_a_goal_that_is_met_too_early_and_again_is_met_in_time(tmp_path):
     assert verdict.ok, verdict.message
 
 
-def test_a_file_of_one_segment_has_no_such_column(tmp_path):
+def test_file_of_one_segment_has_no_segment_column(tmp_path):
     robot = make_arm(slide(2.0), effort=10.0)
     problem = tm.Problem(robot, [0.0], tm.JointGoal([1.0]))
     found = tm.plan(problem, intervals=10, control="constant", refine=None)
@@ -88,7 +92,7 @@ def test_a_file_of_one_segment_has_no_such_column(tmp_path):
 
 
 @pytest.mark.parametrize("wrong", ["2", "1.5", "3"])
-def test_wrong_numbers_of_segments(solution, tmp_path, wrong):
+def test_wrong_segment_numbers_in_a_file_are_rejected(solution, tmp_path, wrong):
     path = solution.export(tmp_path / "motion.csv")
     lines = path.read_text().splitlines()
     lines[1] = lines[1].rpartition(",")[0] + f",{wrong}"
@@ -98,13 +102,13 @@ def test_wrong_numbers_of_segments(solution, tmp_path, wrong):
 
 
 @pytest.mark.parametrize("ends", [[0.5, 0.2], [-1.0, 1.0], [[1.0]], "ab", [9.0]])
-def test_wrong_ends_of_segments_of_samples(ends):
+def test_samples_reject_wrong_segment_ends(ends):
     t, x = np.array([0.0, 1.0]), np.zeros((2, 1))
     with pytest.raises(tm.ProblemError, match="segment_ends"):
         tm.Samples(("a",), t, x, x, x, x, segment_ends=ends)
 
 
-def test_violations_name_the_segment(solution):
+def test_violations_name_their_segment_and_its_time_span(solution):
     slow = [
         tm.Segment(segment.goal, dwell=segment.dwell, payload=segment.payload)
         for segment in solution.problem.segments

@@ -1,4 +1,4 @@
-"""Several segments on the clock of a controller: knots on ticks, stays rounded up."""
+"""Several segments with a control period: knots on ticks, dwells of whole periods."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ QUICK = {"control_period": PERIOD, **FEW}
 
 
 @pytest.mark.parametrize("control", ["constant", "linear"])
-def test_segments_on_a_clock(tmp_path, control):
+def test_segments_end_on_ticks_of_the_control_period(tmp_path, control):
     robot = make_arm(slide(2.0), effort=10.0)
     limits = None
     if control == "linear":
@@ -32,7 +32,7 @@ def test_segments_on_a_clock(tmp_path, control):
     for times in (motion.t, motion.segment_ends):
         ticks = times / PERIOD
         np.testing.assert_allclose(ticks, np.rint(ticks), atol=1e-9)
-    # A tick for each segment, one for the stay, and what coarser knots cost.
+    # Rounding takes a tick per segment and one for the dwell; coarser knots take 3 %.
     assert free.success, free.message
     assert free.T - 1e-6 <= solution.T <= free.T * 1.03 + 4 * PERIOD
     stay = solution.segments[1]
@@ -54,15 +54,15 @@ def to(q: float, **more) -> tm.Segment:
 
 
 def ticks(solution: tm.Solution) -> list[tuple[int, int, int]]:
-    """When segments begin, arrive and end, in periods; all of them whole ones."""
+    """Begin, arrival and end of each segment in control periods, all of them whole."""
     found = [(part.begin, part.arrival, part.end) for part in solution.segments]
     counts = np.rint(np.array(found) / PERIOD)
     np.testing.assert_allclose(found, counts * PERIOD, rtol=0.0, atol=1e-12)
     return [tuple(row) for row in counts.astype(int).tolist()]
 
 
-def check_stays(solution: tm.Solution) -> None:
-    """The arm is at its goals, at rest, from when they are said to be met on."""
+def check_dwells(solution: tm.Solution) -> None:
+    """The arm is at rest at the goals of its dwells, from the stated arrivals on."""
     for part, asked in zip(solution.segments, solution.problem.segments, strict=True):
         if not asked.dwell:
             assert part.arrival == part.end
@@ -80,30 +80,32 @@ LIMITS = {"torques": None, "jerk": tm.MotionLimits(acceleration=4.0, jerk=80.0)}
 
 @pytest.mark.parametrize("limits", LIMITS)
 @pytest.mark.parametrize("dwell", [0.0001, 0.011, 3 * PERIOD])
-def test_the_arrival_is_when_the_stay_of_whole_periods_begins(dwell, limits):
+def test_arrival_is_where_the_dwell_of_whole_periods_begins(dwell, limits):
     problem = rail(to(0.4, dwell=dwell), to(0.8), motion_limits=LIMITS[limits])
     solution = tm.plan(problem, **QUICK)
     assert solution.success, solution.message
     (_, arrival, end), (begin, *_) = ticks(solution)
     assert end - arrival == {0.0001: 1, 0.011: 2, 3 * PERIOD: 3}[dwell]
     assert begin == end
-    check_stays(solution)
+    check_dwells(solution)
 
 
 @pytest.mark.parametrize("limits", LIMITS)
-def test_windows_are_those_of_arrivals_on_the_clock(limits):
-    """Two ticks of ten milliseconds are within the window, and the stay is after it."""
+def test_arrival_on_a_tick_is_within_its_time_window(limits):
+    """Two ticks of ten milliseconds are within the window, and the dwell follows it."""
     late = to(0.4, dwell=0.0111, arrival=(2.0, 2.012))
     for segments in ((late,), (late, to(0.8))):
         problem = rail(*segments, motion_limits=LIMITS[limits])
         solution = tm.plan(problem, **QUICK)
         assert solution.success, solution.message
         assert ticks(solution)[0][1] in (200, 201)
-        check_stays(solution)
+        check_dwells(solution)
 
 
-def test_windows_of_several_segments_leave_one_tick_each():
-    """Without a clock the first goal is met between two ticks, one of them too late."""
+def test_time_windows_of_several_segments_with_one_tick_each_are_met():
+    """Without a control period, the first goal is met between two ticks, one of which
+    is too late.
+    """
     problem = rail(
         to(0.4, dwell=0.001, arrival=(1.5, 1.505)),
         to(0.8, dwell=0.011, arrival=(3.0, 3.002)),
@@ -111,18 +113,20 @@ def test_windows_of_several_segments_leave_one_tick_each():
     solution = tm.plan(problem, **QUICK)
     assert solution.success, solution.message
     assert ticks(solution) == [(0, 150, 151), (151, 300, 302)]
-    check_stays(solution)
+    check_dwells(solution)
 
 
-def test_a_window_between_two_ticks_is_not_met():
+def test_time_window_between_two_ticks_has_no_motion():
     solution = tm.plan(rail(to(0.4, arrival=(2.0021, 2.0079))), **QUICK)
     assert not solution.success
     assert "No motion on a clock of 0.01 s was found" in solution.message
 
 
 @pytest.mark.parametrize("dwell", [0.0, 0.1])
-def test_more_periods_are_tried_where_every_tick_is_a_knot(dwell):
-    """Motions need 1 % more periods than they last, and no interval can be halved."""
+def test_more_periods_are_tried_if_every_tick_is_a_knot(dwell):
+    """The motions need 1 % more periods than their duration has, and no interval can be
+    halved.
+    """
     robot = tm.load_robot("planar3r", gravity=(0.0, 0.0, 0.0))
     segments = [
         tm.Segment(tm.JointGoal([2.0, -1.0, 0.5]), stop=True, dwell=dwell),
@@ -135,7 +139,7 @@ def test_more_periods_are_tried_where_every_tick_is_a_knot(dwell):
     assert solution.T < 2.85 + dwell
 
 
-def test_stays_of_all_kinds_one_after_the_other(tmp_path):
+def test_dwells_of_different_durations_follow_each_other(tmp_path):
     problem = rail(
         to(0.4, dwell=0.0001), to(0.5, stop=True), to(0.8, dwell=0.03), to(0.9, dwell=2)
     )
@@ -143,9 +147,9 @@ def test_stays_of_all_kinds_one_after_the_other(tmp_path):
     assert solution.success, solution.message
     found = ticks(solution)
     assert [end - arrival for _, arrival, end in found] == [1, 0, 3, 200]
-    check_stays(solution)
+    check_dwells(solution)
     free = tm.plan(problem, **FEW)
-    # Less than a period for each way, and for each stay.
+    # Rounding takes less than a period for each motion and for each dwell.
     assert solution.T < free.T + 8 * PERIOD
     assert solution.certificate.message
 
@@ -161,7 +165,7 @@ def timely() -> tm.Solution:
     ("ending", "dt"),
     [("csv", None), ("csv", 0.005), ("npz", None), ("yaml", None), ("mcap", None)],
 )
-def test_files_say_when_goals_are_met_and_stays_end(timely, ending, dt, tmp_path):
+def test_files_hold_arrivals_and_ends_of_dwells(timely, ending, dt, tmp_path):
     path = timely.export(tmp_path / f"motion.{ending}", dt=dt)
     samples = tm.load_motion(path)
     check = tm.check_file(timely.problem, path)
@@ -169,7 +173,7 @@ def test_files_say_when_goals_are_met_and_stays_end(timely, ending, dt, tmp_path
     if ending in ("csv", "npz"):
         ends = timely.trajectory.segment_ends
         np.testing.assert_allclose(samples.segment_ends, ends, atol=1e-12)
-    # One that is asked to be later, or to stay for longer, is told so.
+    # The replay rejects it for a later time window and for a longer dwell.
     late = rail(to(0.4, dwell=0.0111, arrival=(2.05, 2.06)), to(0.8, dwell=0.015))
     assert "too early" in tm.verify(late, samples).message
     window = timely.problem.segments[0].arrival
@@ -177,8 +181,10 @@ def test_files_say_when_goals_are_met_and_stays_end(timely, ending, dt, tmp_path
     assert not tm.verify(longer, samples).ok
 
 
-def test_a_file_meets_a_window_that_it_reaches_within_rounding(tmp_path):
-    """Limits of jerk end it a hair from the goal before it may be there."""
+def test_file_meets_a_time_window_within_rounding(tmp_path):
+    """With limits of jerk, the motion ends at a tiny distance from the goal before the
+    time window begins.
+    """
     limits = tm.MotionLimits(acceleration=4.0, jerk=80.0)
     problem = rail(
         to(0.4, dwell=0.001, arrival=(1.5, 1.505)), to(0.8), motion_limits=limits
@@ -190,8 +196,8 @@ def test_a_file_meets_a_window_that_it_reaches_within_rounding(tmp_path):
     assert check.ok, check.message
 
 
-def test_goals_that_are_passed_take_a_period_at_least():
-    """Goals twenty millimetres apart at a metre a second, two periods each."""
+def test_via_points_take_at_least_a_period():
+    """The goals are twenty millimetres apart, two periods at a metre a second."""
     goals = [to(0.5 + 0.02 * k) for k in range(5)]
     problem = rail(*goals, to(1.2))
     free = tm.plan(problem, **FEW)
@@ -201,7 +207,7 @@ def test_goals_that_are_passed_take_a_period_at_least():
     assert solution.T < free.T + 6 * PERIOD
 
 
-def test_the_command_line_says_how_long_it_stays(tmp_path):
+def test_report_has_the_dwell_rounded_up_to_periods(tmp_path):
     from tominpmp.cli.report import report_data, report_text
 
     solution = tm.plan(rail(to(0.4, dwell=0.011), to(0.8)), **QUICK)
@@ -213,8 +219,10 @@ def test_the_command_line_says_how_long_it_stays(tmp_path):
     assert f"arrives at {first['arrival']:.4f} s, stays 0.02 s" in text
 
 
-def test_many_goals_that_are_passed_within_a_few_periods():
-    """Rounding gave one segment every further period: its neighbours were too fast."""
+def test_rounding_to_periods_is_spread_over_many_via_points():
+    """Regression: rounding gave each further period to one segment, and its neighbours
+    were too fast.
+    """
     robot = make_arm(slide(1.0), effort=100.0)
     segments = [to(0.1 * k) for k in range(1, 9)]
     limits = tm.MotionLimits(acceleration=5.0)

@@ -1,4 +1,4 @@
-"""Links keep clear of each other always, with nothing around them too."""
+"""Self-collision: links keep clear of each other, also without obstacles."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.torque_starts import torques_may_lead
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# The straight line between these leads the wrist of a Panda through its base.
+# The straight line between these configurations leads the wrist of a Panda through its
+# base.
 FOLDED = [1.1983, 1.5287, -0.6743, -2.9015, 2.2466, 1.8704, 0.3356]
 TURNED = [-2.3445, 1.3482, 2.7482, -2.7004, 1.2406, 2.9528, 0.9919]
 FINGERS = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
@@ -50,7 +51,7 @@ def meshes_touch(problem: tm.Problem, motion: tm.Trajectory) -> bool:
     return not all(meshes.is_free(q) for q in motion(times).q)
 
 
-def test_free_space_motions_do_not_run_a_link_through_another() -> None:
+def test_plan_without_obstacles_avoids_self_collision() -> None:
     problem = through_itself()
     solution = tm.plan(problem)
     assert solution.success
@@ -59,7 +60,7 @@ def test_free_space_motions_do_not_run_a_link_through_another() -> None:
     assert solution.prove_clearance().contact is False
 
 
-def test_a_motion_through_itself_is_not_verified() -> None:
+def test_replay_rejects_self_collision() -> None:
     straight = {"control": "constant", "effort": "quick", "refine": None}
     blind = tm.plan(through_itself(self_collision=False), **straight)
     problem = through_itself()
@@ -72,7 +73,7 @@ def test_a_motion_through_itself_is_not_verified() -> None:
     assert found.min_clearance < -0.04
 
 
-def test_links_that_touch_on_a_coarse_grid_are_parted_at_once(
+def test_self_collision_on_a_coarse_grid_is_resolved_before_replay(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     problem = colliding_on_the_way()
@@ -80,9 +81,9 @@ def test_links_that_touch_on_a_coarse_grid_are_parted_at_once(
     usual = Candidate.verified
 
     def verified(self: Candidate, *arguments: Any, **changes: Any) -> Candidate:
-        attempt = usual(self, *arguments, **changes)
-        replays.append(attempt.touches)
-        return attempt
+        candidate = usual(self, *arguments, **changes)
+        replays.append(candidate.touches)
+        return candidate
 
     monkeypatch.setattr(Candidate, "verified", verified)
     solution = tm.plan(problem, effort="quick", refine=None, intervals=24)
@@ -92,10 +93,12 @@ def test_links_that_touch_on_a_coarse_grid_are_parted_at_once(
 
 
 @pytest.mark.parametrize(("elbow", "touch"), [(1.0, False), (3.0, True)])
-def test_links_that_touch_in_a_guess_have_rows_from_the_first_program_on(
+def test_guess_with_self_collision_gets_self_collision_rows(
     elbow: float, touch: bool
 ) -> None:
-    """An iCub's time went to a motion without them; T was 2.33 s in place of 0.24 s."""
+    """Regression: the time of an iCub was spent on a motion without these rows; T was
+    2.33 s in place of 0.24 s.
+    """
     ur5 = tm.load_robot("ur5")
     begin, middle = [0.0, -1.5, 1.0, 0.0, 0.5, 0.0], [0.3, -1.5, elbow, 0.0, 0.5, 0.0]
     problem = tm.Problem(ur5, begin, tm.JointGoal([0.6, -1.5, 1.0, 0.0, 0.5, 0.0]))
@@ -108,11 +111,11 @@ def test_links_that_touch_in_a_guess_have_rows_from_the_first_program_on(
     assert work.self_collision_rows is touch
 
 
-def test_time_that_ends_while_links_are_parted_leaves_a_motion() -> None:
+def test_interrupted_resolution_of_self_collision_leaves_a_motion() -> None:
     problem = colliding_on_the_way()
 
     def late(record: tm.IterationRecord) -> bool:
-        return record.start > 1  # after one without rows for links, and one with
+        return record.start > 1  # after starts without and with self-collision rows
 
     few = {"intervals": 24, "max_planning_time": 300.0}
     solution = tm.plan(problem, callback=late, **few)
@@ -120,20 +123,22 @@ def test_time_that_ends_while_links_are_parted_leaves_a_motion() -> None:
     assert solution.success, solution.message
 
 
-def test_time_that_ends_before_links_are_parted_is_said(
+def test_time_limit_before_self_collision_is_resolved_is_reported(
     monkeypatch: pytest.MonkeyPatch, clock: Clock
 ) -> None:
-    """The motion without rows for links was replayed again, and said to be refuted."""
+    """Regression: the motion without self-collision rows was replayed again, and
+    reported as refuted.
+    """
     usual, replayed = Candidate.verified, []
 
     def verified(self: Candidate, *arguments: Any, **changes: Any) -> Candidate:
-        attempt = usual(self, *arguments, **changes)
+        candidate = usual(self, *arguments, **changes)
         clock.advance(0.0 if replayed else 60.0)
-        replayed.extend([self.trajectory.duration] * attempt.feasible)
-        return attempt
+        replayed.extend([self.trajectory.duration] * candidate.feasible)
+        return candidate
 
     monkeypatch.setattr(Candidate, "verified", verified)
-    monkeypatch.setattr(descent, "is_free", lambda *_: True)  # not seen in the guess
+    monkeypatch.setattr(descent, "is_free", lambda *_: True)  # the guess counts as free
     problem, motion = through_itself(), {"control": "constant", "refine": None}
     solution = tm.plan(problem, effort="quick", max_planning_time=60.0, **motion)
     assert solution.status is tm.Status.TIME_LIMIT
@@ -142,7 +147,7 @@ def test_time_that_ends_before_links_are_parted_is_said(
     assert replayed[0] not in replayed[1:]
 
 
-def test_an_arm_alone_is_as_fast_as_if_its_links_could_touch() -> None:
+def test_self_collision_check_does_not_slow_down_a_clear_motion() -> None:
     ur5 = tm.load_robot("ur5", limits="urdf")
     ends = [0.0, -1.2, 1.0, 0.0, 0.5, 0.0], [1.5, -0.8, 0.4, 0.3, -0.5, 1.0]
     watched, blind = (
@@ -180,7 +185,7 @@ def swinging_arm(tmp_path: Path) -> tm.Robot:
     )
 
 
-def test_small_arms_with_shapes_still_swing_up(tmp_path: Path) -> None:
+def test_weak_pendulum_with_collision_shapes_swings_up(tmp_path: Path) -> None:
     arm = swinging_arm(tmp_path)
     problem = tm.Problem(arm, [HANGING], tm.JointGoal([UPRIGHT]))
     assert problem.checker.pairs
@@ -190,7 +195,7 @@ def test_small_arms_with_shapes_still_swing_up(tmp_path: Path) -> None:
     assert 2.0 < solution.verification.min_clearance < np.inf
 
 
-def test_links_that_hit_at_the_start_are_named_with_what_to_do() -> None:
+def test_self_collision_at_the_start_names_the_remedies() -> None:
     arm = tm.load_robot("ur5", limits="urdf")
     folded = [0.0, -1.0, 3.1, 0.0, 0.0, 0.0]
     with pytest.raises(tm.ProblemError, match="their meshes overlap, too") as caught:
@@ -205,7 +210,7 @@ def test_links_that_hit_at_the_start_are_named_with_what_to_do() -> None:
     )
 
 
-def test_advice_on_links_leaves_out_those_that_may_touch() -> None:
+def test_self_collision_at_the_start_leaves_out_pairs_that_may_touch() -> None:
     arm = tm.load_robot("ur5", limits="urdf")
     folded, goal = [2.4, -0.8, 2.9, -3.0, 0.4, 2.5], tm.JointGoal(np.zeros(6))
     pairs = [("upper_arm_link", "wrist_1_link")]
@@ -215,13 +220,13 @@ def test_advice_on_links_leaves_out_those_that_may_touch() -> None:
 
 
 @pytest.mark.parametrize("value", ("yes", 1, np.zeros(3)))
-def test_self_collision_is_a_truth_value(value: object) -> None:
+def test_self_collision_must_be_a_boolean(value: object) -> None:
     with pytest.raises(tm.ProblemError, match=r"^self_collision is "):
         through_itself(self_collision=value)
 
 
 def arm_of_boxes(tmp_path: Path, size: str) -> tm.Robot:
-    """Three links in a row, the last as large as said; it reaches back to the first."""
+    """Three links in a row; the last has the given size, and reaches the first."""
     shape = "<collision><geometry><box size='{0}'/></geometry></collision>"
     return load(
         tmp_path,
@@ -237,8 +242,8 @@ def arm_of_boxes(tmp_path: Path, size: str) -> tm.Robot:
     )
 
 
-def test_only_links_that_always_overlap_are_left_out(tmp_path: Path) -> None:
-    # Links that overlap at two thirds of the configurations are kept apart at others.
+def test_only_pairs_that_always_overlap_are_dropped(tmp_path: Path) -> None:
+    # Links that overlap at two thirds of the configurations remain a pair.
     always = arm_of_boxes(tmp_path, "9 9 9")
     assert not CollisionChecker(always, tm.Scene(), self_collision=True).pairs
     mostly = arm_of_boxes(tmp_path, "3 3 0.1")

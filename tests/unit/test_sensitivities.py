@@ -1,4 +1,4 @@
-"""What limits are worth: time scaling, plans made again, and what is said of it."""
+"""Sensitivities of the duration: time scaling, differences of plans, tables, cycles."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def values(case: str, kind: str) -> dict[str, float]:
 
 
 @pytest.mark.parametrize("case", ["free", "slow", "controller"])
-def test_time_scaling(case: str) -> None:
+def test_sensitivities_of_limits_satisfy_time_scaling(case: str) -> None:
     found = planned(case).sensitivities
     powers = {"velocity": 1, "effort": 2, "acceleration": 2, "jerk": 3}
     powers["effort rate"] = 3
@@ -78,16 +78,16 @@ def test_time_scaling(case: str) -> None:
 @pytest.mark.parametrize(
     "case", ["gravity", "damped", "rubbing", "curve", "loaded", "lopsided"]
 )
-def test_time_scaling_of_what_makes_torques(case: str) -> None:
+def test_gravity_damping_friction_and_curves_satisfy_time_scaling(case: str) -> None:
     found = planned(case).sensitivities
     assert found.balance == pytest.approx(0.0, abs=1e-6)
     parts = {"gravity": "gravity", "damped": "damping", "rubbing": "friction"}
     parts |= {"curve": "speed of effort curve", "loaded": "gravity"}
-    parts["lopsided"] = "effort"  # the middle of its range grows, too
+    parts["lopsided"] = "effort"  # the middle of the range scales, too
     assert abs(found.total(parts[case])) > 1e-3
 
 
-def test_curves_that_switch_sides_scale_with_time() -> None:
+def test_effort_curves_with_both_sides_active_satisfy_time_scaling() -> None:
     # Far from the optimum, torques at one side of a curve trade with the other side.
     robot = tm.load_robot("ur5", limits="urdf")
     motors = zip(robot.joint_names, (60.0, 100.0, 45.0), strict=False)
@@ -117,7 +117,9 @@ def test_curves_that_switch_sides_scale_with_time() -> None:
         ("slow", "velocity", "joint3", 1.0),
     ],
 )
-def test_differences_of_plans(case: str, kind: str, subject: str, steps: float) -> None:
+def test_sensitivities_match_differences_of_plans(
+    case: str, kind: str, subject: str, steps: float
+) -> None:
     solution = planned(case)
     (item,) = solution.sensitivities.of(kind, subject)
     by_plans = difference(solution.problem, solution, item, steps)
@@ -125,20 +127,20 @@ def test_differences_of_plans(case: str, kind: str, subject: str, steps: float) 
     assert item.value == pytest.approx(by_plans, rel=0.05)
 
 
-def test_clearance_is_that_of_the_obstacle() -> None:
+def test_sensitivity_of_the_margin_is_the_margin_times_that_of_clearance() -> None:
     found = planned("obstacle").sensitivities
     (clearance,), (margin,) = found.of("clearance", "O"), found.of("margin")
     assert clearance.value > 0.01
     assert margin.value == pytest.approx(0.1 * clearance.value)
 
 
-def test_a_margin_of_nothing_is_by_its_unit() -> None:
+def test_sensitivity_of_a_zero_margin_is_per_metre() -> None:
     problem = replace(planned("obstacle").problem, margin=0.0)
     found = analyse(problem, planned("obstacle").trajectory)
     assert [s.unit for s in found.of("margin")] == ["1/m"]
 
 
-def test_records_of_no_text_are_refused() -> None:
+def test_kind_and_subject_must_be_texts() -> None:
     wrong: Any = np.zeros(3)
     found = planned("obstacle").sensitivities
     with pytest.raises(ProblemError, match=r"^kind is .*, expected a text or None$"):
@@ -147,7 +149,7 @@ def test_records_of_no_text_are_refused() -> None:
         found.of("goal", wrong)
 
 
-def test_the_vector_of_a_record_is_a_copy_that_cannot_be_written() -> None:
+def test_vector_of_a_sensitivity_is_a_read_only_copy() -> None:
     vector = np.ones(3)
     item = Sensitivity("goal", None, "goal", 1.0, vector=vector)
     vector[0] = 5.0
@@ -156,7 +158,7 @@ def test_the_vector_of_a_record_is_a_copy_that_cannot_be_written() -> None:
     assert not item.vector.flags.writeable
 
 
-def test_moving_the_base_moves_all_else_the_other_way() -> None:
+def test_base_sensitivity_opposes_goal_and_obstacle() -> None:
     found = planned("obstacle").sensitivities
     (goal,), (obstacle,) = found.of("goal"), found.of("obstacle")
     together = np.array(goal.vector) + np.array(obstacle.vector)
@@ -164,8 +166,8 @@ def test_moving_the_base_moves_all_else_the_other_way() -> None:
     np.testing.assert_allclose(found.base[:3], -together, atol=1e-6)
 
 
-def test_a_base_that_turns_takes_gravity_along() -> None:
-    """As gravity that turns the other way, in plans that are made again."""
+def test_turning_the_base_is_turning_gravity_the_other_way() -> None:
+    """The expected value is a difference of two plans in which gravity is turned."""
     solution, step = planned("gravity"), 0.01
     x, y, _ = solution.problem.robot.gravity
     logarithms = []
@@ -180,7 +182,7 @@ def test_a_base_that_turns_takes_gravity_along() -> None:
     assert solution.sensitivities.base[5] == pytest.approx(expected, rel=0.02)
 
 
-def test_tables_and_pictures(tmp_path: Path) -> None:
+def test_table_and_plot_list_the_largest_effects(tmp_path: Path) -> None:
     found = planned("obstacle").sensitivities
     lines = found.table(3).splitlines()
     assert len(lines) == 5 and "more of less effect" in lines[-1]
@@ -195,7 +197,7 @@ def test_tables_and_pictures(tmp_path: Path) -> None:
         found.plot(most=0)
 
 
-def test_a_cycle_is_the_sum_of_its_motions() -> None:
+def test_sensitivities_of_a_cycle_are_weighted_by_durations() -> None:
     one, other = (planned(case).sensitivities for case in ("free", "slow"))
     cycle = Sensitivities.of_cycle([one, other])
     assert cycle.T == pytest.approx(one.T + other.T)
@@ -224,7 +226,7 @@ def test_a_cycle_is_the_sum_of_its_motions() -> None:
         Sensitivities.of_cycle(None)  # type: ignore[arg-type]
 
 
-def test_goals_of_a_cycle_stay_apart() -> None:
+def test_goals_of_a_cycle_are_separate_records() -> None:
     one = planned("obstacle").sensitivities
     cycle = Sensitivities.of_cycle([one, one], names=["pick", "place"])
     assert {s.subject for s in cycle.of("goal")} == {"pick", "place"}
@@ -232,7 +234,7 @@ def test_goals_of_a_cycle_stay_apart() -> None:
     assert obstacle.value == pytest.approx(single.value)
 
 
-def test_wrong_arguments() -> None:
+def test_analyse_rejects_a_wrong_problem_and_a_missing_motion() -> None:
     solution = planned("free")
     with pytest.raises(tm.ProblemError, match="problem is 3"):
         analyse(3, solution.trajectory)  # type: ignore[arg-type]
@@ -241,7 +243,7 @@ def test_wrong_arguments() -> None:
         _ = failed.sensitivities
 
 
-def test_records_are_data() -> None:
+def test_sensitivity_is_a_record_with_its_limit() -> None:
     item = planned("free").sensitivities[0]
     assert isinstance(item, Sensitivity) and item == replace(item)
     assert item.joint == item.subject and item.limit and item.limit_unit
@@ -258,12 +260,14 @@ def test_records_are_data() -> None:
         ("gravity", "", "gravity"),
     ],
 )
-def test_labels_name_their_subjects(kind: str, subject: str, label: str) -> None:
-    """Subjects whose names are letters of the kind were left out."""
+def test_label_of_a_sensitivity_has_its_subject(
+    kind: str, subject: str, label: str
+) -> None:
+    """Regression: a subject whose name consists of letters of the kind was left out."""
     assert Sensitivity(kind, None, subject, 0.1).label == label
 
 
-def test_the_command_line_reports_what_holds(tmp_path: Path) -> None:
+def test_command_line_reports_sensitivities(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     words = "plan planar3r --start 0.5 1.7 -1.7 --goal 1.2 0.8 -0.4 --no-output"
     words += " --intervals 8 --refine none --starts 1 --sensitivities"
@@ -274,7 +278,7 @@ def test_the_command_line_reports_what_holds(tmp_path: Path) -> None:
     assert picture.stat().st_size > 1000
 
 
-def test_alternative_goals_have_the_records_of_the_goal_that_is_met() -> None:
+def test_alternative_goals_have_the_records_of_the_goal_reached() -> None:
     solution = planned("free")
     assert solution.trajectory is not None
     goal = tm.AnyGoal([JOINTS, tm.JointGoal([3.0, -1.0, 1.0])])
@@ -283,7 +287,7 @@ def test_alternative_goals_have_the_records_of_the_goal_that_is_met() -> None:
     assert {item.joint for item in found.of("goal")} == {"joint1", "joint2", "joint3"}
 
 
-def test_ranges_of_final_positions_have_records_of_their_joints() -> None:
+def test_joint_region_goal_has_records_of_its_joints() -> None:
     width, step = 0.05, 0.02
     solutions = [
         tm.plan(
@@ -308,7 +312,7 @@ def test_goals_of_several_arms_have_records_of_joints_and_frames() -> None:
     assert max(abs(item.value) for item in found) > 0.1
 
 
-def test_ends_of_segments_that_a_problem_lacks_do_not_count() -> None:
+def test_segment_ends_of_a_motion_without_segments_are_ignored() -> None:
     solution = planned("free")
     motion = solution.trajectory
     assert motion is not None
@@ -316,7 +320,7 @@ def test_ends_of_segments_that_a_problem_lacks_do_not_count() -> None:
     assert analyse(solution.problem, recorded) == solution.sensitivities
 
 
-def test_constraints_on_the_way_have_records() -> None:
+def test_path_constraints_have_records() -> None:
     solution = planned("free")
     assert solution.trajectory is not None
     state = solution.trajectory(np.linspace(0.0, solution.T, 200))

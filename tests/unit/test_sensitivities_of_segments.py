@@ -1,4 +1,4 @@
-"""What limits are worth to motions of several segments."""
+"""Sensitivities of the duration of motions with several segments."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ def value(found: Sensitivities, kind: str, subject: str | None = None) -> float:
     return item.value
 
 
-def test_a_load_that_is_picked_up_on_the_way() -> None:
+def test_sensitivities_with_a_payload_picked_up_match_the_formula() -> None:
     load = tm.Payload(LOAD, "tip", name="box")
     last = at(FIRST + SECOND, payload=load)
     solution = planned(at(FIRST, dwell=STAY), last)
     found = solution.sensitivities
     T = solution.T
     light, heavy = MASS / FORCE, (MASS + LOAD) / FORCE
-    # T = 2 sqrt(m d / F) on each segment, and the stay.
+    # T = 2 sqrt(m d / F) on each segment, and the dwell.
     assert T == pytest.approx(
         2 * math.sqrt(light * FIRST) + 2 * math.sqrt(heavy * SECOND) + STAY, rel=2e-3
     )
@@ -56,21 +56,23 @@ def test_a_load_that_is_picked_up_on_the_way() -> None:
         f"{name} of segment 1": pytest.approx(by_first - by_second, rel=0.01),
         f"{name} of segment 2": pytest.approx(by_second, rel=0.01),
     }
-    # All but the stay scales with time.
+    # Everything except the dwell scales with time.
     assert found.balance == pytest.approx(STAY / T, abs=1e-6)
 
 
-def test_a_goal_that_is_on_the_way_anyway_costs_nothing() -> None:
+def test_via_point_on_the_optimal_path_has_no_sensitivity() -> None:
     found = planned(at(0.3), at(1.0)).sensitivities
     first, second = found.of("goal")
     if first.subject.endswith("2"):
         first, second = second, first
-    assert abs(first.value) < 0.04  # of a grid: the switch is inside an interval
+    assert (
+        abs(first.value) < 0.04
+    )  # not zero, as the switch is inside an interval of the grid
     assert second.value == pytest.approx(0.5, rel=0.02)
     assert found.balance == pytest.approx(0.0, abs=1e-6)
 
 
-def test_constraints_and_limits_are_those_of_the_segment() -> None:
+def test_limits_of_each_segment_add_to_the_sensitivities() -> None:
     slow = (tm.ToolSpeed("tip", 0.5),)
     slower = (tm.ToolSpeed("tip", 0.25),)
     solution = planned(
@@ -83,12 +85,12 @@ def test_constraints_and_limits_are_those_of_the_segment() -> None:
     expected = (-0.5 / 0.5 + 0.5 / a) + (-0.5 / 0.25 + 0.25 / a)
     assert value(found, slow[0].name) == pytest.approx(expected / T, rel=0.03)
     (item,) = found.of(slow[0].name)
-    assert item.limit is None  # there are two
+    assert item.limit is None  # the two segments have different limits
     own = -math.sqrt(0.5 / 1.0) / T
     assert value(found, "acceleration") == pytest.approx(own, rel=0.01)
 
 
-def test_obstacles_are_those_of_the_segment() -> None:
+def test_sensitivity_of_clearance_is_that_of_its_segment() -> None:
     arm = tm.load_robot("planar3r").with_changes(gravity=(0, 0, 0))
     first, second = (0.9, 1.5, -1.5), (0.5, 1.7, -1.7)
     ball = tm.Sphere("O", radius=0.1, position=(4.12, 2.336, 0))
@@ -109,14 +111,14 @@ def test_obstacles_are_those_of_the_segment() -> None:
     assert clearance > 0.01
 
 
-def test_times_of_arrival_are_refused() -> None:
+def test_sensitivities_reject_arrival_times() -> None:
     solution = planned(at(0.3, arrival=(0.0, 2.0)), at(1.0))
     with pytest.raises(tm.ProblemError, match="segment 1 has arrival times") as caught:
         _ = solution.sensitivities
     assert caught.value.field == "segments[0].arrival"
 
 
-def test_a_segment_that_takes_no_time_leaves_no_multipliers() -> None:
+def test_segment_of_no_duration_has_no_multipliers() -> None:
     robot = make_arm(slide(MASS), effort=FORCE)
     motion = tm.plan(tm.Problem(robot, [0.0], tm.JointGoal([1.0]))).trajectory
     problem = tm.Problem(robot, [0.0], segments=[at(0.0, stop=True), at(1.0)])
@@ -127,7 +129,7 @@ def test_a_segment_that_takes_no_time_leaves_no_multipliers() -> None:
         analyse(problem, recorded)
 
 
-def test_differences_of_plans() -> None:
+def test_sensitivities_of_segments_match_differences_of_plans() -> None:
     robot = tm.load_robot("planar3r")
     options = {**FINE, "intervals": 40}
 
@@ -164,7 +166,7 @@ def test_differences_of_plans() -> None:
     assert motor.value == pytest.approx(slope(0.02, effort=(6.86, 7.14)), rel=0.05)
 
 
-def test_it_holds_for_a_motion_without_segments_too() -> None:
+def test_sum_over_a_motion_without_segments_changes_nothing() -> None:
     found = planned(at(0.3), at(1.0)).sensitivities
     alone = summed(found)
     assert [item.value for item in alone] == [item.value for item in found]

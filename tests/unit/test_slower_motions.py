@@ -1,4 +1,6 @@
-"""The same path, slower: what hangs on the path alone is not asked for again."""
+"""A motion on the same path, slower: distances that depend on the path alone are
+reused.
+"""
 
 from __future__ import annotations
 
@@ -24,28 +26,28 @@ def started(obstacle, **more):
     return system.clearance.checker, program, z
 
 
-def slowed(obstacle, **more):
-    """Whether distances were looked for again, and the values there."""
+def slowing_measures_distances(obstacle, **more):
+    """Whether distances were measured again; checks the values of the slower motion."""
     checker, program, z = started(obstacle, **more)
     values = program.evaluate(z)
-    usual, asked = checker.distances, []
-    checker.distances = lambda *given: asked.append(given) or usual(*given)
+    usual, measured = checker.distances, []
+    checker.distances = lambda *given: measured.append(given) or usual(*given)
     slow, found = program.slower(z, 1.3, values)
     del checker.distances
     np.testing.assert_array_equal(slow, program.time_scale(z, 1.3))
     np.testing.assert_allclose(found, program.evaluate(slow), atol=1e-9)
     assert np.max(np.abs(found - values)) > 1e-3  # torques are smaller
-    return bool(asked)
+    return bool(measured)
 
 
 def post(**more):
     return tm.Sphere("post", radius=0.05, position=(-0.5, -0.5, 0.0), **more)
 
 
-def test_distances_to_what_stands_still_are_not_looked_for_again():
-    assert not slowed(post())
+def test_slower_motion_reuses_distances_to_static_obstacles():
+    assert not slowing_measures_distances(post())
 
 
-def test_they_are_where_obstacles_move_or_the_path_does():
-    assert slowed(post(motion=tm.ConstantVelocity((0.1, 0.0, 0.0))))
-    assert slowed(post(), v_start=(0.5, 0.0, 0.0))
+def test_slower_motion_measures_distances_if_obstacle_or_path_changes():
+    assert slowing_measures_distances(post(motion=tm.ConstantVelocity((0.1, 0.0, 0.0))))
+    assert slowing_measures_distances(post(), v_start=(0.5, 0.0, 0.0))

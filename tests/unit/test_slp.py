@@ -1,4 +1,4 @@
-"""The solver loop on small programs that know no robots."""
+"""The loop of the sequential linear program on small programs without robots."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from tominpmp.transcription.rows import Rows
 
 
 class Program:
-    """Minimise the last unknown under given rows, within a box."""
+    """Minimise the last unknown, subject to the given rows and a box."""
 
     def __init__(self, parts, function, jacobian, low, high):
         self.rows = Rows.stack(
@@ -96,17 +96,17 @@ def least_time(program, start, lp="highs", options=None, **watched):
 
 
 def first_program(program, z, radius):
-    """The iterate that steps within trust regions begin with, and its program."""
+    """The first iterate of steps within trust regions, and its subproblem."""
     options = Options()
     step, _ = trust_regions(options, make_solver("highs"))
     state = Iterate.of(program, z, 0.0)
     weights = step.first_weights(state.duration, state.rows.kinds)
     state = replace(state, weights=weights)
-    return state, of_step(program, state, radius)
+    return state, subproblem_at(program, state, radius)
 
 
-def of_step(program, state, radius):
-    """The program of a step."""
+def subproblem_at(program, state, radius):
+    """The subproblem of a step."""
     steps = program.step_bounds(state.z, radius)
     linearization = program.linearize(state.z, state.values, steps)
     model = Model(lambda z, _: program.cost @ z, program.cost)
@@ -115,7 +115,7 @@ def of_step(program, state, radius):
 
 @pytest.mark.parametrize("lp", ["highs", "piqp"])
 @pytest.mark.parametrize("start", [(2.0, 0.8, 3.0), (0.1, 0.2, 0.5), (4, 4, 10)])
-def test_curved_constraints_from_any_start(lp, start):
+def test_slp_converges_on_curved_constraints_from_any_start(lp, start):
     result = least_time(circle(), start, lp, Options(tolerance=1e-7))
     assert result.status is Status.CONVERGED
     assert result.best.duration == pytest.approx(2.0, abs=2e-5)
@@ -123,7 +123,7 @@ def test_curved_constraints_from_any_start(lp, start):
     assert result.best.violation <= 1e-6
 
 
-def test_equations_are_met():
+def test_slp_satisfies_equality_constraints():
     """Least t with x = sin(t), x >= 0.5: t = pi / 6."""
     program = Program(
         [("goal", [0.0, 0.5], [0.0, np.inf], [0, 1])],
@@ -137,7 +137,7 @@ def test_equations_are_met():
     assert result.best.duration == pytest.approx(np.pi / 6, abs=1e-5)
 
 
-def test_contradiction_is_infeasible_never_converged():
+def test_contradictory_rows_end_as_infeasible():
     program = Program(
         [("goal", [1.0, -np.inf], [np.inf, 0.0], [0, 1])],
         lambda z: [z[0], z[0]],
@@ -150,7 +150,7 @@ def test_contradiction_is_infeasible_never_converged():
     assert result.best is None
 
 
-def test_merit_never_rises_and_the_callback_ends_the_iteration():
+def test_merit_never_rises_and_the_callback_ends_the_loop():
     records = []
 
     def callback(record):
@@ -161,10 +161,10 @@ def test_merit_never_rises_and_the_callback_ends_the_iteration():
     assert result.status is Status.TIME_LIMIT
     assert len(result.history) == 3
     assert all(record.actual >= 0 for record in records)
-    assert result.best is not None  # what was found so far is kept
+    assert result.best is not None  # the incumbent survives
 
 
-def test_interruption_keeps_the_best(monkeypatch):
+def test_keyboard_interrupt_keeps_a_feasible_iterate(monkeypatch):
     program = circle()
     calls = []
     evaluate = program.evaluate
@@ -186,7 +186,7 @@ def test_interruption_keeps_the_best(monkeypatch):
     assert kept[-1].violation <= 1e-6
 
 
-def test_rows_out_of_reach_are_left_out_without_loss():
+def test_rows_that_a_step_cannot_violate_are_dropped():
     program = circle()
     z = np.array([2.0, 2.0, 10.0])
     for radius, count in ((1e-3, 0), (2.0, 1), (3.0, 2)):
@@ -194,7 +194,7 @@ def test_rows_out_of_reach_are_left_out_without_loss():
         assert sub.rows.size == count
 
 
-def test_no_step_is_always_admissible():
+def test_zero_step_is_always_feasible_for_the_subproblem():
     """Elastic variables make every linear program feasible, however bad the start."""
     rng = np.random.default_rng(0)
     for _ in range(20):
@@ -211,23 +211,23 @@ def test_elastic_variables_have_room_for_interior_points():
     rows = program.rows
     for violation, room in ((2e-9, LEAST_ROOM), (1e-3, 1e-3)):
         values = np.where(np.isfinite(rows.upper), rows.upper, rows.lower) + violation
-        sub = of_step(program, replace(state, values=values), 0.1)
+        sub = subproblem_at(program, replace(state, values=values), 0.1)
         elastic = sub.program.upper[sub.free.size :]
         assert elastic.size > 0
         assert elastic == pytest.approx(np.full(elastic.size, room), rel=1e-6)
 
 
-def test_trust_region_follows_the_error():
+def test_trust_region_radius_follows_the_model_error():
     assert next_radius(1.0, 1.0, 1.0) > 2.0  # a perfect model
     assert next_radius(1.0, 0.5, 1.0) == pytest.approx(1.0)  # half is lost: stay
     assert next_radius(1.0, -3.0, 1.0) == pytest.approx(0.5)
     assert next_radius(1.0, -3.0, 0.4) == pytest.approx(0.4)
-    assert next_radius(1.0, -3.0, 0.1) == pytest.approx(0.3)  # no faster than that
+    assert next_radius(1.0, -3.0, 0.1) == pytest.approx(0.3)  # the smallest factor
     assert next_radius(LARGEST_RADIUS, 1.0, 1.0) == LARGEST_RADIUS
 
 
-def test_what_the_duration_does_not_hang_on_stays_where_it_is():
-    """A linear program may leave it anywhere in the trust region."""
+def test_unknowns_without_influence_on_the_duration_stay_in_place():
+    """A linear program may leave such an unknown anywhere in the trust region."""
     program = Program(
         [("torque", [1.0], [np.inf], [0])],
         lambda z: [z[2] - 0.5 * z[1]],
@@ -238,12 +238,12 @@ def test_what_the_duration_does_not_hang_on_stays_where_it_is():
     result = least_time(program, [0.3, 2.0, 3.0], "piqp", Options(tolerance=1e-7))
     assert result.status is Status.CONVERGED
     assert result.best.z[0] == pytest.approx(0.3, abs=1e-6)
-    # What it hangs on moves all the way.
+    # The unknown that the duration depends on moves to its bound.
     assert result.best.duration == pytest.approx(0.1, abs=1e-6)
 
 
 class Chained(Program):
-    """Two unknowns that the duration does not hang on, between controls -1 and 2."""
+    """Two unknowns without influence on the duration, between controls -1 and 2."""
 
     def variation(self, z):
         matrix = np.array([[1.0, 0.0, 0.0], [-1.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
@@ -261,7 +261,7 @@ def chained():
     )
 
 
-def test_squares_of_jumps_lead_to_even_controls():
+def test_squared_variation_spaces_controls_evenly():
     program = chained()
     options = Options(tolerance=1e-8)
     least = MinimumTime.of(options, 0.1, squared=True)
@@ -272,7 +272,7 @@ def test_squares_of_jumps_lead_to_even_controls():
     assert found.best.z == pytest.approx([0.0, 1.0, 1.0], abs=1e-3)
 
 
-def test_the_model_of_the_squares_is_exact():
+def test_model_of_the_squared_variation_is_exact():
     program = chained()
     least = MinimumTime.of(Options(), 0.1, squared=True)
     z, step = np.array([1.5, -0.5, 3.0]), np.array([0.3, -0.2, 0.1])
@@ -284,14 +284,14 @@ def test_the_model_of_the_squares_is_exact():
     assert model.gradient @ step + curvature == pytest.approx(change, rel=1e-12)
 
 
-def test_groups_are_as_violated_as_their_worst_row_in_any_order():
+def test_group_violation_is_that_of_its_worst_row_in_any_order():
     lower, values = np.zeros(4), np.array([-1.0, 2.0, -3.0, -0.5])
     for groups, worst in (([0, 0, 1, 1], [1.0, 3.0]), ([0, 1, 0, 1], [3.0, 0.5])):
         rows = Rows.stack([("torque", lower, lower + 9.0, np.array(groups))])
         np.testing.assert_array_equal(rows.group_violation(values), worst)
 
 
-def test_a_program_that_is_not_solved_is_no_sign_of_an_optimum(monkeypatch):
+def test_failed_linear_program_ends_as_numerical_failure(monkeypatch):
     class Failing(HighsSolver):
         def solve(self, program):
             return replace(super().solve(program), optimal=False)
@@ -302,7 +302,7 @@ def test_a_program_that_is_not_solved_is_no_sign_of_an_optimum(monkeypatch):
     assert result.best is None
 
 
-def test_rules_go_together_and_the_first_one_speaks():
+def test_first_stop_rule_that_fires_decides_the_status():
     seen = []
 
     def after(count, status):

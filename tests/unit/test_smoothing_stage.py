@@ -1,4 +1,4 @@
-"""The second stage: quiet torques for a little more time."""
+"""Smoothing: quiet torques for a little more time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tominpmp.motion.measures import roughness
 from tominpmp.solvers import quiet_torques
 from tominpmp.solvers.quiet_torques import mean_speeds
 
-# The search for the best motion is looked at elsewhere.
+# Other files test the search for the best motion.
 plan_quickly = partial(tm.plan, effort="quick", refine=None)
 
 START, END = (0.5, 1.7, -1.7), (0.9, -1.2, -0.9)
@@ -45,7 +45,7 @@ FORMS = [
 @pytest.mark.parametrize(
     "options", FORMS, ids=lambda options: str(options or "default")
 )
-def test_any_motion_can_be_made_quiet(problem, options):
+def test_smoothing_lowers_roughness_for_the_slack_alone(problem, options):
     solution = plan_quickly(problem, tm.Options(starts=1, **options))
     quiet = tm.smooth(solution, 0.02)
     assert quiet.success and quiet.verification.ok
@@ -60,8 +60,10 @@ def test_any_motion_can_be_made_quiet(problem, options):
     assert quiet.verification.min_clearance >= -1e-5
 
 
-def test_a_slider_gets_the_quietest_torques_there_are(tmp_path):
-    """Least squares over torques held on a uniform grid, by another solver."""
+def test_smoothed_torques_of_a_slider_are_the_least_squares_optimum(tmp_path):
+    """The reference is least squares over torques held on a uniform grid, by another
+    solver.
+    """
     path = tmp_path / "slider.urdf"
     path.write_text(SLIDER)
     problem = tm.Problem(tm.load_robot(path), [0.0], tm.JointGoal([1.0]))
@@ -87,15 +89,15 @@ def test_a_slider_gets_the_quietest_torques_there_are(tmp_path):
     assert found == pytest.approx(best.fun, rel=1e-2)
 
 
-def ways(solution: tm.Solution) -> np.ndarray:
-    """What the joints go beyond the straight way [rad]."""
+def detours(solution: tm.Solution) -> np.ndarray:
+    """The path length of each joint beyond the distance from start to goal [rad]."""
     q = solution.trajectory(np.linspace(0.0, solution.T, 500)).q
     return np.abs(np.diff(q, axis=0)).sum(axis=0) - np.abs(q[-1] - q[0])
 
 
 @pytest.mark.parametrize(("slack", "left"), [(0.0, 0.8), (0.003, 0.5)])
-def test_joints_with_time_to_spare_go_straight(slack, left):
-    """Light joints swing out where that helps by a ten-thousandth of T."""
+def test_smoothing_shortens_the_paths_of_joints_with_spare_time(slack, left):
+    """Light joints swing out where this saves a ten-thousandth of T."""
     arm = tm.load_robot("ur5", limits="urdf")
     start = [0.3, -1.6, 1.2, -1.4, 0.4, -0.5]
     problem = tm.Problem(arm, start, tm.JointGoal([2.6, -0.6, -1.0, 0.4, 1.1, 0.3]))
@@ -103,14 +105,16 @@ def test_joints_with_time_to_spare_go_straight(slack, left):
     quiet = tm.smooth(solution, slack)
     assert quiet.success
     assert quiet.T == pytest.approx((1.0 + slack) * solution.T, rel=1e-9)
-    assert ways(solution).sum() > 0.5
-    assert ways(quiet).sum() < left * ways(solution).sum()
+    assert detours(solution).sum() > 0.5
+    assert detours(quiet).sum() < left * detours(solution).sum()
     assert "ways shorter by" in quiet.message
 
 
 @pytest.mark.parametrize("options", FORMS[:2] + FORMS[3:5], ids=str)
-def test_mean_speeds_are_those_between_the_nodes(problem, options):
-    """They are linear in the unknowns, and those of the motion, by every form."""
+def test_mean_speeds_match_differences_of_positions_at_nodes(problem, options):
+    """In every transcription, the mean speeds are linear in the unknowns and equal
+    those of the motion.
+    """
     solution = plan_quickly(problem, tm.Options(starts=1, **options))
     seen = []
 
@@ -132,13 +136,13 @@ def test_mean_speeds_are_those_between_the_nodes(problem, options):
         np.testing.assert_allclose(found, by_hand, atol=1e-9)
 
 
-def test_more_slack_is_quieter(planar3r):
+def test_more_slack_gives_less_roughness(planar3r):
     solution = plan_quickly(tm.Problem(planar3r, START, tm.JointGoal(END)))
     rough = [tm.smooth(solution, slack).roughness for slack in (0.0, 0.02, 0.2)]
     assert solution.roughness >= rough[0] > rough[1] > rough[2]
 
 
-def test_motion_limits_are_kept(planar3r):
+def test_smoothing_keeps_motion_limits(planar3r):
     limits = tm.MotionLimits(effort_rate=300.0, acceleration=25.0)
     problem = tm.Problem(planar3r, START, tm.JointGoal(END), motion_limits=limits)
     solution = plan_quickly(problem, tm.Options(intervals=30))
@@ -150,7 +154,7 @@ def test_motion_limits_are_kept(planar3r):
     assert np.max(np.abs(rate)) <= 300.0 * 1.02
 
 
-def test_a_moving_start_stays_as_it_is(planar3r):
+def test_smoothing_keeps_the_start_velocity(planar3r):
     v = np.array([0.2, -0.3, 0.1])
     problem = tm.Problem(planar3r, START, tm.JointGoal(END), v_start=v)
     quiet = tm.smooth(plan_quickly(problem), 0.05)
@@ -158,7 +162,7 @@ def test_a_moving_start_stays_as_it_is(planar3r):
     np.testing.assert_allclose(quiet.trajectory.v[0], v, atol=1e-12)
 
 
-def test_as_an_option_of_the_plan(planar3r):
+def test_slack_is_an_option_of_the_plan(planar3r):
     problem = tm.Problem(planar3r, START, tm.JointGoal(END))
     plain, quiet = plan_quickly(problem), plan_quickly(problem, tm.Options(slack=0.02))
     assert quiet.T == pytest.approx(1.02 * plain.T, rel=1e-9)
@@ -166,8 +170,8 @@ def test_as_an_option_of_the_plan(planar3r):
     assert "roughness" in quiet.message
 
 
-def test_roughness_by_hand(planar3r):
-    """A torque that jumps once, by half of its range."""
+def test_roughness_of_one_jump_matches_the_formula(planar3r):
+    """The torque jumps once, by half of its range."""
     t = np.array([0.0, 0.5, 1.0])
     still = np.tile(START, (3, 1))
     effort = planar3r.limits.effort_upper
@@ -176,7 +180,7 @@ def test_roughness_by_hand(planar3r):
     assert roughness(motion, planar3r.limits) == pytest.approx(3 * 0.25)
 
 
-def test_what_cannot_be_smoothed(planar3r):
+def test_smooth_rejects_a_missing_motion_and_wrong_slack(planar3r):
     from dataclasses import replace
 
     solution = plan_quickly(tm.Problem(planar3r, START, tm.JointGoal(END)))
@@ -187,8 +191,10 @@ def test_what_cannot_be_smoothed(planar3r):
             tm.smooth(solution, slack)
 
 
-def test_several_segments_are_refused(planar3r):
-    """It was a message of a ValueError, and the motion as it was."""
+def test_smooth_rejects_several_segments(planar3r):
+    """Regression: the message was that of a ValueError, and the motion was returned
+    unchanged.
+    """
     goals = [1.0, 0.3, 0.2], [1.2, 0.5, 0.6]
     segments = [tm.Segment(tm.JointGoal(goal)) for goal in goals]
     problem = tm.Problem(planar3r, [0.5, 0.1, 0.1], segments=segments)

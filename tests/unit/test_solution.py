@@ -1,4 +1,4 @@
-"""Tests of what planning returns."""
+"""The record `Solution` that planning returns."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ def solution(
 
 
 @pytest.mark.parametrize("status", Status)
-def test_a_status_is_a_sentence(status: Status) -> None:
+def test_each_status_is_a_sentence_of_its_own(status: Status) -> None:
     assert status.value[0].isupper()
     assert status.value.endswith(".")
     assert len(status.value.split()) > 3
     assert sum(other.value == status.value for other in Status) == 1
 
 
-def test_success(problem: Problem, motion: Trajectory) -> None:
+def test_converged_solution_is_a_success(problem: Problem, motion: Trajectory) -> None:
     found = solution(problem, motion, history=(record(0), record(1)))
     assert found.success
     assert found.T == motion.duration == 1.1
@@ -55,16 +55,18 @@ def test_success(problem: Problem, motion: Trajectory) -> None:
     assert found.raise_if_failed() is found
 
 
-def test_stopped_early_with_a_feasible_motion(
+def test_feasible_motion_of_an_interrupted_plan_is_a_success(
     problem: Problem, motion: Trajectory
 ) -> None:
-    """A motion that keeps everything is a success, however the planning ended."""
+    """A motion that satisfies every constraint is a success, however the planning
+    ended.
+    """
     found = solution(problem, motion, status=Status.TIME_LIMIT)
     assert found.success
     assert found.raise_if_failed() is found
 
 
-def test_infeasible_motion_is_kept_to_be_looked_at(
+def test_infeasible_motion_stays_in_the_failed_solution(
     problem: Problem, motion: Trajectory
 ) -> None:
     message = "No motion was found that keeps all constraints: the goal is missed."
@@ -81,7 +83,9 @@ def test_infeasible_motion_is_kept_to_be_looked_at(
 
 
 @pytest.mark.parametrize("feasible", [True, False])
-def test_no_motion(feasible: bool, problem: Problem, tmp_path: Path) -> None:
+def test_solution_without_a_motion_rejects_plots_and_exports(
+    feasible: bool, problem: Problem, tmp_path: Path
+) -> None:
     message = "The linear programs could not be solved."
     found = solution(
         problem,
@@ -111,16 +115,18 @@ def test_no_motion(feasible: bool, problem: Problem, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("ending", ["csv", "npz"])
-def test_export(
+def test_solution_exports_its_motion(
     ending: str, problem: Problem, motion: Trajectory, tmp_path: Path
 ) -> None:
     path = tmp_path / f"motion.{ending}"
-    # The motion is a sketch, of which a file would be told off.
+    # The motion is a sketch, which verification would reject.
     assert solution(problem, motion).export(path, dt=0.1, verify=False) == path
     assert path.stat().st_size > 100
 
 
-def test_fields_have_defaults(problem: Problem, motion: Trajectory) -> None:
+def test_fields_of_a_solution_have_defaults(
+    problem: Problem, motion: Trajectory
+) -> None:
     found = solution(problem, motion)
     assert found.initial is None
     assert found.history == ()
@@ -128,8 +134,8 @@ def test_fields_have_defaults(problem: Problem, motion: Trajectory) -> None:
     assert found.verification is None
 
 
-def test_pickle(problem: Problem, motion: Trajectory) -> None:
-    """Several starts run in processes of their own, which send solutions back."""
+def test_solution_can_be_pickled(problem: Problem, motion: Trajectory) -> None:
+    """Starts run in processes of their own, which send solutions back."""
     found = solution(problem, motion, history=(record(0),), violations={"goal": 1e-9})
     back = pickle.loads(pickle.dumps(found))
     assert back.trajectory == motion

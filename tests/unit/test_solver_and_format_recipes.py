@@ -1,7 +1,8 @@
-"""A solver of linear programs and a format of files of one's own, as CONTRIBUTING says.
+"""A solver of linear programs and a format of motion files, made by the recipes of
+CONTRIBUTING.
 
-Both are written here from nothing but the interfaces: what else they needed would have
-to be in the recipes.
+Both are written from the interfaces alone: whatever else they needed would be missing
+in the recipes.
 """
 
 from __future__ import annotations
@@ -51,7 +52,9 @@ class ScipySolver(LpSolver):
         return LpSolution(found.status == 0, found.x, duals, found.nit)
 
 
-def test_a_solver_of_linear_programs_of_ones_own(planar3r: tm.Robot) -> None:
+def test_custom_solver_of_linear_programs_follows_the_recipe(
+    planar3r: tm.Robot,
+) -> None:
     problem = tm.Problem(planar3r, (0.5, 1.7, -1.7), tm.JointGoal((0.9, -1.2, -0.9)))
     transcription = InverseTranscription(
         ProblemFunctions.of(problem), interval_shares("uniform", 12), 2.0
@@ -77,7 +80,9 @@ def test_a_solver_of_linear_programs_of_ones_own(planar3r: tm.Robot) -> None:
 
 
 def write_words(samples: tm.Samples, file: BinaryIO) -> None:
-    """Names of the joints in a line, then a line an instant: time and positions."""
+    """The names of the joints in one line; then one line per instant: time and
+    positions.
+    """
     table = np.column_stack([samples.t, samples.q])
     rows = [" ".join(map(repr, row)) for row in table.tolist()]
     file.write("\n".join([" ".join(samples.joint_names), *rows]).encode())
@@ -91,7 +96,7 @@ def read_words(content: bytes, path: Path) -> tm.Samples:
     return tm.Samples(joints, table[:, 0], table[:, 1:], none, none, none)
 
 
-def test_a_format_of_files_of_ones_own(
+def test_custom_format_of_motion_files_follows_the_recipe(
     planar3r: tm.Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(export.WRITERS, ".words", write_words)
@@ -106,7 +111,7 @@ def test_a_format_of_files_of_ones_own(
     np.testing.assert_array_equal(again.q, samples.q)
     assert again.joint_names == planar3r.joint_names
     assert np.all(np.isnan(again.u))
-    # Wrong samples are refused as those of any other file.
+    # Wrong samples are rejected like those of other formats.
     path.write_text(path.read_text().replace("joint1", "joint2"))
     with pytest.raises(
         tm.ScenarioError, match="names of joints, all of them different"

@@ -7,7 +7,7 @@ import numpy as np
 from tominpmp.linear_programs.sparse import rows_of_table
 
 
-def test_entries_of_a_table_that_are_somewhere_and_not_zero() -> None:
+def test_rows_of_table_drops_zeros_and_entries_without_a_column() -> None:
     data = np.array([[1.0, 2.0, 0.0], [0.0, 0.0, 0.0], [3.0, 4.0, 5.0]])
     places = np.array([[0, 2, 3], [0, 1, 2], [-1, 1, 3]])
     found = rows_of_table(data, places, 4)

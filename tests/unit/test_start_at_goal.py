@@ -1,6 +1,7 @@
-"""A start that satisfies the goal already: a motion of no time, at once and in all.
+"""Problems whose start satisfies the goal, or nearly does.
 
-And starts that nearly do: motions of a millionth of a radian are planned like others.
+In the first case the motion has no duration; motions of a millionth of a radian are
+planned like others.
 """
 
 from __future__ import annotations
@@ -77,13 +78,13 @@ GOALS: dict[str, Callable[[], tm.Problem]] = {
 
 
 @pytest.mark.parametrize("name", GOALS)
-def test_a_start_at_the_goal_has_no_bound_above_zero(name: str) -> None:
+def test_lower_bound_is_zero_if_the_start_satisfies_the_goal(name: str) -> None:
     bound = tm.lower_bound(GOALS[name]())
     assert bound.T < 1e-6 and "goal of this kind" not in bound.reason
 
 
 @pytest.mark.parametrize("name", GOALS)
-def test_a_start_that_satisfies_the_goal_takes_no_time(name: str) -> None:
+def test_motion_has_no_duration_if_the_start_satisfies_the_goal(name: str) -> None:
     problem = GOALS[name]()
     solution = tm.plan(problem)
     assert solution.T == 0.0
@@ -98,7 +99,7 @@ def test_a_start_that_satisfies_the_goal_takes_no_time(name: str) -> None:
         assert tm.plan(problem, control_period=PERIOD).T == 0.0
 
 
-def test_a_goal_just_within_reach_of_rounding_is_satisfied() -> None:
+def test_goal_at_the_tolerance_within_rounding_is_satisfied() -> None:
     arm = tm.load_robot("planar3r")
     start = np.array([0.8, 1.7, -1.7])  # 0.8 + 1e-6 is more than 1e-6 away
     problem = tm.Problem(arm, start, tm.JointGoal(start + 1e-6))
@@ -106,7 +107,7 @@ def test_a_goal_just_within_reach_of_rounding_is_satisfied() -> None:
 
 
 @pytest.mark.parametrize("refine", ["switching", "grid", None])
-def test_there_is_nothing_to_refine(refine: str | None) -> None:
+def test_motion_of_no_duration_needs_no_refinement(refine: str | None) -> None:
     solution = tm.plan(GOALS["position nearby"](), refine=refine)
     assert solution.success
     assert solution.T == 0.0
@@ -122,23 +123,25 @@ def test_there_is_nothing_to_refine(refine: str | None) -> None:
     ],
     ids=["goal moves", "start moves", "apart", "outside"],
 )
-def test_a_start_that_does_not_satisfy_it_moves(problem: tm.Problem) -> None:
+def test_start_beyond_the_tolerance_of_the_goal_needs_a_motion(
+    problem: tm.Problem,
+) -> None:
     solution = tm.plan(problem, **FEW)
     assert solution.success, solution.message
     assert solution.T > 1e-6
     assert "already" not in solution.message
 
 
-def test_what_counts_as_satisfied_is_the_feasibility_of_the_options() -> None:
+def test_option_feasibility_decides_whether_the_start_satisfies_the_goal() -> None:
     problem = from_start(tm.JointGoal(START + 1e-4))
     assert tm.plan(problem, **FEW).T > 0.0
     assert tm.plan(problem, feasibility=2e-4).T == 0.0
-    # Never more than verification lets pass.
+    # The goal tolerance of the replay is an upper limit.
     tight = tm.plan(problem, feasibility=2e-4, goal_tolerance=5e-5, **FEW)
     assert tight.T > 0.0
 
 
-def test_a_start_that_breaks_something_is_an_error() -> None:
+def test_start_that_violates_a_constraint_is_rejected() -> None:
     box = tm.Box("box", size=(0.4, 0.4, 0.4), position=tuple(tip()))
     with pytest.raises(tm.ProblemError, match="start in collision"):
         from_start(tm.JointGoal(START), scene=[box])
@@ -153,7 +156,7 @@ def test_a_start_that_breaks_something_is_an_error() -> None:
 @pytest.mark.parametrize("ending", ["csv", "npz", "yaml", "json", "mcap"])
 @pytest.mark.parametrize("name", ["joints", "moving ends", "two goals"])
 @pytest.mark.parametrize("dt", [None, 0.01])
-def test_its_file_has_one_row(
+def test_file_of_a_motion_of_no_duration_has_one_row(
     name: str, ending: str, dt: float | None, tmp_path: Path
 ) -> None:
     problem = GOALS[name]()
@@ -174,7 +177,9 @@ def test_its_file_has_one_row(
 
 
 @pytest.mark.parametrize("name", ["joints", "moving ends", "limits", "two goals"])
-def test_all_of_a_solution_works_on_it(name: str, tmp_path: Path) -> None:
+def test_every_attribute_works_for_a_motion_of_no_duration(
+    name: str, tmp_path: Path
+) -> None:
     solution = tm.plan(GOALS[name]())
     assert solution.certificate.ok, solution.certificate.message
     assert len(solution.sensitivities) == 0
@@ -194,7 +199,7 @@ def test_all_of_a_solution_works_on_it(name: str, tmp_path: Path) -> None:
     assert tm.certify(solution.problem, solution.trajectory).ok
 
 
-def test_a_motion_of_no_time_is_taken_up_and_made_quiet() -> None:
+def test_motion_of_no_duration_is_smoothed_and_warm_starts_a_plan() -> None:
     stands = tm.plan(GOALS["joints"]())
     quiet = tm.smooth(stands, 0.05)
     assert quiet.T == 0.0
@@ -205,7 +210,7 @@ def test_a_motion_of_no_time_is_taken_up_and_made_quiet() -> None:
     for start in (stands, stands.trajectory, stands.trajectory.sample(0.01)):
         solution = tm.plan(onwards, start=start, **FEW)
         assert pytest.approx(fresh.T) == solution.T
-    # And the other way round: there is nothing to take from a former motion.
+    # The other way round, a former motion changes nothing.
     assert tm.plan(stands.problem, start=fresh).T == 0.0
     other = tm.Trajectory(("a",), [0.0], [[0.0]], [[0.0]], [[0.0]])
     with pytest.raises(tm.ProblemError, match="expected a motion of joint1"):
@@ -236,7 +241,7 @@ SEGMENTS: dict[str, tuple[Callable[[], tm.Problem], list[float]]] = {
 
 
 @pytest.mark.parametrize("name", SEGMENTS)
-def test_segments_at_the_start_last_as_long_as_they_are_to(
+def test_segments_at_the_start_last_exactly_as_long_as_required(
     name: str, tmp_path: Path
 ) -> None:
     make, ends = SEGMENTS[name]
@@ -254,15 +259,15 @@ def test_segments_at_the_start_last_as_long_as_they_are_to(
         assert tm.verify(problem, samples).ok
 
 
-def test_segments_at_the_start_on_a_clock() -> None:
+def test_segments_at_the_start_are_rounded_up_to_control_periods() -> None:
     problem = SEGMENTS["waits"][0]()
     solution = tm.plan(problem, control_period=0.01)
     first = solution.segments[0]
     assert (first.arrival, first.end, solution.T) == (0.11, 0.13, 0.13)
 
 
-def test_who_cannot_wait_at_the_goal_moves() -> None:
-    """What comes by would hit an arm that stays where it is."""
+def test_arm_leaves_its_goal_to_avoid_a_moving_obstacle() -> None:
+    """The obstacle would hit an arm that stays at the goal."""
     there = tuple(tip() + np.array([1.0, 0.0, 0.0]))
     motion = tm.ConstantVelocity(velocity=(-2.0, 0.0, 0.0))
     ball = tm.Sphere("ball", radius=0.1, position=there, motion=motion)
@@ -274,10 +279,10 @@ def test_who_cannot_wait_at_the_goal_moves() -> None:
 
 @pytest.mark.parametrize("period", [None, PERIOD])
 @pytest.mark.parametrize("dwell", [0.0, 0.05])
-def test_a_goal_at_the_start_or_twice_costs_next_to_nothing(
+def test_goal_at_the_start_or_repeated_goal_costs_little_time(
     period: float | None, dwell: float
 ) -> None:
-    """Four periods where the arm stops; a goal that is passed takes one."""
+    """A stop takes four control periods; a via point takes one."""
     there, home = tm.JointGoal(AWAY), tm.JointGoal(START)
     plain = tm.plan(through(tm.Segment(there)), control_period=period, **FEW)
     most = plain.T + (0.0 if period is None else (5 if dwell else 2) * period)
@@ -288,7 +293,7 @@ def test_a_goal_at_the_start_or_twice_costs_next_to_nothing(
         assert solution.T <= 1.02 * most + (0.0 if period is None else period) + dwell
 
 
-def test_one_arm_of_two_stays() -> None:
+def test_one_arm_of_two_may_stay_at_its_goal() -> None:
     arm = tm.load_robot("planar3r")
     cell = tm.Workcell({"left": (arm, (0.0, 0.0, 0.0)), "right": (arm, (0, 9.0, 0))})
     start = {"left": START, "right": START}
@@ -309,7 +314,7 @@ def test_one_arm_of_two_stays() -> None:
 @pytest.mark.parametrize("limits", [None, LIMITS], ids=["torques", "limits"])
 @pytest.mark.parametrize("period", [None, PERIOD], ids=["free", "clock"])
 @pytest.mark.parametrize("way", [2e-6, 1e-4, 1e-3])
-def test_small_motions_are_planned_like_others(
+def test_tiny_motions_are_planned_and_verified(
     way: float, period: float | None, limits: tm.MotionLimits | None
 ) -> None:
     goal = tm.JointGoal(START + way * np.array([1.0, -0.6, 0.3]))
@@ -326,10 +331,10 @@ def test_small_motions_are_planned_like_others(
         assert solution.status is tm.Status.CONVERGED
 
 
-def test_a_grid_on_which_more_is_broken_is_made_no_finer(
+def test_refinement_stops_if_violations_grow(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Accelerations of tiny motions are lost in rounding where intervals are short."""
+    """Accelerations of tiny motions are lost in rounding if the intervals are short."""
     replayed: list[int] = []
 
     def seen(problem: tm.Problem, motion: tm.Trajectory, *rest, **more):
@@ -344,7 +349,7 @@ def test_a_grid_on_which_more_is_broken_is_made_no_finer(
     assert max(replayed) <= 160
 
 
-def test_an_acceleration_at_the_goal_takes_time_to_end() -> None:
+def test_start_acceleration_at_the_goal_needs_a_motion_if_jerk_is_limited() -> None:
     """With a limit of jerk j, the arm leaves the goal and returns to it."""
     goal, a = tm.JointGoal(START), np.array([2.0, 0.0, 0.0])
     problem = from_start(goal, a_start=a, motion_limits=LIMITS)

@@ -1,4 +1,4 @@
-"""What is wrong with a station, or a task, is told with its number and its name."""
+"""Messages about wrong stations and tasks have their number and their name."""
 
 from __future__ import annotations
 
@@ -87,19 +87,19 @@ HEAVY = tm.Payload(1.5, TIP)
         (UPRIGHT, LYING, r"from station 1 \('pick'\) to station 2 \('place'\): goal: "),
     ],
 )
-def test_stations_where_a_load_cannot_be_held_are_named(
+def test_station_where_a_payload_exceeds_the_torques_is_named(
     first: np.ndarray, second: np.ndarray, named: str
 ) -> None:
     with pytest.raises(tm.TominpmpError, match=named + r".*joint 'joint1' cannot hold"):
         carry(UPRIGHT + 0.1, first, second).raise_if_failed()
 
 
-def test_a_load_need_not_be_held_where_it_is_not_carried() -> None:
+def test_payload_is_not_checked_where_it_is_not_carried() -> None:
     tour = carry(LYING, UPRIGHT, UPRIGHT + np.array([0.05, 0.0, 0.0]))
     assert tour.order == ("pick", "place")
 
 
-def test_loads_at_passed_stations_are_not_blamed_for_other_constraints() -> None:
+def test_payload_is_not_blamed_for_another_violated_constraint() -> None:
     robot = tm.load_robot("planar3r", gravity=(0.0, -9.81, 0.0))
     upright = tm.KeepUpright(TIP, axis=(1, 0, 0), direction=(0, 1, 0), tolerance=0.5)
     for stop in (False, True):
@@ -120,7 +120,9 @@ def carry(start: np.ndarray, first: np.ndarray, second: np.ndarray) -> tm.Tour:
 
 
 @pytest.mark.parametrize("case", WRONG)
-def test_stations_have_numbers_and_names(planar: tm.Robot, case: str) -> None:
+def test_message_about_a_wrong_station_has_its_number_and_name(
+    planar: tm.Robot, case: str
+) -> None:
     given, kind, text = WRONG[case]
     with pytest.raises(tm.TominpmpError) as error:
         tm.plan_tour(planar, READY, {"a": at(4, 1), "b": given}, scene=BALLS)
@@ -130,7 +132,7 @@ def test_stations_have_numbers_and_names(planar: tm.Robot, case: str) -> None:
         assert error.value.name == "nose" and TIP in error.value.available
 
 
-def test_goals_by_joint_name_are_put_into_the_order_of_the_joints(
+def test_joint_goals_of_stations_may_be_given_by_joint_name(
     arm: tm.Robot,
 ) -> None:
     first, second = arm.joint_names
@@ -152,7 +154,7 @@ def test_goals_by_joint_name_are_put_into_the_order_of_the_joints(
         ({"stations": [3]}, "stations[0]"),
     ],
 )
-def test_other_arguments_of_tours(
+def test_wrong_argument_of_plan_tour_is_named(
     arm: tm.Robot, arguments: dict[str, Any], field: str
 ) -> None:
     given = {"stations": [tm.JointGoal(HOME + 0.1)]} | arguments
@@ -172,7 +174,7 @@ def test_other_arguments_of_tours(
         ({"tasks": [3]}, "tasks: number 1 of 1 is 3, expected"),
     ],
 )
-def test_wrong_tasks_are_named(
+def test_wrong_argument_of_improve_placement_is_named(
     planar: tm.Robot, change: dict[str, Any], text: str
 ) -> None:
     task = tm.Problem(planar, READY, at(4, 1))
@@ -182,7 +184,7 @@ def test_wrong_tasks_are_named(
     assert text in str(error.value)
 
 
-def test_batches_take_problems_by_name_and_say_early_where_they_cannot_write(
+def test_plan_many_names_its_problems_and_rejects_wrong_arguments(
     tmp_path: Path,
 ) -> None:
     (outcome,) = tm.plan_many({"mine": 3}, workers=1, seed=np.int64(3))
@@ -202,7 +204,7 @@ NOSE = 'goal = {type = "position", frame = "nose", position = [3, 1, 0]}\n'
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "expected"),
     [
         (f'[[stations]]\nname = "b"\n{NOSE}', "station 2 ('b'): there is no frame"),
         (
@@ -212,18 +214,18 @@ NOSE = 'goal = {type = "position", frame = "nose", position = [3, 1, 0]}\n'
         ('[tour]\nprecedence = [["a"]]\n', "expected two, of a station and of one"),
     ],
 )
-def test_files_of_tours_name_their_stations(
-    tmp_path: Path, text: str, told: str
+def test_message_about_a_wrong_tour_file_names_the_station(
+    tmp_path: Path, text: str, expected: str
 ) -> None:
     path = tmp_path / "tour.toml"
     path.write_text(HEAD + STATION + text)
-    assert told in _output(path)
+    assert expected in _output(path)
 
 
 @pytest.mark.parametrize(
     ("option", "value"), [("--dt", "-1"), ("--dt", "nan"), ("--max-time", "0")]
 )
-def test_options_of_the_command_are_checked_before_planning(
+def test_tour_command_checks_its_options_before_planning(
     tmp_path: Path, option: str, value: str
 ) -> None:
     path = tmp_path / "tour.toml"
@@ -246,12 +248,14 @@ def _output(path: Path, *arguments: str) -> str:
         lambda: tm.ProblemError("is wrong", "q"),
     ],
 )
-def test_what_errors_know_is_kept(make: Callable[[], tm.TominpmpError]) -> None:
+def test_naming_an_error_keeps_its_type_and_attributes(
+    make: Callable[[], tm.TominpmpError],
+) -> None:
     error = make()
-    with pytest.raises(type(error)) as told, naming("station 1", "stations[0]"):
+    with pytest.raises(type(error)) as caught, naming("station 1", "stations[0]"):
         raise error
-    assert str(told.value) == f"station 1: {error}"
+    assert str(caught.value) == f"station 1: {error}"
     known = dict(vars(error))
     if "field" in known:
         known["field"] = "stations[0].q"
-    assert vars(told.value) == known and told.value.__cause__ is error
+    assert vars(caught.value) == known and caught.value.__cause__ is error

@@ -1,4 +1,4 @@
-"""What is called locally optimal on a clock, and what its certificate says."""
+"""Status and certificate of motions with a control period."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def free(problem: tm.Problem) -> tm.Solution:
     return tm.plan(problem)
 
 
-def test_a_period_of_the_clock_is_no_promise(
+def test_rounding_to_the_control_period_is_no_predicted_gain(
     problem: tm.Problem, free: tm.Solution
 ) -> None:
     period = free.T / 19.5
@@ -39,13 +39,13 @@ def test_a_period_of_the_clock_is_no_promise(
     assert certificate.ok, certificate.message
     assert certificate.stationarity > 0.01
     assert "clock" in certificate.message
-    # Without the clock the same motion is none that is optimal.
+    # Without the control period, the same motion is not certified.
     motion = solution.trajectory
     assert motion is not None
     assert not certify(problem, motion, verification=solution.verification).ok
 
 
-def test_what_takes_more_than_a_period_is_not_called_optimal(
+def test_motion_slower_by_more_than_a_period_is_stalled(
     problem: tm.Problem, free: tm.Solution
 ) -> None:
     slow = tm.plan(problem, objective="feasible")
@@ -58,8 +58,10 @@ def test_what_takes_more_than_a_period_is_not_called_optimal(
     assert same == (tm.Status.CONVERGED, "")
 
 
-def test_a_clock_that_costs_nothing_costs_no_less(free: tm.Solution) -> None:
-    """The message said "-0.00 % above the motion without such a clock"."""
+def test_loss_by_the_control_period_is_never_reported_as_negative(
+    free: tm.Solution,
+) -> None:
+    """Regression: the message said "-0.00 % above the motion without such a clock"."""
     motion = free.trajectory
     assert motion is not None
     longer = replace(free, trajectory=replace(motion, t=(1.0 + 1e-7) * motion.t))
@@ -71,15 +73,15 @@ def test_a_clock_that_costs_nothing_costs_no_less(free: tm.Solution) -> None:
     assert " 0.00 % above the motion without such a clock" in told
 
 
-def test_the_share_of_a_clock(free: tm.Solution) -> None:
+def test_clock_share_is_the_period_over_the_duration(free: tm.Solution) -> None:
     motion = free.trajectory
     assert motion is not None
     assert clock_share(motion, free.T / 50) == pytest.approx(0.02)
-    # Nothing on a clock takes less than four periods.
+    # Four periods are the shortest motion with a control period.
     assert clock_share(motion, free.T / 4) == 1.0
 
 
-def test_a_bound_on_all_motions_outweighs_a_promise(free: tm.Solution) -> None:
+def test_lower_bound_overrules_a_predicted_gain(free: tm.Solution) -> None:
     found = free.certificate
     assert found is not None
     refuted = replace(found, ok=False, stationarity=0.02, message="Refuted.")
@@ -91,7 +93,7 @@ def test_a_bound_on_all_motions_outweighs_a_promise(free: tm.Solution) -> None:
 
 
 @pytest.mark.parametrize("period", [0.0, -1.0, np.nan, np.inf, "a"])
-def test_a_wrong_period_is_named(
+def test_wrong_control_period_is_rejected(
     problem: tm.Problem, free: tm.Solution, period: object
 ) -> None:
     with pytest.raises(tm.ProblemError, match="control_period"):

@@ -1,6 +1,6 @@
-"""Replays of joints that dry friction holds, lets go and stops, and their verdicts.
+"""Replay of joints that dry friction holds, releases and stops, and the verdicts.
 
-Motions are made by hand here, so that their limits are known to the last digit.
+The motions are constructed, so that their limits are known exactly.
 """
 
 from __future__ import annotations
@@ -21,8 +21,12 @@ MASS, FRICTION = 2.0, 3.0
 # Inertia of a wrist that its friction stops at 7000 rad/s^2 [kg m^2].
 LIGHT = 1.4e-4
 START = np.array([-1.2, 0.4, 0.3])
-# Joints go far, forth and back; a little; or not at all.
-WAYS = {"all": [0.5, -0.3, 1.1], "one rests": [0.5, 0.0, 1.1], "wrist": [0.0, 0.0, 1.0]}
+# Displacements of the joints [rad]; some joints do not move at all.
+DISPLACEMENTS = {
+    "all": [0.5, -0.3, 1.1],
+    "one rests": [0.5, 0.0, 1.1],
+    "wrist": [0.0, 0.0, 1.0],
+}
 
 
 def wrist_arm(friction: float = 1.0) -> tm.Robot:
@@ -39,16 +43,16 @@ def wrist_arm(friction: float = 1.0) -> tm.Robot:
 
 @dataclass
 class Case:
-    """A motion of segments with the limits that it just keeps."""
+    """A motion of several segments with the smallest limits that it satisfies."""
 
     problem: tm.Problem
     motion: tm.Trajectory
 
-    def judged(self, **spoilt: float) -> tm.Verification:
-        """The verdict, with limits that are some share of these."""
+    def verdict(self, **shares: float) -> tm.Verification:
+        """The verdict with limits that are the given shares of these limits."""
         limits = {
             kind: share * getattr(self.problem.motion_limits, kind)
-            for kind, share in spoilt.items()
+            for kind, share in shares.items()
         }
         problem = tm.Problem(
             self.problem.robot,
@@ -62,8 +66,8 @@ class Case:
 def there_and_back(
     robot: tm.Robot, way: list[float], *, soft: bool = False, **stay: object
 ) -> Case:
-    """Go there in 0.4 s, stay, and come back."""
-    # Accelerations of 1 and -1, or jerks of 1, -1, -1 and 1, that last as long each.
+    """Move to a configuration in 0.4 s, dwell there, and move back."""
+    # Accelerations of 1 and -1, or jerks of 1, -1, -1 and 1, for equal times.
     legs = 4 if soft else 2
     h = 0.4 / legs
     if soft:
@@ -98,8 +102,8 @@ def there_and_back(
     return Case(problem, motion)
 
 
-def kinds(found: tm.Verification) -> set[str]:
-    """What is violated."""
+def violated(found: tm.Verification) -> set[str]:
+    """The kinds of the violations."""
     return {item.kind for item in found.violations}
 
 
@@ -117,36 +121,34 @@ STAYS = {"dwell": {"dwell": 0.1}, "short": {"dwell": 0.003}, "stop": {"stop": Tr
         ("stop", "wrist", 1.0),
     ],
 )
-def test_joints_come_to_rest_and_set_out_within_their_accelerations(
+def test_replay_through_a_dwell_keeps_acceleration_limits(
     stay: str, way: str, friction: float
 ) -> None:
-    case = there_and_back(wrist_arm(friction), WAYS[way], **STAYS[stay])
-    found = case.judged(acceleration=1.0)
+    case = there_and_back(wrist_arm(friction), DISPLACEMENTS[way], **STAYS[stay])
+    found = case.verdict(acceleration=1.0)
     assert found.ok, found.message
     assert found.worst["acceleration"].share < 1e-5
     assert found.feedback is None
-    lower = case.judged(acceleration=0.99)
-    assert kinds(lower) == {"acceleration"}
+    lower = case.verdict(acceleration=0.99)
+    assert violated(lower) == {"acceleration"}
     assert lower.worst["acceleration"].share == pytest.approx(1 / 0.99 - 1, rel=1e-2)
 
 
 @pytest.mark.parametrize(
     ("stay", "way"), [("dwell", "all"), ("short", "wrist"), ("stop", "one rests")]
 )
-def test_joints_come_to_rest_and_set_out_within_their_jerks(
-    stay: str, way: str
-) -> None:
-    case = there_and_back(wrist_arm(), WAYS[way], soft=True, **STAYS[stay])
-    found = case.judged(acceleration=1.0, jerk=1.0, effort_rate=1.0)
+def test_replay_through_a_dwell_keeps_jerk_limits(stay: str, way: str) -> None:
+    case = there_and_back(wrist_arm(), DISPLACEMENTS[way], soft=True, **STAYS[stay])
+    found = case.verdict(acceleration=1.0, jerk=1.0, effort_rate=1.0)
     assert found.ok, found.message
     assert found.worst["jerk"].share < 1e-3
-    lower = case.judged(acceleration=0.99, jerk=0.99)
-    assert kinds(lower) == {"acceleration", "jerk"}
+    lower = case.verdict(acceleration=0.99, jerk=0.99)
+    assert violated(lower) == {"acceleration", "jerk"}
 
 
-def test_another_friction_or_load_does_not_bring_the_arm_there() -> None:
+def test_replay_with_another_friction_or_payload_misses_the_goal() -> None:
     robot = wrist_arm()
-    case = there_and_back(robot, WAYS["all"], dwell=0.1)
+    case = there_and_back(robot, DISPLACEMENTS["all"], dwell=0.1)
     others = {
         "more": robot.with_changes(friction=1.2),
         "less": robot.with_changes(friction=0.8),
@@ -158,20 +160,20 @@ def test_another_friction_or_load_does_not_bring_the_arm_there() -> None:
             tm.Problem(other, START, segments=case.problem.segments), case.motion
         )
         assert not found.ok, name
-        assert "goal" in kinds(found), name
+        assert "goal" in violated(found), name
 
 
 @pytest.mark.parametrize("dt", [0.001, 0.004])
-def test_samples_of_a_motion_that_stays_hold(dt: float) -> None:
-    case = there_and_back(wrist_arm(), WAYS["all"], dwell=0.1)
+def test_samples_of_a_motion_with_a_dwell_are_verified(dt: float) -> None:
+    case = there_and_back(wrist_arm(), DISPLACEMENTS["all"], dwell=0.1)
     case.motion = case.motion.sample(dt)  # type: ignore[assignment]
-    found = case.judged(acceleration=1.001)
+    found = case.verdict(acceleration=1.001)
     assert found.ok, found.message
 
 
-def test_a_plan_with_a_stay_and_limits_of_accelerations_is_verified() -> None:
+def test_plan_with_a_dwell_and_acceleration_limits_is_verified() -> None:
     segments = [
-        tm.Segment(tm.JointGoal(START + WAYS["all"]), dwell=0.1),
+        tm.Segment(tm.JointGoal(START + DISPLACEMENTS["all"]), dwell=0.1),
         tm.Segment(tm.JointGoal(START)),
     ]
     problem = tm.Problem(
@@ -189,8 +191,10 @@ def test_a_plan_with_a_stay_and_limits_of_accelerations_is_verified() -> None:
     assert np.ptp(replayed.t[1:-1][rest[1:-1]]) == pytest.approx(0.1, abs=2e-3)
 
 
-def test_friction_that_stops_a_joint_is_no_excuse_for_its_acceleration() -> None:
-    """The motor lets go of a wrist, which stops within 50 microseconds."""
+def test_deceleration_by_friction_counts_as_acceleration() -> None:
+    """The motor torque of a wrist ends, and its friction stops it within 50
+    microseconds.
+    """
     robot = make_arm(Link(0.02, inertia=LIGHT), effort=5.0, friction=1.0)
     t, push = np.array([0.0, 0.1, 0.2]), 3.5
     u = np.array([[1.0 + LIGHT * push], [0.0], [0.0]])
@@ -205,12 +209,12 @@ def test_friction_that_stops_a_joint_is_no_excuse_for_its_acceleration() -> None
     )
     found = tm.verify(problem, motion)
     assert found.goal_error < 1e-4 and found.speed_error == 0.0
-    assert kinds(found) == {"acceleration"}
+    assert violated(found) == {"acceleration"}
     expected = 1.0 / LIGHT - 10.0
     assert found.worst["acceleration"].amount == pytest.approx(expected, rel=1e-6)
 
 
-def test_a_joint_that_friction_holds_does_not_hide_a_jump_of_its_torque() -> None:
+def test_torque_jump_of_a_joint_held_by_friction_is_a_violation() -> None:
     robot = make_arm(slide(MASS), effort=10.0, friction=FRICTION)
     t = np.array([0.0, 0.1, 0.2])
     zero, u = np.zeros((3, 1)), np.array([[0.0], [0.8 * FRICTION], [0.8 * FRICTION]])
@@ -218,18 +222,18 @@ def test_a_joint_that_friction_holds_does_not_hide_a_jump_of_its_torque() -> Non
     limits = tm.MotionLimits(effort_rate=100.0)
     problem = tm.Problem(robot, [0.0], tm.JointGoal([0.0]), motion_limits=limits)
     found = tm.verify(problem, motion)
-    assert kinds(found) == {"effort rate"}
+    assert violated(found) == {"effort rate"}
     jump = 0.8 * FRICTION / 1e-3
     assert found.worst["effort rate"].amount == pytest.approx(jump - 100.0)
 
 
-# -- the law itself --------------------------------------------------------------------
+# -- the law of dry friction -----------------------------------------------------------
 
 
-def pushed(
+def replayed_torques(
     robot: tm.Robot, u: list[float], T: float, integrator: str, **start: list[float]
 ) -> Array:
-    """Replay of torques that are the same all the time: t, q and v in columns."""
+    """Replay of constant torques: columns of t, q and v."""
     n = robot.n
     zero, given = np.zeros((2, n)), np.tile(np.array(u), (2, 1))
     motion = tm.Trajectory(robot.joint_names, [0.0, T], zero, zero, given)  # type: ignore[arg-type]
@@ -241,9 +245,9 @@ def pushed(
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_a_mass_stops_and_stays(integrator: str) -> None:
+def test_mass_stopped_by_friction_stays_at_rest(integrator: str) -> None:
     robot = make_arm(slide(MASS), effort=10.0, friction=FRICTION)
-    t, q, v = pushed(robot, [0.0], 1.0, integrator, v=[0.6]).T
+    t, q, v = replayed_torques(robot, [0.0], 1.0, integrator, v=[0.6]).T
     slow = FRICTION / MASS
     stop = 0.6 / slow
     moving = np.minimum(t, stop)
@@ -255,8 +259,12 @@ def test_a_mass_stops_and_stays(integrator: str) -> None:
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_a_wrist_may_stop_within_rounding_before_the_end(integrator: str) -> None:
-    """No solver can step over such a rest, and the replays did not reach the end."""
+def test_replay_completes_if_a_joint_stops_within_rounding_of_the_end(
+    integrator: str,
+) -> None:
+    """Regression: no solver can step over so short a rest, and the replays did not
+    reach the end.
+    """
     robot = make_arm(Link(0.02, inertia=LIGHT), effort=20.0, friction=1.0)
     stop = 1.6 * LIGHT / 21.0
     u, zero = np.array([[1.0], [-20.0], [-20.0]]), np.zeros((3, 1))
@@ -268,9 +276,9 @@ def test_a_wrist_may_stop_within_rounding_before_the_end(integrator: str) -> Non
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_a_mass_turns_where_friction_cannot_hold_it(integrator: str) -> None:
+def test_mass_reverses_if_friction_cannot_hold_it(integrator: str) -> None:
     robot = make_arm(slide(MASS), effort=10.0, friction=FRICTION)
-    t, q, v = pushed(robot, [-5.0], 1.0, integrator, v=[1.0]).T
+    t, q, v = replayed_torques(robot, [-5.0], 1.0, integrator, v=[1.0]).T
     down, back = (5.0 + FRICTION) / MASS, (5.0 - FRICTION) / MASS
     turn = 1.0 / down
     late = np.maximum(t - turn, 0.0)
@@ -282,16 +290,18 @@ def test_a_mass_turns_where_friction_cannot_hold_it(integrator: str) -> None:
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_a_loaded_joint_that_friction_holds_does_not_creep(integrator: str) -> None:
+def test_loaded_joint_held_by_friction_does_not_creep(integrator: str) -> None:
     robot = make_arm(rod(1.0, 0.5), effort=9.0, gravity=DOWNWARD, friction=3.0)
-    found = pushed(robot, [0.0], 20.0, integrator, q=[0.2])
+    found = replayed_torques(robot, [0.0], 20.0, integrator, q=[0.2])
     assert 0.25 * GRAVITY * np.cos(0.2) < 3.0
     assert np.all(found[:, 1] == 0.2) and np.all(found[:, 2] == 0.0)
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_joints_are_let_go_where_the_others_push_too_hard(integrator: str) -> None:
-    """A forearm that falls lets the upper arm go, which was held until then."""
+def test_joint_is_released_when_coupling_torques_exceed_its_friction(
+    integrator: str,
+) -> None:
+    """The falling forearm releases the upper arm, which was held until then."""
     robot = make_arm(
         rod(1.0, 0.5),
         rod(1.0, 0.5),
@@ -299,13 +309,13 @@ def test_joints_are_let_go_where_the_others_push_too_hard(integrator: str) -> No
         gravity=DOWNWARD,
         friction=[5.5, 0.3],
     )
-    t, first, second, v1, v2 = pushed(
+    t, first, second, v1, v2 = replayed_torques(
         robot, [2.0, 0.0], 1.2, integrator, q=[0.0, -1.2]
     ).T
     dynamics = RobotDynamics(robot, dry=False)
     held = v1 == 0.0
     assert held[10] and not held.all() and np.any(v2 < 0.0)
-    # While it is held, what holds it is within its friction, and it does not move.
+    # While the joint is held, the holding torque is within its friction.
     state = np.column_stack([first, second]), np.column_stack([v1, v2])
     a = np.gradient(v2, t)
     a = np.column_stack([np.zeros_like(a), a])
@@ -313,20 +323,20 @@ def test_joints_are_let_go_where_the_others_push_too_hard(integrator: str) -> No
     inner = held & np.roll(held, 1) & np.roll(held, -1)
     inner[[0, -1]] = False
     assert np.all(np.abs(needed[inner]) < 5.5 * (1.0 + 1e-3))
-    let_go = int(np.flatnonzero(~held)[0])
-    assert np.abs(needed[let_go - 2]) > 5.4
-    assert np.all(first[:let_go] == 0.0)
+    released = int(np.flatnonzero(~held)[0])
+    assert np.abs(needed[released - 2]) > 5.4
+    assert np.all(first[:released] == 0.0)
 
 
 @pytest.mark.parametrize("friction", [[1.0, 4.0], [8.0, 0.5], [0.3, 0.2]])
-def test_joints_at_rest_set_out_as_the_law_has_it(friction: list[float]) -> None:
-    """Each is held by no more than its friction, or moves against all of it."""
+def test_joints_at_rest_satisfy_the_law_of_dry_friction(friction: list[float]) -> None:
+    """A joint is either held by at most its friction, or moves against all of it."""
     robot = make_arm(rod(2.0, 1.0), rod(1.0, 0.8), effort=20.0, friction=friction)
     dynamics = RobotDynamics(robot, dry=False)
     rng = np.random.default_rng(3)
     for _ in range(20):
         u, q, T = rng.uniform(-9.0, 9.0, 2), rng.uniform(-2.0, 2.0, 2), 1e-4
-        end = pushed(robot, u.tolist(), T, "LSODA", q=q.tolist())[-1]
+        end = replayed_torques(robot, u.tolist(), T, "LSODA", q=q.tolist())[-1]
         a = end[3:] / T
         rest = u - dynamics.inverse(q[None], np.zeros((1, 2)), a[None])[0]
         for i, limit in enumerate(friction):

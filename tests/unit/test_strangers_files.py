@@ -1,4 +1,4 @@
-"""What strangers' URDF files often lack or have wrong, and what is said of it."""
+"""Common mistakes in URDF files: missing visual meshes and limits in degrees."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ ARM = Path(__file__).parents[2] / "docs" / "static" / "arm.urdf"
 MESH = '<geometry><mesh filename="package://my_arm/a.stl"/></geometry>'
 
 
-def told(text: str, folder: Path) -> str:
-    """What loading warns of, which is one thing; the robot is complete."""
+def warning_of(text: str, folder: Path) -> str:
+    """The message of the only warning from loading the file; the robot is complete."""
     path = folder / "own.urdf"
     path.write_text(text)
     with pytest.warns(TominpmpWarning) as caught:
@@ -27,14 +27,16 @@ def told(text: str, folder: Path) -> str:
     return str(warning.message)
 
 
-def test_meshes_to_look_at_may_be_missing(tmp_path: Path) -> None:
+def test_missing_visual_meshes_warn_and_missing_collision_meshes_fail(
+    tmp_path: Path,
+) -> None:
     text = ARM.read_text().replace("</link>", f"<visual>{MESH}</visual></link>")
-    message = told(text, tmp_path)
+    message = warning_of(text, tmp_path)
     assert "not shown" in message
     assert "link base_link, visual" in message
     assert message.count("('package://my_arm/a.stl')") == min(text.count(MESH), 5)
     assert "package_dirs" in message
-    # One to collide with may not.
+    # A collision mesh must exist.
     path = tmp_path / "own.urdf"
     path.write_text(
         text.replace("<visual>", "<collision>").replace("</visual>", "</collision>")
@@ -43,13 +45,13 @@ def test_meshes_to_look_at_may_be_missing(tmp_path: Path) -> None:
         load_robot(path)
 
 
-def test_limits_in_degrees_are_warned_of(tmp_path: Path) -> None:
+def test_limits_that_look_like_degrees_are_warned_about(tmp_path: Path) -> None:
     old = 'lower="-2.9" upper="2.9"'
     text = ARM.read_text()
     assert old in text
-    message = told(text.replace(old, 'lower="-170" upper="170"'), tmp_path)
+    message = warning_of(text.replace(old, 'lower="-170" upper="170"'), tmp_path)
     assert re.search("look like degrees: turn; a URDF file has radians", message)
-    # What is no angle of a data sheet stands for no limit.
+    # Values that are no angles of a data sheet stand for an absent limit.
     path = tmp_path / "free.urdf"
     for limit in ("12.57", "1e6"):
         path.write_text(text.replace(old, f'lower="-{limit}" upper="{limit}"'))

@@ -1,4 +1,4 @@
-"""The table of the demo says of each motion what it is, on a slow machine too."""
+"""The table of the demo marks motions that were cut off or violate a constraint."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def solution() -> tm.Solution:
     return tm.plan(problem, intervals=8, starts=1, refine=None)
 
 
-def test_what_was_cut_off_or_violates_something_is_marked(
+def test_cut_off_and_violating_motions_are_marked(
     solution: tm.Solution,
 ) -> None:
     T = f"{solution.T:.4f}"
@@ -26,19 +26,19 @@ def test_what_was_cut_off_or_violates_something_is_marked(
     broken = replace(cut, feasible=False)
     assert paper_demo.row(solution)[0] == T
     assert paper_demo.row(cut)[0] == f"{T}+"
-    # Not infinite: the best motion there is has a duration.
+    # Not infinite: also an infeasible motion has a duration.
     assert paper_demo.row(broken)[0] == f"{T}*+"
     assert paper_demo.row(replace(broken, trajectory=None))[0] == "none*+"
-    # The figures say so, too.
+    # The labels of the figures say the same.
     assert paper_demo.label("penalty", solution) == "penalty"
-    said = paper_demo.label("penalty", broken)
-    assert said == "penalty, goal or limits violated, cut off"
+    text = paper_demo.label("penalty", broken)
+    assert text == "penalty, goal or limits violated, cut off"
 
 
-def test_local_optima_of_a_row_are_told_apart(
+def test_different_local_optima_of_a_row_get_letters(
     solution: tm.Solution, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """0.8600 and 1.0455 stood in one row, as if one of them were wrong."""
+    """Regression: 0.8600 and 1.0455 stood in one row, as if one of them were wrong."""
     motion = solution.trajectory
     assert motion is not None
     turned = replace(motion, q=motion.q + np.array([0.0, 0.0, 2.0 * paper_demo.APART]))
@@ -60,7 +60,7 @@ def test_local_optima_of_a_row_are_told_apart(
     assert any(f"{case}, gravity {gravity}: a ends with" in line for line in lines)
 
 
-def test_the_marks_are_explained(
+def test_table_explains_its_marks(
     solution: tm.Solution, capsys: pytest.CaptureFixture[str]
 ) -> None:
     keys = [
@@ -74,5 +74,5 @@ def test_the_marks_are_explained(
     paper_demo.print_table(console, dict.fromkeys(keys, solution), 20.0)
     assert "*" not in capsys.readouterr().out
     paper_demo.print_table(console, dict.fromkeys(keys, cut), 20.0)
-    said = capsys.readouterr().out
-    assert "cut off after 20 s" in said and "violated" in said
+    text = capsys.readouterr().out
+    assert "cut off after 20 s" in text and "violated" in text

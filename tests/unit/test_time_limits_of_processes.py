@@ -1,4 +1,4 @@
-"""Several processes keep a time limit as one does, and what they found is kept."""
+"""Time limits of plans in several processes, and the results they keep."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from clocks import Clock
-from parallel_work import PATIENCE, begin_and_wait, square, until_asked
+from parallel_work import PATIENCE, begin_and_wait, square, wait_for_stop_request
 
 import tominpmp as tm
 from tominpmp.initial_guess import parallel
@@ -27,10 +27,10 @@ from tominpmp.stopping import Deadline, Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 
-def test_processes_that_do_not_end_are_not_waited_for_beyond_the_end(
+def test_time_limit_ends_the_wait_for_unresponsive_processes(
     clock: Clock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    list(run_parallel(square, range(3), 2))  # to start processes takes its time
+    list(run_parallel(square, range(3), 2))  # processes take time to start
     assert ready()
     deadline = Deadline()
     deadline.end, deadline.last = clock.now + 0.5, clock.now + 1.0
@@ -45,12 +45,12 @@ def test_processes_that_do_not_end_are_not_waited_for_beyond_the_end(
     with deadline.in_force(), pytest.raises(Stop):
         list(run_parallel(begin_and_wait, [tmp_path, tmp_path], 2))
     assert clock.now <= deadline.last + 2.0 * parallel.TICK
-    assert not ready(), "they were ended, and have to be started anew"
+    assert not ready(), "the processes were ended, and have to be started again"
     monkeypatch.setattr(parallel, "wait", futures.wait)
     assert dict(run_parallel(square, range(3), 2)) == {0: 0, 1: 1, 2: 4}
 
 
-def gone(pid: int) -> bool:
+def has_ended(pid: int) -> bool:
     try:
         os.kill(pid, 0)
     except ProcessLookupError:
@@ -58,11 +58,13 @@ def gone(pid: int) -> bool:
     return False
 
 
-@pytest.mark.skipif(os.name != "posix", reason="asks for processes by their numbers")
-def test_processes_end_though_others_take_their_place_at_once(
+@pytest.mark.skipif(os.name != "posix", reason="finds processes by their ids")
+def test_old_processes_end_if_new_ones_start_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """On a busy machine they went on, and the program waited for them in the end."""
+    """Regression: on a busy machine the old processes went on, and the program waited
+    for them at its end.
+    """
     process_executor = pytest.importorskip("loky.process_executor")
     manager = process_executor._ExecutorManagerThread
     usual, others = manager.flag_executor_shutting_down, threading.Event()
@@ -82,12 +84,12 @@ def test_processes_end_though_others_take_their_place_at_once(
     others.set()
     end = time.monotonic() + PATIENCE
     pids = [int(path.name) for path in tmp_path.iterdir()]
-    while not all(map(gone, pids)) and time.monotonic() < end:
+    while not all(map(has_ended, pids)) and time.monotonic() < end:
         time.sleep(0.02)
-    assert all(map(gone, pids))
+    assert all(map(has_ended, pids))
 
 
-def test_results_by_the_end_are_kept(
+def test_results_within_the_grace_period_are_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(parallel, "GRACE", PATIENCE)
@@ -102,7 +104,7 @@ def test_results_by_the_end_are_kept(
     watch = threading.Thread(target=once_both_have_begun, daemon=True)
     watch.start()
     with deadline.in_force(), pytest.raises(Stop):
-        for result in run_parallel(until_asked, [tmp_path, tmp_path], 2):
+        for result in run_parallel(wait_for_stop_request, [tmp_path, tmp_path], 2):
             found.append(result)
     watch.join()
     assert sorted(found) == [(0, True), (1, True)]
@@ -115,75 +117,80 @@ def reach() -> tm.Problem:
     return tm.Problem(robot, (0.5, 1.7, -1.7), goal, scene=tm.Scene([ball]))
 
 
-def test_a_plan_in_two_processes_ends_in_time(
+def test_plan_in_two_processes_keeps_its_time_limit(
     clock: Clock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What processes are at when the time is used up, they hand over."""
+    """Processes hand over their current candidates when the time is used up."""
     limit, starts = 600.0, 200
     usual, handed = ParallelDescents.result, []
 
     def result(ahead: ParallelDescents, number: int, *_: object) -> Candidate | None:
-        attempt = usual(ahead, number)
+        candidate = usual(ahead, number)
         clock.advance(0.0 if handed else 1.05 * limit)
         handed.append(number)
-        return attempt
+        return candidate
 
     monkeypatch.setattr(ParallelDescents, "result", result)
     options = tm.Options(processes=2, starts=starts, intervals=20, tolerance=1e-9)
     begin = time.monotonic()
     solution = tm.plan(reach(), options, max_planning_time=limit)
-    # The next may have come together with the first, more on a busy machine.
+    # The second result may arrive with the first, and more on a busy machine.
     assert 0 < len(handed) < 0.1 * starts
     assert solution.status is tm.Status.TIME_LIMIT
     assert solution.success
     assert time.monotonic() - begin < PATIENCE
 
 
-def test_a_process_without_time_ends_at_once() -> None:
+def test_process_without_remaining_time_ends_at_once() -> None:
     system = ProblemFunctions.of(reach())
     guess = next(initial_guesses(system, GuessRequest(1, np.random.default_rng(0))))
     options = tm.Options(method="inverse", lp_solver="piqp", intervals=160)
     result = descend_in_process(system, options, time.time() - 1.0, guess)
-    attempt, failures, history = result
+    candidate, failures, history = result
     assert not failures
-    if attempt is not None:
-        assert attempt.status is tm.Status.TIME_LIMIT
+    if candidate is not None:
+        assert candidate.status is tm.Status.TIME_LIMIT
         assert len(history) <= 1
 
 
-def ended_by_request() -> Candidate:
-    """What a process hands over that was asked to stop."""
+def interrupted_candidate() -> Candidate:
+    """The candidate of a process that was asked to stop."""
     goal = tm.JointGoal((0.6, 1.7, -1.7))
     problem = tm.Problem(tm.load_robot("planar3r"), (0.5, 1.7, -1.7), goal)
     motion = tm.plan(problem, effort="quick", refine=None).trajectory
-    asked = tm.Status.INTERRUPTED
-    return Candidate("a start", asked, True, motion, motion, violations={})
+    requested = tm.Status.INTERRUPTED
+    return Candidate("a start", requested, True, motion, motion, violations={})
 
 
-@pytest.mark.parametrize("asked", [False, True])
-def test_processes_that_were_asked_at_the_end_of_the_time_were_not_interrupted(
-    asked: bool,
+@pytest.mark.parametrize("requested", [False, True])
+def test_candidates_stopped_by_the_time_limit_have_its_status(
+    requested: bool,
 ) -> None:
     options = tm.Options(processes=2)
     state = PlanState(reach(), options)
     source = ParallelDescents(ProblemFunctions.of(state.problem), state, iter(()))
-    source.results = {number: (ended_by_request(), [], []) for number in (0, 1)}
-    state.deadline.requested = asked
+    source.results = {number: (interrupted_candidate(), [], []) for number in (0, 1)}
+    state.deadline.requested = requested
     with state.deadline.grace(float("inf")):
         first = source.result(0)
         others = source.unclaimed()
-    expected = tm.Status.INTERRUPTED if asked else tm.Status.TIME_LIMIT
+    expected = tm.Status.INTERRUPTED if requested else tm.Status.TIME_LIMIT
     assert first is not None
-    assert [attempt.status for attempt in (first, *others)] == [expected] * 2
+    assert [candidate.status for candidate in (first, *others)] == [expected] * 2
 
 
-def test_what_a_process_has_repaired_is_not_asked_for_again(
+def test_candidate_repaired_in_a_process_is_not_repaired_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """It may still lack some of the padding: that ended a plan as out of time."""
+    """Regression: a repaired candidate may still lack some of the padding, and the
+    second repair ended the plan as out of time.
+    """
     system = ProblemFunctions.of(reach())
     guess = next(initial_guesses(system, GuessRequest(1, np.random.default_rng(0))))
-    motion, lack = ended_by_request().trajectory, {"clearance": 1e-4 / system.reach}
+    motion, lack = (
+        interrupted_candidate().trajectory,
+        {"clearance": 1e-4 / system.reach},
+    )
     ended = Candidate("a start", tm.Status.INFEASIBLE, False, motion, motion, lack)
     state = PlanState(system.problem, tm.Options(processes=2))
     source = ParallelDescents(system, state, iter(()))
@@ -195,7 +202,7 @@ def test_what_a_process_has_repaired_is_not_asked_for_again(
     assert state.ended is None
 
 
-def test_processes_are_not_started_where_there_is_no_time_for_it(
+def test_processes_are_not_started_with_little_planning_time(
     clock: Clock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def started(*_: object) -> None:

@@ -1,4 +1,4 @@
-"""Constraints that hold from one time of a motion until another."""
+"""Path constraints with a time window."""
 
 from __future__ import annotations
 
@@ -26,21 +26,23 @@ def rail(*constraints, distance: float = 1.0, effort: float = 1.0) -> tm.Problem
     return tm.Problem(arm, [0.0], goal, constraints=constraints)
 
 
-def with_a_slow_beginning(slow: float, until: float) -> float:
-    """Time from 0 to 1 at 1 m/s^2, no faster than a speed until a time, by hand.
+def duration_with_a_slow_beginning(slow: float, until: float) -> float:
+    """Closed form of T from 0 to 1 at 1 m/s^2 with a speed limit until some time.
 
-    It speeds up to w, goes on at w until then, and is as fast as can be from there.
+    The rail accelerates to w, keeps w until then, and is time-optimal from there.
     """
-    gone = slow * until - 0.5 * slow**2
-    left = 1.0 - gone
-    # From the speed w: up to p and down to rest over what is left.
+    travelled = slow * until - 0.5 * slow**2
+    left = 1.0 - travelled
+    # From the speed w, up to the peak and down to rest over the remaining distance.
     peak = math.sqrt(left + 0.5 * slow**2)
     return until + (peak - slow) + peak
 
 
 @pytest.mark.parametrize("intervals", [16, 40])
-def test_torques_between_the_rows_of_a_window_keep_its_limit(intervals):
-    """Short intervals at the start have no row: their torques were at the limits."""
+def test_torques_between_rows_keep_the_limit_of_a_time_window(intervals):
+    """Regression: short intervals at the start had no row, and their torques were at
+    the limits.
+    """
     slow = tm.ToolAcceleration("tip", 0.5, during=(0.0, 0.5))
     options = {**QUICK, "intervals": intervals, "method": "collocation"}
     solution = tm.plan(rail(slow), **options)
@@ -51,32 +53,32 @@ def test_torques_between_the_rows_of_a_window_keep_its_limit(intervals):
 
 
 @pytest.mark.parametrize("method", ["inverse", "collocation"])
-def test_a_speed_limit_at_the_beginning_takes_the_time_of_the_closed_form(method):
+def test_speed_limit_at_the_beginning_matches_the_closed_form(method):
     slow = tm.ToolSpeed("tip", 0.3, during=(0.0, 0.8))
     solution = tm.plan(rail(slow), method=method, **QUICK)
     assert solution.success, solution.message
-    expected = with_a_slow_beginning(0.3, 0.8)
+    expected = duration_with_a_slow_beginning(0.3, 0.8)
     assert pytest.approx(expected, rel=1e-2) == solution.T
     v = solution.trajectory(np.linspace(0.0, 0.8, 400)).v
     assert np.abs(v).max() < 0.3 * 1.006
     assert np.abs(solution.trajectory.v).max() > 0.5
 
 
-def test_a_window_without_an_end_holds_to_the_goal():
+def test_time_window_without_an_end_holds_until_the_goal():
     slow = tm.ToolSpeed("tip", 0.3, during=(0.8, math.inf))
     solution = tm.plan(rail(slow), **QUICK)
     assert solution.success, solution.message
     late = solution.trajectory(np.linspace(0.8, solution.T, 400)).v
     assert np.abs(late).max() < 0.3 * 1.006
     peak = 0.5 * (0.8 + 0.3)
-    gone = peak**2 - 0.5 * 0.3**2
-    fastest = 0.8 + (1.0 - gone - 0.5 * 0.3**2) / 0.3 + 0.3
+    travelled = peak**2 - 0.5 * 0.3**2
+    fastest = 0.8 + (1.0 - travelled - 0.5 * 0.3**2) / 0.3 + 0.3
     assert 0.995 < solution.T / fastest < 1.03  # a coarse grid has no switch at 0.8 s
 
 
 @pytest.mark.parametrize(("until", "middle"), [(2.5, 1.0), (6.0, 1.0), (3.0, 0.5)])
-def test_what_is_forbidden_for_a_while_is_waited_for(until, middle):
-    """With a run-up the rail is at full braking speed when the way is free again.
+def test_arm_waits_with_a_run_up_for_a_region_that_opens_later(until, middle):
+    """With a run-up, the rail is at full braking speed when the region opens.
 
     It passes the near side with the speed from which it can just stop at the goal.
     """
@@ -90,22 +92,24 @@ def test_what_is_forbidden_for_a_while_is_waited_for(until, middle):
     assert q.max() < middle - 0.3 + 1e-3
 
 
-def test_nobody_stays_where_it_is_still_forbidden():
-    """The goal itself is only free after the window: the arm comes when it may."""
+def test_goal_in_a_forbidden_region_is_reached_after_its_window():
+    """The goal is only free after the time window, and the arm arrives as soon as
+    possible.
+    """
     away = tm.KeepAway("tip", (1.0, 0, 0), 0.3, during=(0.5, 2.0))
     solution = tm.plan(rail(away, effort=2.0), effort="quick")
     assert solution.success, solution.message
     assert pytest.approx(2.0 + math.sqrt(0.3), rel=2e-3) == solution.T
 
 
-def test_what_holds_after_the_end_holds_at_the_goal():
-    """A motion is not hurried on to escape a window, nor slowed down by one."""
+def test_time_window_after_the_end_does_not_change_the_motion():
+    """A motion is neither hurried to escape a time window, nor slowed down by it."""
     near = tm.WithinRegion("tip", (0.9, -9, -9), (9, 9, 9), during=(3.0, 4.0))
     solution = tm.plan(rail(near), **QUICK)
     assert pytest.approx(2.0, rel=5e-3) == solution.T
 
 
-def test_the_replay_knows_when_a_constraint_holds():
+def test_replay_checks_a_constraint_only_in_its_time_window():
     motion = tm.plan(rail(), **QUICK).trajectory
     inside = rail(tm.ToolSpeed("tip", 0.5, during=(0.8, 1.2)))
     verdict = tm.verify(inside, motion)
@@ -124,7 +128,7 @@ def test_the_replay_knows_when_a_constraint_holds():
     ],
     ids=lambda item: type(item).__name__,
 )
-def test_rows_at_times_against_differences(number, item):
+def test_rows_of_time_windows_match_differences(number, item):
     arm = make_arm(slide(1.0), slide(1.0, (0, 1, 0)), effort=np.array([5.0, 5.0]))
     problem = tm.Problem(arm, [0.0, 0.0], tm.JointGoal([1.0, 0.5]), constraints=(item,))
     system = ProblemFunctions.of(problem)
@@ -151,7 +155,7 @@ def test_rows_at_times_against_differences(number, item):
     assert smooth.sum() > 15
 
 
-def test_files_and_the_command_line_know_them(tmp_path):
+def test_time_windows_in_scenario_files_and_on_the_command_line(tmp_path):
     item = tm.KeepAway("tip", (5.0, 0.0, 0.0), 0.3, during=(0.25, math.inf))
     robot = tm.load_robot("planar3r", gravity=(0, 0, 0))
     goal = tm.JointGoal([0.6, 0.5, 0.4])
@@ -163,7 +167,7 @@ def test_files_and_the_command_line_know_them(tmp_path):
     assert given == tm.ToolSpeed("tip", 0.5, during=(0.2, 0.6))
 
 
-def test_starts_are_asked_only_when_it_holds_there():
+def test_start_is_checked_only_if_it_is_in_the_time_window():
     far = {"lower": (0.5, -9, -9), "upper": (9, 9, 9)}
     with pytest.raises(ProblemError, match="start: the distance from its region"):
         rail(tm.WithinRegion("tip", **far, during=(0.0, 1.0)))
@@ -173,12 +177,12 @@ def test_starts_are_asked_only_when_it_holds_there():
 @pytest.mark.parametrize(
     "during", [5.0, (1.0,), (2.0, 1.0), (-1.0, 1.0), (0.0, math.nan), ("a", 2), "ab"]
 )
-def test_wrong_times_are_refused(during):
+def test_wrong_time_window_is_rejected(during):
     with pytest.raises(ProblemError, match=r"during is .*, expected two times"):
         tm.ToolSpeed("tip", 1.0, during=during)
 
 
-def test_segments_are_windows_themselves():
+def test_segments_reject_constraints_with_time_windows():
     slow = tm.ToolSpeed("tip", 0.5, during=(0.0, 1.0))
     arm = rail().robot
     parts = [tm.Segment(tm.JointGoal([q])) for q in (0.5, 1.0)]
@@ -187,7 +191,7 @@ def test_segments_are_windows_themselves():
             tm.Problem(arm, [0.0], segments=some, constraints=(slow,))
 
 
-def test_sizes_of_no_states():
+def test_measures_of_no_states_are_empty():
     ready = tm.ToolSpeed("tip", 0.5, during=(0.0, 1.0)).on(rail().robot)
     none = np.zeros((0, 1))
     assert ready.sizes(np.zeros(0), none, none, none).shape == (0,)

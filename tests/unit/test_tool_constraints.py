@@ -1,4 +1,6 @@
-"""Constraints on the way beyond tool speed and upright: derivatives, bounds, files."""
+"""Constraints of tool motion, tool regions and joint couplings: derivatives, bounds,
+files.
+"""
 
 from __future__ import annotations
 
@@ -38,12 +40,12 @@ def ur5():
 
 
 @pytest.mark.parametrize("item", ITEMS, ids=lambda item: type(item).__name__)
-def test_derivatives_against_differences(item, ur5):
+def test_constraint_derivatives_match_differences(item, ur5):
     check_terms_against_differences(item.on(ur5), 6, 2e-6)
 
 
 @pytest.mark.parametrize("item", ITEMS, ids=lambda item: type(item).__name__)
-def test_rows_have_the_sign_of_the_excess(item, ur5):
+def test_rows_are_violated_where_the_measure_exceeds_its_limit(item, ur5):
     item = item.on(ur5)
     rng = np.random.default_rng(5)
     lower, upper = item.bounds(1)
@@ -56,7 +58,7 @@ def test_rows_have_the_sign_of_the_excess(item, ur5):
 
 
 @pytest.mark.parametrize("item", ITEMS, ids=lambda item: type(item).__name__)
-def test_excesses_of_many_configurations_are_those_of_each(item, ur5):
+def test_excess_of_many_configurations_matches_that_of_each(item, ur5):
     item, every = item.on(ur5), np.random.default_rng(7).uniform(-2, 2, (3, 5, 6))
     excess, slope = item.excess_at_rest(every)
     for place in np.ndindex(3, 5):
@@ -67,14 +69,14 @@ def test_excesses_of_many_configurations_are_those_of_each(item, ur5):
 
 @pytest.mark.parametrize("turn", [0.7, 3.0, 5.5])
 @pytest.mark.parametrize("height", [0.0, 0.2])
-def test_points_on_the_axis_of_an_arc_are_as_far_as_its_points(height, turn):
+def test_distance_from_the_axis_of_an_arc_is_its_radius(height, turn):
     arc = tm.ToolArc("tip", (0, 0, 1), (2, 0, 1), angle=turn)
     apart, _ = arc.from_curve(np.array([0.0, 0.0, 1.0 + height]))
     assert np.linalg.norm(apart) == pytest.approx(math.hypot(2.0, height))
 
 
 @pytest.mark.parametrize("item", ITEMS, ids=lambda item: type(item).__name__)
-def test_scenario_files_hold_them(item, ur5, tmp_path):
+def test_constraints_survive_saving_and_loading(item, ur5, tmp_path):
     free = item if item.order > 1 else None
     start, goal = np.full(6, 0.5), tm.JointGoal(np.full(6, 0.6))
     if free is None:
@@ -86,7 +88,7 @@ def test_scenario_files_hold_them(item, ur5, tmp_path):
 
 
 def _loose(item):
-    """Fields with which almost anything is allowed."""
+    """Values of fields with which nearly any configuration is feasible."""
     wide = {"radius": 9.0, "tolerance": 3.1, "distance": 1e-3}
     if isinstance(item, tm.WithinRegion):
         return {"lower": [-9.0, -np.inf, -9.0], "upper": [9.0, 9.0, 9.0]}
@@ -95,7 +97,7 @@ def _loose(item):
     return {key: wide[key] for key in wide if hasattr(item, key)}
 
 
-def test_the_command_line_knows_them():
+def test_constraints_are_read_from_the_command_line():
     assert constraint(
         "tool_line:frame=tip:start=0,0,1:end=1,0,1:radius=0.02"
     ) == tm.ToolLine("tip", (0, 0, 1), (1, 0, 1), 0.02)
@@ -136,35 +138,35 @@ def test_the_command_line_knows_them():
         (lambda: tm.JointCoupling(("a",), (1.0,), math.inf), "both are infinite"),
     ],
 )
-def test_wrong_values_are_named(make, words):
+def test_wrong_value_of_a_constraint_is_named(make, words):
     with pytest.raises(ProblemError, match=words):
         make()
 
 
-def test_unknown_joints_are_named(ur5):
+def test_unknown_joint_of_a_coupling_is_named(ur5):
     item = tm.JointCoupling(("elbow",), (1.0,), 1.0)
     with pytest.raises(JointNotFound, match="elbow"):
         tm.Problem(ur5, np.zeros(6), tm.JointGoal(np.ones(6)), constraints=(item,))
 
 
-def test_a_start_off_the_line_is_an_error(ur5):
+def test_start_outside_a_tool_line_is_rejected(ur5):
     item = tm.ToolLine("tool0", (5, 5, 5), (6, 6, 6), 0.01)
     with pytest.raises(ProblemError, match="distance from its path of frame tool0 is"):
         tm.Problem(ur5, np.zeros(6), tm.JointGoal(np.ones(6)), constraints=(item,))
 
 
-def test_a_goal_beyond_the_speed_of_its_frame_is_an_error(ur5):
-    """Such a goal took the whole planning time."""
+def test_goal_velocity_beyond_a_tool_speed_is_rejected(ur5):
+    """Regression: a goal of this kind took the whole planning time."""
     q = np.array([1.2, -1.0, 1.3, 0.5, 0.5, 0.0])
     place = RobotKinematics(ur5).placement(q, "tool0")
     fast = tm.PositionGoal("tool0", place.translation, v=[0.8, 0.0, 0.0])
-    said = "the speed of frame tool0 is 0.8 m/s, 0.3 m/s more than its limit 0.5 m/s"
+    text = "the speed of frame tool0 is 0.8 m/s, 0.3 m/s more than its limit 0.5 m/s"
     limit = tm.ToolSpeed("tool0", 0.5)
     for goal in (fast, tm.AnyGoal([fast, fast])):
-        with pytest.raises(ProblemError, match=said):
+        with pytest.raises(ProblemError, match=text):
             tm.Problem(ur5, 0.9 * q, goal, constraints=[limit])
     for item in (tm.ToolSpeed("wrist_3_link", 0.5), tm.ToolSpeed("tool0", 0.8)):
         tm.Problem(ur5, 0.9 * q, fast, constraints=[item])
     segments = [tm.Segment(fast, constraints=[limit]), tm.Segment(tm.JointGoal(q))]
-    with pytest.raises(ProblemError, match=f"segment 1 of 2: goal: {said}"):
+    with pytest.raises(ProblemError, match=f"segment 1 of 2: goal: {text}"):
         tm.Problem(ur5, 0.9 * q, segments=segments)

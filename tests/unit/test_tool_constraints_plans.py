@@ -1,4 +1,4 @@
-"""Plans under constraints of tools and couplings, against closed forms and TOPP-RA."""
+"""Plans with constraints of tools and couplings, against closed forms and TOPP-RA."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import tominpmp as tm
 from tests.sample_arms import Link, make_arm, rod, slide
 from tominpmp.constraints.base import States
 
-# The search for the best motion is looked at elsewhere.
+# Other files test the search for the best motion.
 plan_quickly = partial(tm.plan, effort="quick", refine=None)
 
 STRONG = 100.0
 
 
 def largest(solution: tm.Solution, item) -> float:
-    """Largest value along the motion, looked at more often than its replay."""
+    """The largest value along the motion, on a finer grid than that of the replay."""
     motion = solution.trajectory
     assert motion is not None
     ready = item.on(solution.problem.robot)
@@ -29,7 +29,7 @@ def largest(solution: tm.Solution, item) -> float:
 
 
 @pytest.mark.parametrize("method", ["inverse", "collocation"])
-def test_a_mass_on_a_rail_with_a_tool_acceleration(method):
+def test_tool_acceleration_on_a_rail_matches_the_closed_form(method):
     limit = tm.ToolAcceleration("tip", 2.0)
     rail = make_arm(slide(1.0), effort=np.array([STRONG]))
     problem = tm.Problem(rail, [0.0], tm.JointGoal([1.0]), constraints=(limit,))
@@ -40,8 +40,10 @@ def test_a_mass_on_a_rail_with_a_tool_acceleration(method):
 
 
 @pytest.mark.parametrize("limit", [0.1, 1e-3])
-def test_a_slow_tool(planar3r, limit):
-    """Guesses were timed as if there were no limit, up to a hundred times too fast."""
+def test_small_tool_acceleration_is_planned(planar3r, limit):
+    """Regression: guesses were timed as if there were no limit, up to a hundred times
+    too fast.
+    """
     slow = tm.ToolAcceleration("tip", limit)
     goal = tm.JointGoal([2.0, -1.0, 0.5])
     problem = tm.Problem(planar3r, [0.5, 1.7, -1.7], goal, constraints=(slow,))
@@ -50,7 +52,7 @@ def test_a_slow_tool(planar3r, limit):
     assert largest(solution, slow) < 1.01 * limit
 
 
-def test_a_turn_with_a_tool_acceleration_keeps_its_centripetal_part_too():
+def test_tool_acceleration_has_its_centripetal_part():
     limit = tm.ToolAcceleration("tip", 3.0)
     arm = make_arm(rod(1.0, 1.0), effort=np.array([STRONG]))
     problem = tm.Problem(arm, [0.0], tm.JointGoal([2.0]), constraints=(limit,))
@@ -78,7 +80,7 @@ def bent(point) -> np.ndarray:
     return np.array([first, elbow])
 
 
-def test_two_links_along_a_line_are_as_fast_as_topp_ra_on_it():
+def test_motion_along_a_tool_line_matches_topp_ra():
     pytest.importorskip("toppra", reason="toppra has no wheel for this machine")
     import toppra
     from toppra import algorithm, constraint
@@ -112,7 +114,7 @@ def tm_inverse(robot, q, v, a):
     return pin.rnea(robot.model, robot.model.createData(), q, v, a)
 
 
-def test_a_wide_tube_is_faster_than_a_narrow_one():
+def test_wider_tool_line_allows_a_faster_motion():
     begin, end = np.array([1.2, -0.6]), np.array([0.8, 0.9])
     times = []
     for radius in (0.02, 0.2):
@@ -126,7 +128,7 @@ def test_a_wide_tube_is_faster_than_a_narrow_one():
     assert times[1] < 0.99 * times[0]
 
 
-def test_a_tip_stays_away_from_a_point_and_within_a_box():
+def test_plan_keeps_away_from_a_point_and_within_a_region():
     begin, end = np.array([1.2, -0.6]), np.array([0.8, 0.9])
     goal = tm.JointGoal(bent(end))
     away = tm.KeepAway("tip", (1.2, 0.1, 0.0), 0.35)
@@ -141,7 +143,7 @@ def test_a_tip_stays_away_from_a_point_and_within_a_box():
         assert solution.T >= 0.999 * free.T
 
 
-def test_a_coupling_is_the_reduced_arm():
+def test_joint_fixed_by_a_coupling_matches_a_locked_joint():
     links = (rod(1.0, 1.0), rod(1.0, 0.7), Link(mass=0.5, length=0.4, inertia=0.02))
     effort = np.array([12.0, 6.0, 1e3])
     arm = make_arm(*links, effort=effort)
@@ -158,7 +160,7 @@ def test_a_coupling_is_the_reduced_arm():
     assert pytest.approx(lone.T, rel=3e-3) == solution.T
 
 
-def test_a_parallel_mechanism_keeps_the_last_link_level():
+def test_coupling_that_keeps_a_link_level_matches_an_upright_cone():
     arm = make_arm(
         rod(1.0, 1.0), rod(1.0, 0.7), rod(0.2, 0.2), effort=np.array([12.0, 6.0, 20.0])
     )
@@ -168,7 +170,7 @@ def test_a_parallel_mechanism_keeps_the_last_link_level():
     problem = tm.Problem(arm, start, tm.JointGoal(end), constraints=(level,))
     coupled = plan_quickly(problem)
     assert coupled.success, coupled.message
-    # The same by a narrow cone about the direction of the link.
+    # The reference keeps the direction of the link within a narrow cone.
     cone = tm.KeepUpright("tip", (1, 0, 0), (1, 0, 0), tolerance=2e-3)
     other = plan_quickly(tm.Problem(arm, start, tm.JointGoal(end), constraints=(cone,)))
     assert other.success, other.message

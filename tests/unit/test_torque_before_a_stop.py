@@ -1,9 +1,9 @@
-"""Torques just before a stop are against the friction that there is until then.
+"""Torques just before a stop have the dry friction of the motion until then.
 
-A joint that is brought to rest with a bounded jerk is slower than rounding tells for
-the last microseconds. The sign of its velocity was then taken for that of the
-acceleration, which before a stop is the opposite: the torque was off by twice the dry
-friction.
+Regression: a joint that is brought to rest with a bounded jerk is slower than rounding
+can resolve in the last microseconds. The sign of its velocity was then taken from the
+acceleration, which is opposite before a stop, so that the torque was off by twice the
+dry friction.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification.replay import torque_pieces
 
-# The search for the best motion is looked at elsewhere.
+# Other files test the search for the best motion.
 plan_quickly = partial(tm.plan, effort="quick", refine=None)
 
 FRICTION = np.array([2.0, 1.5])
-# How far and which way the joints go; and times from an end, down to microseconds [s].
-WAY = np.array([0.3, -0.002])
+# Displacements of the joints [rad]; times from an end, down to microseconds [s].
+DISPLACEMENT = np.array([0.3, -0.002])
 BEFORE = np.array([1e-4, 2e-5, 5e-6, 1e-6])
 
 
@@ -40,21 +40,21 @@ def arm() -> tm.Robot:
 
 
 def from_rest_to_rest(degree: int, robot: tm.Robot) -> tm.Trajectory:
-    """A second of movement, its acceleration bounded or falling to zero at its ends."""
+    """A motion of one second, whose acceleration is bounded or zero at its ends."""
     t = np.concatenate([[0.0, 1e-3], np.linspace(0.1, 0.9, 9), [0.999, 1.0]])
     s = t[:, None]
     q, v, a = (
-        WAY * (s**3 / 3 - s**4 / 2 + s**5 / 5),
-        WAY * (s - s**2) ** 2,
-        WAY * 2 * (s - s**2) * (1 - 2 * s),
+        DISPLACEMENT * (s**3 / 3 - s**4 / 2 + s**5 / 5),
+        DISPLACEMENT * (s - s**2) ** 2,
+        DISPLACEMENT * 2 * (s - s**2) * (1 - 2 * s),
     )
     if degree == 2:
-        a = np.sign(WAY) * np.where(s[1:] <= 0.5, 1.0, -1.0) * 1e-4
+        a = np.sign(DISPLACEMENT) * np.where(s[1:] <= 0.5, 1.0, -1.0) * 1e-4
         h = np.diff(t)[:, None]
-        v = np.vstack([0.0 * WAY, np.cumsum(h * a, axis=0)])
+        v = np.vstack([0.0 * DISPLACEMENT, np.cumsum(h * a, axis=0)])
         v[-1] = 0.0
         steps = h * v[:-1] + 0.5 * h**2 * a
-        q = np.vstack([0.0 * WAY, np.cumsum(steps, axis=0)])
+        q = np.vstack([0.0 * DISPLACEMENT, np.cumsum(steps, axis=0)])
     inverse = RobotDynamics(robot).inverse
     at_nodes = a if len(a) == len(t) else np.vstack([a, a[-1:]])
     u = inverse(q, v, at_nodes)
@@ -63,7 +63,7 @@ def from_rest_to_rest(degree: int, robot: tm.Robot) -> tm.Trajectory:
 
 
 @pytest.mark.parametrize("degree", [2, 3, 5])
-def test_friction_is_that_of_the_movement_until_it_ends(degree: int) -> None:
+def test_friction_opposes_the_motion_until_its_end(degree: int) -> None:
     robot = arm()
     motion = from_rest_to_rest(degree, robot)
     after, before = BEFORE, motion.duration - BEFORE
@@ -71,26 +71,26 @@ def test_friction_is_that_of_the_movement_until_it_ends(degree: int) -> None:
     for times in (after, before):
         state = motion(times)
         dry = state.u - free(state.q, state.v, state.a)
-        # Within a trace of rest an arm may stand; it is never pulled the other way.
+        # Nearly at rest, friction may be zero; it never has the opposite sign.
         still = (np.abs(state.v) < 1e-6) & (np.abs(state.a) < 1e-6)
-        expected = np.broadcast_to(FRICTION * np.sign(WAY), dry.shape)
+        expected = np.broadcast_to(FRICTION * np.sign(DISPLACEMENT), dry.shape)
         assert np.allclose(dry[~still], expected[~still], atol=1e-7)
         assert np.all(dry * expected >= -1e-7)
         assert not np.all(still[1:])
 
 
 @pytest.mark.parametrize("degree", [2, 3, 5])
-def test_the_replay_has_the_same_friction(degree: int) -> None:
+def test_replayed_torques_have_the_same_friction(degree: int) -> None:
     robot = arm()
     motion = from_rest_to_rest(degree, robot)
     times = np.concatenate([BEFORE, 0.5 - BEFORE, 0.5 + BEFORE, 1.0 - BEFORE])
     curve = torque_pieces(robot, motion)(times)
     free = RobotDynamics(robot, dry=False).inverse
     dry = curve - free(*motion(times)[:3])
-    assert np.allclose(dry, FRICTION * np.sign(WAY), atol=1e-7)
+    assert np.allclose(dry, FRICTION * np.sign(DISPLACEMENT), atol=1e-7)
 
 
-def test_a_joint_that_turns_at_a_node_has_each_way_until_then() -> None:
+def test_friction_changes_sign_exactly_at_a_reversal_on_a_node() -> None:
     robot = arm()
     inverse = RobotDynamics(robot).inverse
     t = np.array([0.0, 1.0, 2.0])
@@ -104,7 +104,7 @@ def test_a_joint_that_turns_at_a_node_has_each_way_until_then() -> None:
     assert np.allclose(dry / FRICTION, [[1, -1], [-1, 1], [-1, 1]], atol=1e-7)
 
 
-def test_rows_of_a_planned_motion_do_not_jump_before_it_stops() -> None:
+def test_friction_of_a_planned_motion_does_not_jump_before_a_stop() -> None:
     robot = arm()
     problem = tm.Problem(
         robot,
@@ -118,13 +118,15 @@ def test_rows_of_a_planned_motion_do_not_jump_before_it_stops() -> None:
     dry = state.u - RobotDynamics(robot, dry=False).inverse(*state[:3])
     still = (np.abs(state.v) < 1e-6) & (np.abs(state.a) < 1e-6)
     assert np.any((np.abs(state.v) < 1e-10) & ~still)
-    # What is as good as at rest may have the friction of its way still, or none.
+    # A joint nearly at rest may have the friction of its motion, or no friction.
     moving = np.isclose(dry, FRICTION * np.sign(dry[0]), atol=1e-7)
     assert np.all(moving | (still & np.isclose(dry, 0.0, atol=1e-7)))
 
 
-def test_accelerations_of_given_torques_are_those_before_the_stop() -> None:
-    """The certificate had those of the opposite friction at the end of a motion."""
+def test_certificate_has_the_acceleration_before_the_stop() -> None:
+    """Regression: at the end of a motion, the certificate had the accelerations of the
+    opposite friction.
+    """
     problem = tm.Problem(arm(), [-1.6, 0.0], tm.JointGoal([-1.3, 0.001]))
     solution = plan_quickly(problem, method="collocation").raise_if_failed()
     motion = solution.trajectory

@@ -1,7 +1,8 @@
-"""Limits of torque rates hold between the rows of a program too.
+"""Limits of torque rates hold between the rows of a program.
 
-Rates were looked at near the nodes only: a Panda with slow torques was 0.8 % beyond
-them in the middle of an interval, and after all its refinements no motion was left.
+Regression: rates were checked near the nodes only. For a Panda with slow torques, the
+rate was 0.8 % beyond its limit in the middle of an interval, and no feasible motion
+remained after all refinements.
 """
 
 from __future__ import annotations
@@ -13,30 +14,36 @@ import tominpmp as tm
 from tominpmp.dynamics import RobotDynamics
 
 START = np.array([0.0, -0.8, 0.0, -2.3, 0.0, 1.6, 0.8])
-WAY = np.array([-0.408, 0.281, -0.464, -0.131, 0.02, -0.083, 0.104])
+DISPLACEMENT = np.array([-0.408, 0.281, -0.464, -0.131, 0.02, -0.083, 0.104])
 FINGERS = {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}
 
 
 @pytest.fixture(scope="module", params=[5.0, 20.0])
 def planned(request: pytest.FixtureRequest) -> tuple[tm.Solution, np.ndarray]:
-    """A motion limited by torque rates alone [1/s], in shares of the torques."""
+    """A motion with torque rates as its only active limit [1/s], in shares of the
+    torques.
+    """
     robot = tm.load_robot("panda", limits="urdf", locked_joints=FINGERS)
     largest = request.param * robot.limits.effort_upper
     problem = tm.Problem(
         robot,
         START,
-        tm.JointGoal(START + WAY),
+        tm.JointGoal(START + DISPLACEMENT),
         motion_limits=tm.MotionLimits(effort_rate=largest),
     )
     return tm.plan(problem, effort="quick"), largest
 
 
-def test_a_motion_is_found(planned: tuple[tm.Solution, np.ndarray]) -> None:
+def test_plan_with_torque_rate_limits_succeeds(
+    planned: tuple[tm.Solution, np.ndarray],
+) -> None:
     solution, _ = planned
     assert solution.success, solution.message
 
 
-def test_rates_are_kept_at_all_times(planned: tuple[tm.Solution, np.ndarray]) -> None:
+def test_torque_rates_keep_their_limits_between_rows(
+    planned: tuple[tm.Solution, np.ndarray],
+) -> None:
     solution, largest = planned
     motion = solution.trajectory
     assert motion is not None
@@ -48,4 +55,4 @@ def test_rates_are_kept_at_all_times(planned: tuple[tm.Solution, np.ndarray]) ->
     rates = np.diff(u, axis=1) / np.diff(times, axis=1)[..., None]
     share = np.abs(rates) / largest
     assert share.max() <= 1.005
-    assert share.max() >= 0.99  # this is what limits the motion
+    assert share.max() >= 0.99  # the limit is active

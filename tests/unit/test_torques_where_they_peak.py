@@ -1,4 +1,6 @@
-"""Torques are looked at where they peak: beside turns, and between close instants."""
+"""Torques are inspected where they peak: beside reversals, and at closely spaced
+instants.
+"""
 
 from __future__ import annotations
 
@@ -20,30 +22,34 @@ EFFORT = (12.0, 4.0)
 
 
 @pytest.fixture(scope="module")
-def there_and_back() -> tm.Solution:
-    """Rods with dry friction that start the wrong way, and turn inside an interval."""
+def reversing_motion() -> tm.Solution:
+    """Rods with dry friction that start in the wrong direction and reverse inside an
+    interval.
+    """
     arm = make_arm(rod(4.0, 0.6), rod(2.0, 0.5), effort=EFFORT, friction=(0.6, 0.4))
     start, goal = [0.0, 0.0], tm.JointGoal([0.6, -0.5])
     problem = tm.Problem(arm, start, goal, v_start=[-1.5, 1.0], self_collision=False)
     return tm.plan(problem, intervals=13, control="linear", refine=None, effort="quick")
 
 
-def test_torques_keep_their_limits_beside_turns(there_and_back: tm.Solution) -> None:
-    assert there_and_back.success, there_and_back.message
-    times = np.linspace(0.0, there_and_back.T, 4001)
-    motion = there_and_back.trajectory(times)
+def test_torques_keep_their_limits_beside_reversals(
+    reversing_motion: tm.Solution,
+) -> None:
+    assert reversing_motion.success, reversing_motion.message
+    times = np.linspace(0.0, reversing_motion.T, 4001)
+    motion = reversing_motion.trajectory(times)
     assert np.any(np.diff(np.sign(motion.v[1:-1]), axis=0) != 0.0)
     share = np.abs(motion.u) / np.array(EFFORT)
     assert share.max() < 1.0 + 2.0 * EFFORT_TOLERANCE
 
 
-def test_turns_have_an_instant_before_and_one_after(
-    there_and_back: tm.Solution,
+def test_reversals_are_inspected_before_and_after(
+    reversing_motion: tm.Solution,
 ) -> None:
-    motion = there_and_back.trajectory
+    motion = reversing_motion.trajectory
     layout = Layout.of_motion(motion)
     assert layout is not None
-    of, z = layout.represented(ProblemFunctions.of(there_and_back.problem), motion)
+    of, z = layout.represented(ProblemFunctions.of(reversing_motion.problem), motion)
     every = np.ones(2, dtype=bool)
     (block,) = (block for block in blocks_of(of) if block.name == "torque")
     assert isinstance(block, SampledRows)
@@ -58,12 +64,12 @@ def test_turns_have_an_instant_before_and_one_after(
     assert not inspection.around_reversals(~every).size
 
 
-def test_no_peak_is_wide_enough_to_hide_between_instants() -> None:
+def test_inspected_instants_are_at_most_a_sixteenth_apart() -> None:
     shares = np.sort(np.concatenate([*INSPECTED, [*TORQUE_SHARES, 1.0]]))
     assert np.diff(shares).max() <= 1.0 / 16.0
 
 
-def test_a_joint_with_friction_that_never_turns_is_looked_at_too() -> None:
+def test_joint_with_friction_and_without_reversals_is_inspected() -> None:
     arm = make_arm(rod(4.0, 0.6), effort=EFFORT[:1], friction=(0.6,))
     problem = tm.Problem(arm, [0.0], tm.JointGoal([0.8]))
     solution = tm.plan(problem, intervals=12, control="linear", refine=None)

@@ -1,4 +1,4 @@
-"""Legs of a tour are planned once, whatever asks for them again."""
+"""Legs of a tour are planned only once."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 
 
-def test_configurations_that_are_given_are_not_refined() -> None:
-    """Rounding makes no other configuration, whose legs would be planned again."""
+def test_configurations_given_as_goals_are_not_refined() -> None:
+    """Rounding would otherwise make other configurations, whose legs would be planned
+    again.
+    """
     robot = make_arm(slide(2.0), effort=10.0)
     few = {"intervals": 8, "refine": None, "effort": "quick", "starts": 1}
     goals = [
@@ -15,5 +17,5 @@ def test_configurations_that_are_given_are_not_refined() -> None:
     ]
     tour = tm.plan_tour(robot, [0.0], goals, exact=True, **few)
     assert tour.success
-    # Of five places, two of them of the same station twice: 5 * 4 - 2 * 2.
+    # Five configurations, in two pairs for one station each: 5 * 4 - 2 * 2 legs.
     assert tour.legs_planned <= 16

@@ -1,4 +1,4 @@
-"""Tests of the order of tours: times, exact and searched orders, rules, bounds."""
+"""The order of tours: times of legs, exact and searched orders, rules, bounds."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ ANY = JointGoal([0.0])
 
 
 def table(sizes: list[int], seed: int, rules: Rules, **known: bool) -> LegTable:
-    """Nodes with so many random configurations each."""
+    """A table of legs between nodes with the given numbers of random configurations."""
     rng = np.random.default_rng(seed)
     nodes = [rng.uniform(-2.0, 2.0, (size, 2)) for size in sizes]
     out = LegTable(nodes, [True] * len(sizes), LIMITS, rules)
     if known.get("known"):
-        # Times that differ there and back.
+        # The times of the two directions differ.
         for i, j in permutations(range(len(sizes)), 2):
             for a, b in product(range(sizes[i]), range(sizes[j])):
                 out.known[i, a, j, b] = float(rng.uniform(0.2, 3.0))
@@ -39,7 +39,7 @@ def exact(legs: LegTable) -> Order:
 
 
 def brute_force(legs: LegTable) -> float:
-    """The best of all orders and configurations, one by one."""
+    """The least time of all orders and configurations, by enumeration."""
     best, rules = np.inf, legs.rules
     n = rules.count
     for order in permutations(range(n)):
@@ -59,10 +59,10 @@ def rules_of(
 
 
 @pytest.mark.parametrize("resting", [0, 1, 2])
-def test_times_of_joints_are_those_of_the_bounds(resting: int) -> None:
+def test_joint_times_match_the_lower_bound_of_one_joint(resting: int) -> None:
     rng = np.random.default_rng(resting)
     way = rng.uniform(0.0, 3.0, (40, 2))
-    # Where it does not rest, it may have any speed.
+    # An end without rest may have any speed.
     ends = {2: (0.0, 0.0), 1: (0.0, np.inf), 0: (np.inf, np.inf)}[resting]
     found = LIMITS.of_joints(way, resting)
     for row, times in zip(way, found, strict=True):
@@ -73,8 +73,8 @@ def test_times_of_joints_are_those_of_the_bounds(resting: int) -> None:
 
 
 @pytest.mark.parametrize("resting", [0, 1, 2])
-def test_a_joint_without_limits_takes_no_time(resting: int) -> None:
-    """It was no number for a joint that has neither limit."""
+def test_joint_without_limits_takes_no_time(resting: int) -> None:
+    """Regression: the time was NaN for a joint with neither limit."""
     none = np.full(1, np.inf)
     for way in (0.0, 1.0):
         assert JointTimes(none, none, none).of_joints(np.array([way]), resting) == 0.0
@@ -82,7 +82,7 @@ def test_a_joint_without_limits_takes_no_time(resting: int) -> None:
 
 @pytest.mark.parametrize("jerk", [3.0, 20.0, 1e4])
 @pytest.mark.parametrize("acceleration", [5.0, np.inf])
-def test_times_with_jerk_are_those_of_the_bounds(
+def test_joint_times_with_jerk_match_the_lower_bound(
     jerk: float, acceleration: float
 ) -> None:
     limits = JointTimes(np.array([2.0]), np.array([acceleration]), np.array([jerk]))
@@ -103,7 +103,7 @@ def test_times_with_jerk_are_those_of_the_bounds(
         (set(), {0: frozenset({2, 3}), 1: frozenset({2, 3})}),
     ],
 )
-def test_exact_orders_are_the_best_of_all(
+def test_exact_order_matches_enumeration(
     ends: bool, known: bool, before: set[tuple[int, int]], then: dict
 ) -> None:
     rules = rules_of(4, before, then, ends)
@@ -116,7 +116,7 @@ def test_exact_orders_are_the_best_of_all(
     assert total == pytest.approx(sum(legs.time((*a, *b)) for a, b in pairwise(places)))
 
 
-def test_no_order_where_rules_leave_none() -> None:
+def test_contradictory_rules_leave_no_order() -> None:
     rules = rules_of(2, set(), {0: frozenset({1}), 1: frozenset({0})})
     legs = table([1, 1, 1, 1], 0, rules)
     assert exact(legs)[0] == np.inf
@@ -126,11 +126,11 @@ def test_no_order_where_rules_leave_none() -> None:
 
 @pytest.mark.parametrize("known", [True, False])
 @pytest.mark.parametrize("before", [set(), {(7, 0), (0, 3), (5, 2)}])
-def test_searched_orders_are_near_the_best(
+def test_searched_order_is_within_ten_per_cent_of_the_exact_order(
     known: bool, before: set[tuple[int, int]]
 ) -> None:
     for seed in range(3):
-        # Times at random are those of no arm: there the order alone is looked for.
+        # Random times belong to no arm; there only the order is searched.
         rules = rules_of(8, before, {})
         legs = table([1, *[1 if known else 2] * 8, 1], seed, rules, known=known)
         best = exact(legs)[0]
@@ -140,7 +140,7 @@ def test_searched_orders_are_near_the_best(
 
 
 @pytest.mark.parametrize("ends", [True, False])
-def test_bounds_are_below_the_best_order(ends: bool) -> None:
+def test_one_tree_bound_is_below_the_exact_order(ends: bool) -> None:
     for seed in range(6):
         rules = rules_of(5, set() if seed % 3 else {(0, 4), (2, 1)}, {}, ends)
         legs = table([1] * (7 if ends else 6), seed, rules, known=seed % 2 == 0)
@@ -149,7 +149,7 @@ def test_bounds_are_below_the_best_order(ends: bool) -> None:
         assert 0.3 * best < _one_tree(np.minimum(least, least.T), ends) <= best + 1e-9
 
 
-def test_circles_and_unknown_names_are_told() -> None:
+def test_cycles_and_unknown_names_in_precedence_are_named() -> None:
     circle = [
         Station("a", ANY, after=["c"]),
         Station("b", ANY, after=["a"]),
@@ -182,13 +182,13 @@ def test_circles_and_unknown_names_are_told() -> None:
         ("stop", 1),
     ],
 )
-def test_wrong_fields_of_stations_are_named(field: str, value: object) -> None:
+def test_wrong_field_of_a_station_is_named(field: str, value: object) -> None:
     with pytest.raises(ProblemError, match=f"{field}|velocity") as error:
         Station(**{"name": "a", "goal": ANY, field: value})
     assert error.value.field == f"station.{field}"
 
 
 @pytest.mark.parametrize("given", [[], "ab", 3, [3], {"a": 3}, ANY])
-def test_wrong_stations_are_told(given: object) -> None:
+def test_wrong_stations_are_rejected(given: object) -> None:
     with pytest.raises(ProblemError, match=r"stations|station 1 \('a'\)"):
         checked_stations(given)

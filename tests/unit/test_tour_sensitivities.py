@@ -1,4 +1,6 @@
-"""What holds a whole cycle back, beside cycles with moved stations and other limits."""
+"""Sensitivities of the cycle time, compared with cycles of moved stations and other
+limits.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,7 @@ def tour(arm: tm.Robot) -> tm.Tour:
 
 
 def reached(place: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """The configuration near another one that brings the tip to a place."""
+    """The configuration nearest in posture to q whose tip is at the place."""
     x, y = place
     bend = np.arccos(0.5 * (x * x + y * y) - 1.0) * np.sign(q[1])
     first = np.arctan2(y, x) - np.arctan2(np.sin(bend), 1.0 + np.cos(bend))
@@ -40,7 +42,7 @@ def reached(place: np.ndarray, q: np.ndarray) -> np.ndarray:
 
 
 def cycle(tour: tm.Tour, moved: str, by: np.ndarray) -> float:
-    """Time of the motions where a station stands elsewhere, the order as it was."""
+    """Sum of the motion times if a station is moved, in the same order."""
     times, way = JointTimes.of(tour.problem), [HOME]
     for visit in tour.visits:
         shift = by if visit.station == moved else np.zeros(2)
@@ -49,7 +51,7 @@ def cycle(tour: tm.Tour, moved: str, by: np.ndarray) -> float:
     return float(np.sum(times.between(places[:-1], places[1:])))
 
 
-def test_places_of_stations(tour: tm.Tour) -> None:
+def test_sensitivities_to_station_places_match_differences(tour: tm.Tour) -> None:
     assert tour.direct == 3
     for name in PLACES:
         (record,) = tour.sensitivities.of("goal", name)
@@ -63,18 +65,18 @@ def test_places_of_stations(tour: tm.Tour) -> None:
         assert record.vector[:2] == pytest.approx(wanted, rel=0.05, abs=5e-3)
 
 
-def test_limits_add_up_to_the_time_of_the_motions(tour: tm.Tour) -> None:
+def test_sensitivities_of_limits_add_up_to_the_moving_time(tour: tm.Tour) -> None:
     found = tour.sensitivities
     assert found.T == tour.cycle_time
     moving = 1.0 - 2.0 * DWELL / tour.cycle_time
     scaled = found.total("velocity") + 2.0 * found.total("acceleration")
     assert -scaled == pytest.approx(moving, rel=1e-3)
-    # Configurations of legs are nobody's goals.
+    # Configurations at the ends of legs are no goals of their own.
     assert {r.subject for r in found if r.kind == "goal"} <= set(PLACES)
     assert "far" in found.table()
 
 
-def test_there_is_nothing_to_say_without_a_tour(tour: tm.Tour) -> None:
+def test_sensitivities_reject_a_missing_tour(tour: tm.Tour) -> None:
     nothing = tm.Tour(tour.problem, tour.stations, tour.status, "It was stopped.")
     with pytest.raises(tm.ProblemError, match=r"no tour: It was stopped\."):
         _ = nothing.sensitivities

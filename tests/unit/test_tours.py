@@ -1,4 +1,4 @@
-"""Tests of whole tours of small arms."""
+"""Tours of small arms: cycle time, bounds, rules, payloads, messages."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def tip(robot: Robot) -> str:
 
 
 def reached(x: float, y: float) -> list[Array]:
-    """Both configurations that bring the tip to a point."""
+    """Both configurations whose tip is at the point."""
     c = (x * x + y * y - 2.0 * LENGTH**2) / (2.0 * LENGTH**2)
     found = []
     for bend in (np.arccos(c), -np.arccos(c)):
@@ -68,7 +68,7 @@ def tour(arm: Robot, goals: list[tm.PositionGoal]) -> tm.Tour:
 def least_cycle(
     robot: Robot, choices: Sequence[Sequence[Array]], back: bool = True
 ) -> float:
-    """Best of all orders and configurations."""
+    """The least time of all orders and configurations, by enumeration."""
     times = JointTimes.of(
         tm.Problem(robot, HOME, tm.JointGoal(HOME), motion_limits=LIMITS)
     )
@@ -80,21 +80,23 @@ def least_cycle(
     return best
 
 
-def test_tours_are_the_best_of_all_orders_and_configurations(
+def test_tour_matches_enumeration_of_orders_and_configurations(
     arm: Robot, tour: tm.Tour
 ) -> None:
     best = least_cycle(arm, [reached(*point) for point in POINTS])
-    stays = 0.05 * sum(range(len(POINTS)))
+    dwells = 0.05 * sum(range(len(POINTS)))
     assert tour.success and tour.verified and bool(tour)
-    assert tour.cycle_time == pytest.approx(best + stays, rel=1e-6)
+    assert tour.cycle_time == pytest.approx(best + dwells, rel=1e-6)
     assert sorted(tour.order) == [f"p{k}" for k in range(len(POINTS))]
     assert tour.direct == len(tour.motions) == len(POINTS) + 1
 
 
-def test_bounds_of_tours_are_true(arm: Robot, tour: tm.Tour) -> None:
+def test_lower_bound_of_a_tour_is_below_its_cycle_time(
+    arm: Robot, tour: tm.Tour
+) -> None:
     assert 0.0 < tour.lower_bound <= tour.cycle_time
     assert tour.gap == pytest.approx(tour.cycle_time / tour.lower_bound - 1.0)
-    # Between configurations the bound is what is planned.
+    # Between given configurations, the bound is the planned cycle time.
     stations = [tm.JointGoal(reached(*point)[0]) for point in POINTS[:4]]
     found = tm.plan_tour(arm, HOME, stations, motion_limits=LIMITS)
     best = least_cycle(arm, [[goal.q] for goal in stations])
@@ -102,7 +104,7 @@ def test_bounds_of_tours_are_true(arm: Robot, tour: tm.Tour) -> None:
     assert found.lower_bound == pytest.approx(best, rel=1e-6)
 
 
-def test_visits_and_the_whole_cycle_agree(tour: tm.Tour) -> None:
+def test_visits_agree_with_the_trajectory_of_the_cycle(tour: tm.Tour) -> None:
     motion = tour.trajectory
     assert motion is not None
     assert motion.duration == pytest.approx(tour.cycle_time)
@@ -118,7 +120,7 @@ def test_visits_and_the_whole_cycle_agree(tour: tm.Tour) -> None:
         assert min(np.max(np.abs(visit.q - q)) for q in reached(*POINTS[k])) < 1e-5
         now = visit.departure
     assert np.allclose(motion.q[-1], HOME) and np.allclose(motion.q[0], HOME)
-    # It moves as one: positions are the integral of velocities.
+    # The legs are joined without jumps: positions are the integral of velocities.
     t = np.linspace(0.0, motion.duration, 20_001)
     state = motion(t)
     steps = 0.5 * (state.v[1:] + state.v[:-1]) * np.diff(t)[:, None]
@@ -127,16 +129,16 @@ def test_visits_and_the_whole_cycle_agree(tour: tm.Tour) -> None:
     assert np.max(np.abs(state.a)) <= 6.0 + 1e-9
 
 
-def test_samples_that_break_limits_between_them_are_told_of(
+def test_export_warns_about_violations_between_samples(
     tour: tm.Tour, tmp_path: Path
 ) -> None:
     tour.export(tmp_path / "nodes.yaml")  # a warning would be an error
-    told = r"on segment \d .*, joint joint1 is .* beyond its acceleration limit"
-    with pytest.warns(tm.TominpmpWarning, match=told):
+    expected = r"on segment \d .*, joint joint1 is .* beyond its acceleration limit"
+    with pytest.warns(tm.TominpmpWarning, match=expected):
         tour.export(tmp_path / "samples.yaml", dt=0.1)
 
 
-def test_the_whole_cycle_is_verified_and_written(tour: tm.Tour, tmp_path: Path) -> None:
+def test_cycle_is_exported_played_and_plotted(tour: tm.Tour, tmp_path: Path) -> None:
     motion = tour.trajectory
     assert motion is not None
     read = tm.load_motion(tour.export(tmp_path / "tour.csv", dt=0.01))
@@ -151,7 +153,7 @@ def test_the_whole_cycle_is_verified_and_written(tour: tm.Tour, tmp_path: Path) 
     assert "p3" in tour.table() and "6 stations" in repr(tour)
 
 
-def test_long_names_of_stations_leave_room_for_the_bars() -> None:
+def test_long_station_names_are_shortened_in_the_figure() -> None:
     pytest.importorskip("matplotlib")
     from matplotlib.figure import Figure
 
@@ -162,7 +164,7 @@ def test_long_names_of_stations_leave_room_for_the_bars() -> None:
     assert labels == ["the station at the far end of the cel..."]
 
 
-def test_ways_may_end_at_the_last_station_and_keep_precedence(
+def test_tour_may_end_at_its_last_station_and_keeps_precedence(
     arm: Robot, goals: list[tm.PositionGoal]
 ) -> None:
     names = dict(zip("abcd", goals[:4], strict=True))
@@ -179,7 +181,7 @@ def test_ways_may_end_at_the_last_station_and_keep_precedence(
     assert bound.lower_bound <= bound.cycle_time
 
 
-def test_what_is_picked_is_brought_at_once(
+def test_station_then_decides_the_next_station_and_the_payload(
     arm: Robot, goals: list[tm.PositionGoal]
 ) -> None:
     load = tm.Payload(5.0, tip(arm), name="part")
@@ -194,12 +196,12 @@ def test_what_is_picked_is_brought_at_once(
     assert first == ["pick", "place", "pick", "place"]
     loads = [len(motion.problem.robot.payloads) for motion in found.motions]
     assert loads == [0, 1, 0, 1, 0]
-    # Pages show what is carried on each segment.
+    # Pages show the payload of each segment.
     carried = [segment.payload for segment in found._whole.segments]
     assert carried == [None, load, None, load, None]
     motion = found.trajectory
     assert motion is not None
-    # The load is felt on its way, in the motion as a whole, too.
+    # Torques of the whole cycle include the payload while it is carried.
     for visit in found.visits:
         if visit.station.startswith("pick"):
             time = visit.departure + 1e-3
@@ -216,7 +218,7 @@ def test_what_is_picked_is_brought_at_once(
             assert np.max(np.abs(state.u)) > 1.2 * np.max(np.abs(bare.u))
 
 
-def test_places_that_are_passed_take_less_than_stops(arm: Robot) -> None:
+def test_station_without_a_stop_takes_less_time(arm: Robot) -> None:
     way = [tm.JointGoal([0.7, 0.6])]
     few = {"intervals": 6, "refine": None, "starts": 1, "max_iterations": 12}
     cycle = {}
@@ -233,8 +235,10 @@ def test_places_that_are_passed_take_less_than_stops(arm: Robot) -> None:
     assert len(found.motions) == 1 and 0.0 < times[0] < found.cycle_time
 
 
-def test_a_place_is_passed_with_a_load_that_may_touch() -> None:
-    """The arm stopped there: the load was named on the way there, where it is not."""
+def test_payload_may_touch_at_a_station_without_a_stop() -> None:
+    """Regression: the arm stopped there, as its payload was named on the leg to the
+    station, where it does not exist yet.
+    """
     robot = tm.load_robot("planar3r", gravity=(0, 0, 0))
     part = tm.Box("part", size=(0.05, 0.05, 0.05))
     load = tm.Payload(0.1, "tip", geometry=[part], name="part")
@@ -253,7 +257,7 @@ def test_a_place_is_passed_with_a_load_that_may_touch() -> None:
     assert found.verified and len(found.motions) == 1
 
 
-def test_direct_motions_are_the_fastest(arm: Robot) -> None:
+def test_direct_motion_matches_the_lower_bound(arm: Robot) -> None:
     rng = np.random.default_rng(1)
     for _ in range(5):
         q = rng.uniform(-2.0, 2.0, 2)
@@ -269,7 +273,7 @@ def test_direct_motions_are_the_fastest(arm: Robot) -> None:
     assert [direct_motion(p) for p in (still, free, smooth)] == [None] * 3
 
 
-def test_no_tour_beats_the_bound_for_goals_on_frames(arm: Robot) -> None:
+def test_bound_for_goals_on_frames_is_below_enumeration(arm: Robot) -> None:
     rng = np.random.default_rng(5)
     problem = tm.Problem(arm, HOME, tm.JointGoal(HOME), motion_limits=LIMITS)
     for _ in range(8):
@@ -282,7 +286,9 @@ def test_no_tour_beats_the_bound_for_goals_on_frames(arm: Robot) -> None:
         assert 0.0 < bound <= least_cycle(arm, [reached(*p) for p in points])
 
 
-def test_wrong_tours_are_told(arm: Robot, goals: list[tm.PositionGoal]) -> None:
+def test_message_about_a_wrong_tour_names_the_station_or_field(
+    arm: Robot, goals: list[tm.PositionGoal]
+) -> None:
     frame = tip(arm)
     far = tm.PositionGoal(frame, (5.0, 0.0, 0.0))
     above = tm.PositionGoal(frame, (1.0, 0.0, 0.5))
@@ -319,7 +325,7 @@ def test_wrong_tours_are_told(arm: Robot, goals: list[tm.PositionGoal]) -> None:
             )
 
 
-def test_one_place_may_be_visited_twice_in_a_given_order(
+def test_two_stations_at_one_place_keep_their_order(
     arm: Robot, goals: list[tm.PositionGoal]
 ) -> None:
     stations = [
@@ -331,7 +337,9 @@ def test_one_place_may_be_visited_twice_in_a_given_order(
     assert found.success and found.order.index("drill") < found.order.index("tap")
 
 
-def test_time_limits_leave_a_sentence(arm: Robot, goals: list[tm.PositionGoal]) -> None:
+def test_tour_without_time_has_a_status_and_a_message(
+    arm: Robot, goals: list[tm.PositionGoal]
+) -> None:
     found = tm.plan_tour(arm, HOME, goals, motion_limits=LIMITS, max_planning_time=1e-4)
     assert not found.success and found.status is tm.Status.TIME_LIMIT
     assert "No tour" in found.message and found.cycle_time == np.inf
@@ -342,10 +350,10 @@ def test_time_limits_leave_a_sentence(arm: Robot, goals: list[tm.PositionGoal]) 
         found.export("tour.csv")
 
 
-def test_a_tour_that_is_found_as_the_time_ends_is_kept(
+def test_tour_found_at_the_time_limit_is_returned(
     arm: Robot, goals: list[tm.PositionGoal], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It was thrown away, as there was no time left for its bound."""
+    """Regression: the tour was thrown away, as no time was left for its bound."""
     usual = TourSearch.run
 
     def run(search: TourSearch) -> tm.Tour:
@@ -358,10 +366,12 @@ def test_a_tour_that_is_found_as_the_time_ends_is_kept(
     assert found.success and found.lower_bound == 0.0 and found.gap is None
 
 
-def test_a_place_where_the_arm_is_already_is_visited(
+def test_station_at_the_current_configuration_is_visited(
     arm: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It was left out where places that are passed had to become stops."""
+    """Regression: the station was left out if stations without a stop had to become
+    stops.
+    """
     monkeypatch.setattr(Legs, "passing", lambda *_: None)
     goal = tm.JointGoal([0.7, 0.6])
     stations = [
@@ -373,8 +383,8 @@ def test_a_place_where_the_arm_is_already_is_visited(
     assert found.visits[0].departure == found.visits[1].arrival
 
 
-def test_motions_and_stays_of_a_tour_are_on_the_clock(arm: Robot) -> None:
-    """Direct motions, of which the fastest tour would be made, are on none."""
+def test_tour_with_a_control_period_is_on_its_ticks(arm: Robot) -> None:
+    """Direct motions, of which the fastest tour would consist, are not on ticks."""
     stations = [
         tm.Station("works", tm.JointGoal([1.0, 0.4]), dwell=0.011),
         tm.Station("passes", tm.JointGoal([0.7, 1.2]), stop=False),
@@ -387,6 +397,6 @@ def test_motions_and_stays_of_a_tour_are_on_the_clock(arm: Robot) -> None:
     for times in (tour.trajectory.t, [visit.arrival for visit in tour.visits]):
         ticks = np.asarray(times) / 0.01
         np.testing.assert_allclose(ticks, np.rint(ticks), atol=1e-9)
-    stays = {visit.station: visit.departure - visit.arrival for visit in tour.visits}
+    dwells = {visit.station: visit.departure - visit.arrival for visit in tour.visits}
     expected = {"works": 0.02, "passes": 0.0, "again": 0.03}
-    assert stays == {name: pytest.approx(stay) for name, stay in expected.items()}
+    assert dwells == {name: pytest.approx(stay) for name, stay in expected.items()}

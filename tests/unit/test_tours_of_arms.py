@@ -1,4 +1,4 @@
-"""Tests of tours of robots with several arms."""
+"""Tours of robots with several arms."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def both() -> tm.Robot:
     return tm.combine_robots([("left", arm, (0, 0, 0)), ("right", arm, (6, 0, 0))])
 
 
-def test_arms_work_at_once(both: tm.Robot) -> None:
+def test_arms_visit_their_stations_at_the_same_time(both: tm.Robot) -> None:
     home = both.stack(left=[0.3, 0.9], right=[2.5, 0.9])
     stations = [
         tm.Station("a", tm.PositionGoal("left/tip", (1.2, 0.5, 0)), dwell=0.4),
@@ -30,7 +30,7 @@ def test_arms_work_at_once(both: tm.Robot) -> None:
     assert tour.verified and tour.trajectory is not None
     assert tour.trajectory.duration == pytest.approx(tour.cycle_time)
     assert 0.4 < tour.lower_bound <= tour.cycle_time
-    # Alone each takes as long as the slower one: neither waits for the other.
+    # The tour takes as long as that of the slower arm: neither waits for the other.
     alone = max(
         tm.plan_tour(both, home, [station], motion_limits=LIMITS).cycle_time
         for station in stations
@@ -38,7 +38,7 @@ def test_arms_work_at_once(both: tm.Robot) -> None:
     assert tour.cycle_time == pytest.approx(alone, rel=0.02)
 
 
-def test_stations_are_shared_by_arms(both: tm.Robot) -> None:
+def test_either_arm_may_visit_a_station(both: tm.Robot) -> None:
     home = both.stack(left=[0.3, 0.9], right=[2.5, 0.9])
     middle = tm.AnyGoal(
         [
@@ -53,13 +53,13 @@ def test_stations_are_shared_by_arms(both: tm.Robot) -> None:
     assert tour.cycle_time < 1.0
 
 
-def test_stays_that_begin_together() -> None:
+def test_together_adds_the_dwells_of_each_arm() -> None:
     assert together([("a", 1.0), ("b", 2.0), ("a", 1.5)]) == 2.5
     assert together([("a", 1.0), (None, 2.0)]) == 3.0
     assert together([]) == 0.0
 
 
-def test_least_stays_count_what_arms_may_share(both: tm.Robot) -> None:
+def test_least_dwells_account_for_stations_of_either_arm(both: tm.Robot) -> None:
     left = tm.PositionGoal("left/tip", (1, 0, 0))
     right = tm.PositionGoal("right/tip", (5, 0, 0))
     every = tm.JointGoal(np.zeros(4))

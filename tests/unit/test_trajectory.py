@@ -1,4 +1,4 @@
-"""Tests of motions over time."""
+"""Trajectories: interpolation, sampling, checks of fields, equality."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ ACCELERATION = np.array([[4.0, -1.0], [0.0, 2.0], [-1.5, 0.5]])
 
 
 def with_acceleration(**changes: object) -> Trajectory:
-    """Accelerations that jump, and torques that are some function of the state."""
+    """Accelerations that jump, and torques that are a function of the state."""
     q, v = [np.array([0.3, -0.2])], [np.array([0.1, 0.4])]
     for h, a in zip(np.diff(TIMES), ACCELERATION, strict=True):
         q.append(q[-1] + h * v[-1] + 0.5 * h**2 * a)
@@ -59,7 +59,7 @@ def cubic(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def with_torque(**changes: object) -> Trajectory:
-    """Held torques; positions on a cubic."""
+    """Piecewise constant torques; positions on a cubic."""
     q, v, _ = cubic(TIMES)
     u = np.array([[1.0, -1.0], [2.0, -2.0], [3.0, -3.0], [4.0, -4.0]])
     values = {"joint_names": JOINTS, "t": TIMES, "q": q, "v": v, "u": u}
@@ -71,7 +71,7 @@ either = pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS.keys())
 
 
 @either
-def test_nodes_are_met(make: Callable[[], Trajectory]) -> None:
+def test_trajectory_interpolates_its_nodes(make: Callable[[], Trajectory]) -> None:
     motion = make()
     q, v, _, u = motion(motion.t)
     np.testing.assert_allclose(q, motion.q, atol=1e-15)
@@ -82,7 +82,9 @@ def test_nodes_are_met(make: Callable[[], Trajectory]) -> None:
 
 
 @either
-def test_before_the_start_and_after_the_end(make: Callable[[], Trajectory]) -> None:
+def test_times_outside_the_motion_are_rejected_or_held(
+    make: Callable[[], Trajectory],
+) -> None:
     motion = make()
     for outside, inside in ((-1.0, 0.0), (-np.inf, 0.0), (1.5, 1.0), (np.inf, 1.0)):
         with pytest.raises(ProblemError, match="outside of the motion"):
@@ -94,7 +96,7 @@ def test_before_the_start_and_after_the_end(make: Callable[[], Trajectory]) -> N
 
 
 @either
-def test_single_times_and_rows_of_times_agree(make: Callable[[], Trajectory]) -> None:
+def test_single_times_match_arrays_of_times(make: Callable[[], Trajectory]) -> None:
     motion = make()
     times = [0.9, 0.0, 0.25, 0.3, 1.0]  # in any order
     rows = motion(times)
@@ -129,7 +131,7 @@ def test_position_and_velocity_are_continuous(make: Callable[[], Trajectory]) ->
     np.testing.assert_allclose(before.v, after.v, atol=1e-14)
 
 
-def test_accelerations_hold_until_just_before_the_next_node() -> None:
+def test_accelerations_are_constant_until_the_next_node() -> None:
     motion = with_acceleration()
     np.testing.assert_array_equal(motion(TIMES[:-1]).a, ACCELERATION)
     before = motion(np.nextafter(TIMES[1:], 0.0))
@@ -138,7 +140,7 @@ def test_accelerations_hold_until_just_before_the_next_node() -> None:
     np.testing.assert_array_equal(before.u, torque(before.q, before.v, ACCELERATION))
 
 
-def test_torques_hold_until_just_before_the_next_node() -> None:
+def test_torques_are_constant_until_the_next_node() -> None:
     motion = with_torque()
     before = motion(np.nextafter(TIMES[1:], 0.0))
     np.testing.assert_array_equal(before.u, motion.u[:-1])
@@ -160,7 +162,10 @@ def test_hermite_polynomials_reproduce_a_cubic() -> None:
 @pytest.mark.parametrize(
     ("dt", "times"),
     [
-        (0.25, [0.0, 0.25, 0.5, 0.75, 1.0]),  # the end once, though it is a multiple
+        (
+            0.25,
+            [0.0, 0.25, 0.5, 0.75, 1.0],
+        ),  # the end is a multiple of dt, and there only once
         (0.1, [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0]),
         (0.4, [0.0, 0.4, 0.8, 1.0]),
         (1.0, [0.0, 1.0]),
@@ -170,7 +175,9 @@ def test_hermite_polynomials_reproduce_a_cubic() -> None:
         (1, [0.0, 1.0]),
     ],
 )
-def test_sample_times(dt: float, times: list[float]) -> None:
+def test_sample_times_are_multiples_of_dt_and_the_end(
+    dt: float, times: list[float]
+) -> None:
     motion = with_acceleration()
     samples = motion.sample(dt)
     assert samples.joint_names == JOINTS
@@ -184,7 +191,9 @@ def test_sample_times(dt: float, times: list[float]) -> None:
     duration=st.floats(1e-3, 1e3),
     count=st.floats(0.1, 500.0),
 )
-def test_samples_are_evenly_spaced_up_to_the_end(duration: float, count: float) -> None:
+def test_samples_are_evenly_spaced_except_the_last(
+    duration: float, count: float
+) -> None:
     motion = Trajectory(
         ("j",), [0.0, duration], [[0.0], [1.0]], [[0.0]] * 2, [[0.0]] * 2
     )
@@ -201,7 +210,7 @@ def test_samples_are_evenly_spaced_up_to_the_end(duration: float, count: float) 
 @pytest.mark.parametrize(
     "dt", [0.0, -0.1, np.nan, np.inf, None, "0.1", [0.1], True, 0.5 / MAX_SAMPLES]
 )
-def test_bad_sampling_time(dt: object) -> None:
+def test_wrong_sampling_time_is_rejected(dt: object) -> None:
     with pytest.raises(
         ProblemError, match=r"^dt is .*(expected a positive time|small)"
     ) as e:
@@ -210,7 +219,7 @@ def test_bad_sampling_time(dt: object) -> None:
 
 
 @pytest.mark.parametrize("time", [np.nan, [0.1, np.nan], None, "0.1", [[0.1]], {}])
-def test_bad_time(time: object) -> None:
+def test_wrong_time_is_rejected(time: object) -> None:
     with pytest.raises(ProblemError, match=r"^time is .*expected") as caught:
         with_torque()(time)  # type: ignore[arg-type]
     assert caught.value.field == "time"
@@ -238,20 +247,22 @@ def test_bad_time(time: object) -> None:
         ("segment_dynamics", (torque, torque), "expected for each segment"),
     ],
 )
-def test_bad_fields(field: str, value: object, message: str) -> None:
+def test_wrong_field_of_a_trajectory_is_named(
+    field: str, value: object, message: str
+) -> None:
     with pytest.raises(ProblemError, match=message) as caught:
         with_acceleration(**{field: value})
     assert caught.value.field == field
 
 
-def test_a_motion_has_a_node() -> None:
+def test_trajectory_without_nodes_is_rejected() -> None:
     none = np.zeros((0, 1))
     with pytest.raises(ProblemError, match="increase from 0"):
         Trajectory(("j",), [], none, none, none)
 
 
 @pytest.mark.parametrize("a", [None, np.zeros((0, 1)), [[0.25]]])
-def test_a_motion_of_one_node_takes_no_time(a: Any) -> None:
+def test_trajectory_of_one_node_has_no_duration(a: Any) -> None:
     motion = Trajectory(("j",), [0.0], [[1.0]], [[0.5]], [[2.0]], a)
     assert motion.duration == 0.0
     state = motion(0.0)
@@ -272,10 +283,10 @@ def test_a_motion_of_one_node_takes_no_time(a: Any) -> None:
     assert with_end.segment_at(np.zeros(1)).tolist() == [1]
 
 
-# Values that stay
+# Immutability and equality
 
 
-def test_arrays_are_copies_that_cannot_be_written_to() -> None:
+def test_arrays_of_a_trajectory_are_read_only_copies() -> None:
     q = np.zeros((4, 2))
     motion = with_torque(q=q)
     q[:] = 7.0
@@ -292,7 +303,7 @@ def test_arrays_are_copies_that_cannot_be_written_to() -> None:
                 getattr(record, name)[0] = 1.0
 
 
-def test_equality_is_by_value() -> None:
+def test_trajectories_are_equal_by_value() -> None:
     motion = with_acceleration()
     assert motion == with_acceleration()
     assert hash(motion) == hash(with_acceleration())
@@ -306,7 +317,7 @@ def test_equality_is_by_value() -> None:
     assert len({samples, motion.sample(0.1)}) == 1
 
 
-def test_pickle_keeps_the_inverse_dynamics(planar3r: Robot) -> None:
+def test_pickled_trajectory_keeps_its_inverse_dynamics(planar3r: Robot) -> None:
     dynamics = RobotDynamics(planar3r)
     a = np.array([[1.0, -2.0, 3.0]])
     q = np.array([[0.5, 1.7, -1.7], [1.0, 0.7, -0.2]])

@@ -1,4 +1,4 @@
-"""Limits with a unit, as the loaders of ROS and of xacro have them."""
+"""Limits with a unit, in the notations of ROS and of xacro."""
 
 from __future__ import annotations
 
@@ -34,7 +34,9 @@ def limits_file(folder: Path, value: str) -> Path:
         ("rad(pi/2)", np.pi / 2),
     ],
 )
-def test_numbers_with_a_unit(tmp_path: Path, written: str, value: float) -> None:
+def test_numbers_with_a_unit_are_converted_to_si(
+    tmp_path: Path, written: str, value: float
+) -> None:
     limits = tm.load_joint_limits(limits_file(tmp_path, written))
     assert limits.velocity["joint1"] == pytest.approx(value, rel=1e-15)
 
@@ -55,12 +57,14 @@ def test_numbers_with_a_unit(tmp_path: Path, written: str, value: float) -> None
         ('"deg(90)"', r"is 'deg\(90\)', expected a number"),
     ],
 )
-def test_what_is_no_number(tmp_path: Path, written: str, message: str) -> None:
+def test_wrong_number_with_a_unit_is_rejected(
+    tmp_path: Path, written: str, message: str
+) -> None:
     with pytest.raises(tm.ScenarioError, match=message):
         tm.load_joint_limits(limits_file(tmp_path, written))
 
 
-def test_limits_of_motors_may_have_them(tmp_path: Path) -> None:
+def test_motion_limits_may_have_units(tmp_path: Path) -> None:
     path = tmp_path / "limits.yaml"
     path.write_text("acceleration: !degrees 180\n")
     robot = tm.load_robot("planar3r")

@@ -1,4 +1,4 @@
-"""Tests of reading URDF and SRDF files."""
+"""Reading URDF and SRDF files: wrong files, joints, mimic joints, shapes."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from tominpmp.exceptions import (
 )
 from tominpmp.robot.robot import load_robot
 
-# Files that are none
+# Wrong files
 
 
 @pytest.mark.parametrize(
@@ -109,7 +109,7 @@ from tominpmp.robot.robot import load_robot
         (robot(link("a", "<inertial/>")), "link a: <inertial> lacks <mass>"),
     ],
 )
-def test_wrong_descriptions_are_told_of_by_name(
+def test_message_about_a_wrong_urdf_names_the_element(
     tmp_path: Path, text: str, message: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(RobotLoadError, match=message) as caught:
@@ -119,7 +119,7 @@ def test_wrong_descriptions_are_told_of_by_name(
     assert capfd.readouterr() == ("", "")
 
 
-def test_file_that_is_not_there(tmp_path: Path) -> None:
+def test_missing_file_and_folder_are_rejected(tmp_path: Path) -> None:
     with pytest.raises(RobotLoadError, match="there is no file"):
         read_urdf(tmp_path / "none.urdf")
     with pytest.raises(RobotLoadError, match="is a folder"):
@@ -130,14 +130,14 @@ def test_file_that_is_not_there(tmp_path: Path) -> None:
         read_urdf(tmp_path / "a\0b.urdf")
 
 
-def test_binary_file_is_no_xml(tmp_path: Path) -> None:
+def test_binary_file_is_rejected_as_no_xml(tmp_path: Path) -> None:
     path = tmp_path / "sample.urdf"
     path.write_bytes(bytes(range(256)) * 40)
     with pytest.raises(RobotLoadError, match="is not XML"):
         read_urdf(path)
 
 
-def test_scenario_in_yaml_is_told_what_it_is_to_be(tmp_path: Path) -> None:
+def test_yaml_scenario_in_place_of_a_urdf_names_load_scenario(tmp_path: Path) -> None:
     path = tmp_path / "scenario.yaml"
     path.write_text("robot: panda\n", encoding="utf-8")
     with pytest.raises(
@@ -146,7 +146,7 @@ def test_scenario_in_yaml_is_told_what_it_is_to_be(tmp_path: Path) -> None:
         read_urdf(path)
 
 
-def test_entities_are_refused(tmp_path: Path) -> None:
+def test_internal_entities_are_rejected(tmp_path: Path) -> None:
     lines = ['<!ENTITY e0 "lol">']
     lines += [f'<!ENTITY e{i} "{f"&e{i - 1};" * 10}">' for i in range(1, 12)]
     text = f"<!DOCTYPE robot [{''.join(lines)}]><robot name='&e11;'/>"
@@ -154,14 +154,14 @@ def test_entities_are_refused(tmp_path: Path) -> None:
         read(tmp_path, text)
 
 
-def test_external_entities_are_refused(tmp_path: Path) -> None:
+def test_external_entities_are_rejected(tmp_path: Path) -> None:
     secret = write(tmp_path, "secret", "secret.txt")
     text = f"<!DOCTYPE r [<!ENTITY x SYSTEM 'file://{secret}'>]><robot>&x;</robot>"
     with pytest.raises(RobotLoadError, match="declares a document type"):
         read(tmp_path, text)
 
 
-def test_size_depth_and_count_are_limited(
+def test_size_depth_and_number_of_elements_are_limited(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with pytest.raises(RobotLoadError, match="nests them deeper"):
@@ -174,15 +174,15 @@ def test_size_depth_and_count_are_limited(
         read(tmp_path, one_joint())
 
 
-def test_too_many_links_are_refused(tmp_path: Path) -> None:
+def test_more_than_2000_links_are_rejected(tmp_path: Path) -> None:
     with pytest.raises(RobotLoadError, match="has 2001 links"):
         read(tmp_path, chain(*[""] * 2000))
 
 
-# What is read
+# Joints, limits and shapes
 
 
-def test_joint_values(tmp_path: Path) -> None:
+def test_limits_and_damping_of_a_joint_are_read(tmp_path: Path) -> None:
     text = one_joint(inside='<dynamics damping="0.5" friction="1"/>')
     (found,) = read(tmp_path, text).joints
     assert (found.name, found.kind) == ("j1", "revolute")
@@ -198,11 +198,11 @@ def test_continuous_joint_has_no_position_limits(tmp_path: Path) -> None:
     assert build_model(description, {}).nq == 1
 
 
-def test_limits_left_out(tmp_path: Path) -> None:
+def test_missing_limits_are_unknown_or_zero(tmp_path: Path) -> None:
     (found,) = read(tmp_path, one_joint(limit="")).joints
     values = (found.lower, found.upper, found.velocity, found.effort)
     assert all(map(math.isnan, values))
-    # By the URDF specification a limit that is left out beside another one is zero.
+    # By the URDF specification, a position limit missing beside the other one is zero.
     (found,) = read(tmp_path, one_joint(limit='<limit upper="0.04"/>')).joints
     assert (found.lower, found.upper) == (0, 0.04)
 
@@ -213,7 +213,7 @@ def test_infinite_limits_are_read(tmp_path: Path) -> None:
     assert (found.lower, found.upper, found.velocity) == (-math.inf, math.inf, math.inf)
 
 
-def test_mimic(tmp_path: Path) -> None:
+def test_mimic_elements_are_read(tmp_path: Path) -> None:
     text = chain(
         "", '<mimic joint="j1"/>', '<mimic joint="j2" multiplier="-2" offset="1"/>'
     )
@@ -223,7 +223,7 @@ def test_mimic(tmp_path: Path) -> None:
     assert third.mimic == Mimic("j2", -2.0, 1.0)
 
 
-def test_gravity_and_name_of_the_file(tmp_path: Path) -> None:
+def test_gravity_and_name_of_the_robot_are_read(tmp_path: Path) -> None:
     description = read(tmp_path, one_joint())
     assert description.gravity is None
     assert description.name == "sample"
@@ -235,7 +235,7 @@ def test_gravity_and_name_of_the_file(tmp_path: Path) -> None:
     assert read_urdf(write(tmp_path, nameless, "arm.urdf")).name == "arm"
 
 
-def test_remains_of_other_tools_are_left_out(tmp_path: Path) -> None:
+def test_elements_of_other_tools_are_ignored(tmp_path: Path) -> None:
     text = one_joint(inside='<safety_controller soft_lower_limit="no"/>').replace(
         "</robot>",
         "<gazebo><sensor:camera/></gazebo><transmission><joint name='j1'/>"
@@ -246,7 +246,7 @@ def test_remains_of_other_tools_are_left_out(tmp_path: Path) -> None:
     assert build_model(description, {}).nq == 1
 
 
-def test_colours_of_one_name_remain_different(tmp_path: Path) -> None:
+def test_materials_with_one_name_keep_their_own_colours(tmp_path: Path) -> None:
     def visual(color: str) -> str:
         return (
             '<visual><geometry><sphere radius="1"/></geometry><material name="m">'
@@ -259,7 +259,7 @@ def test_colours_of_one_name_remain_different(tmp_path: Path) -> None:
     assert colours == [(1.0, 0.0, 0.0, 1.0), (0.0, 1.0, 0.0, 1.0), None]
 
 
-# Joints that are not free
+# Mimic joints and locked joints
 
 
 def linkage(folder: Path, *insides: str, **locked: float) -> Linkage:
@@ -270,21 +270,21 @@ FOLLOW_1 = '<mimic joint="j1" multiplier="2" offset="0.5"/>'
 FOLLOW_2 = '<mimic joint="j2" multiplier="-3" offset="1"/>'
 
 
-def test_chain_of_followers_is_resolved(tmp_path: Path) -> None:
+def test_chain_of_mimic_joints_is_resolved_to_one_leader(tmp_path: Path) -> None:
     found = linkage(tmp_path, "", FOLLOW_1, FOLLOW_2)
     assert found.locked == {}
     # q3 = -3 (2 q1 + 0.5) + 1
     assert found.followers == {"j2": Mimic("j1", 2, 0.5), "j3": Mimic("j1", -6, -0.5)}
 
 
-def test_locked_leader_locks_those_that_follow(tmp_path: Path) -> None:
+def test_locked_leader_locks_its_mimic_joints(tmp_path: Path) -> None:
     found = linkage(tmp_path, "", FOLLOW_1, FOLLOW_2, j1=0.25)
     assert found.locked == {"j1": 0.25, "j2": 1.0, "j3": -2.0}
     assert found.followers == {}
     assert found.reasons() == dict.fromkeys(("j1", "j2", "j3"), "is locked")
 
 
-def test_locked_follower_must_agree_with_its_leader(tmp_path: Path) -> None:
+def test_locked_mimic_joint_must_agree_with_its_leader(tmp_path: Path) -> None:
     assert linkage(tmp_path, "", FOLLOW_1, j1=0.25, j2=1.0).locked["j2"] == 1.0
     with pytest.raises(OptionsError, match=r"j2 got 2, but it follows j1.* at 1"):
         linkage(tmp_path, "", FOLLOW_1, j1=0.25, j2=2.0)
@@ -292,7 +292,7 @@ def test_locked_follower_must_agree_with_its_leader(tmp_path: Path) -> None:
         linkage(tmp_path, "", FOLLOW_1, j2=1.0)
 
 
-def test_followers_in_a_circle_are_refused(tmp_path: Path) -> None:
+def test_cycle_of_mimic_joints_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(RobotLoadError, match="j1 follows itself"):
         linkage(tmp_path, '<mimic joint="j2"/>', '<mimic joint="j1"/>')
 
@@ -303,7 +303,7 @@ def test_locked_position_must_be_a_number(tmp_path: Path, value: object) -> None
         linkage(tmp_path, "", j1=value)  # type: ignore[arg-type]
 
 
-def test_unknown_locked_joint(tmp_path: Path) -> None:
+def test_unknown_locked_joint_is_named(tmp_path: Path) -> None:
     with pytest.raises(JointNotFound, match="'j9'; the robot has: j1, j2"):
         linkage(tmp_path, "", "", j9=0.0)
 
@@ -311,7 +311,7 @@ def test_unknown_locked_joint(tmp_path: Path) -> None:
 # SRDF
 
 
-def test_srdf(tmp_path: Path) -> None:
+def test_srdf_groups_states_and_disabled_pairs_are_read(tmp_path: Path) -> None:
     text = """<robot name="sample">
       <group_state name="home" group="arm"><joint name="j1" value="0.5"/>
         <joint name="other" value="1 2 3"/></group_state>
@@ -347,7 +347,9 @@ def test_srdf(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_wrong_srdf(tmp_path: Path, text: str, message: str) -> None:
+def test_message_about_a_wrong_srdf_names_the_element(
+    tmp_path: Path, text: str, message: str
+) -> None:
     path = write(tmp_path, text, "sample.srdf")
     with pytest.raises(RobotLoadError, match=message):
         read_srdf(path, read(tmp_path, one_joint()), Arguments())
@@ -363,14 +365,16 @@ POINTS = (
 
 @pytest.mark.parametrize("tag", ["collision", "visual"])
 @pytest.mark.parametrize("shape", POINTS)
-def test_shapes_of_no_size_are_left_out(tmp_path: Path, shape: str, tag: str) -> None:
+def test_shapes_of_zero_size_are_dropped_with_a_warning(
+    tmp_path: Path, shape: str, tag: str
+) -> None:
     path = write(tmp_path, one_shape(shape, tag))
     with pytest.warns(TominpmpWarning, match=f"no size .*: link l1, {tag} 1$"):
         arm = load_robot(path)
     assert arm.collision_model.ngeoms == 0
 
 
-def test_flat_shapes_are_not_left_out(tmp_path: Path) -> None:
+def test_flat_box_gets_a_small_thickness(tmp_path: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         flat = read(tmp_path, one_shape('<box size="1 0.5 0"/>'))

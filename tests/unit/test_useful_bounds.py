@@ -1,4 +1,4 @@
-"""Bounds are put into words where they are at least half of the duration."""
+"""A lower bound is reported if it is at least half of the duration."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ABOVE = "% above the lower bound"
 
 @pytest.fixture(scope="module")
 def fast() -> tm.Solution:
-    """Torques rule, and speeds that are hardly limited tell next to nothing."""
+    """Torques are the active limits; the velocity limits give only a small bound."""
     arm = make_arm(rod(1.0, 1.0), rod(1.0, 1.0), effort=np.array([10.0, 5.0]))
     problem = tm.Problem(arm, [-0.4, 0.6], tm.JointGoal([0.9, -0.3]))
     return tm.plan(problem, effort="quick")
@@ -26,13 +26,13 @@ def fast() -> tm.Solution:
 
 @pytest.fixture(scope="module")
 def slow() -> tm.Solution:
-    """Speeds rule."""
+    """Velocities are the active limits."""
     arm = make_arm(rod(1.0, 1.0), rod(1.0, 1.0), effort=100.0, velocity=1.0)
     problem = tm.Problem(arm, [-0.4, 0.6], tm.JointGoal([0.9, -0.3]))
     return tm.plan(problem, effort="quick")
 
 
-def test_a_bound_of_less_than_half_of_T_is_a_value_and_no_words(
+def test_bound_below_half_of_the_duration_is_not_reported(
     fast: tm.Solution,
 ) -> None:
     assert fast.success
@@ -47,26 +47,28 @@ def test_a_bound_of_less_than_half_of_T_is_a_value_and_no_words(
     assert "no useful bound" in fast._repr_html_()
 
 
-def test_a_bound_of_more_than_half_of_T_is_told_everywhere(slow: tm.Solution) -> None:
+def test_bound_above_half_of_the_duration_is_reported_everywhere(
+    slow: tm.Solution,
+) -> None:
     assert slow.success
     assert 0.5 * slow.T < slow.lower_bound.T < slow.T
     assert f"{100.0 * slow.gap:.1f} {ABOVE}" in slow.message
-    told = f"{slow.lower_bound.T:.4f} s ({slow.lower_bound.reason})"
-    assert told in report_text(report_data(slow, {}))
-    assert told in slow._repr_html_()
-    # Of a motion that takes more than twice as long it says nothing.
+    expected = f"{slow.lower_bound.T:.4f} s ({slow.lower_bound.reason})"
+    assert expected in report_text(report_data(slow, {}))
+    assert expected in slow._repr_html_()
+    # For a motion of more than twice the bound, the bound is useless.
     late = replace(slow, lower_bound=tm.LowerBound(0.49 * slow.T, "so it is"))
     assert "no useful bound" in report_text(report_data(late, {}))
     assert "no useful bound" in late._repr_html_()
 
 
-def test_a_plan_without_a_motion_tells_no_bound(slow: tm.Solution) -> None:
+def test_failed_plan_reports_no_bound(slow: tm.Solution) -> None:
     failed = replace(slow, feasible=False, message="")
     assert "lower bound" not in report_text(report_data(failed, {}))
     assert "lower bound" not in failed._repr_html_()
 
 
-def test_a_tour_tells_its_bound_where_that_is_useful(tmp_path: Path) -> None:
+def test_tour_reports_its_bound_if_it_is_useful(tmp_path: Path) -> None:
     tour = """
 [[stations]]
 name = "one"
@@ -89,7 +91,7 @@ goal = {type = "joint", q = [0.6, 1.0, -0.3]}
     assert "no useful bound" in found[1] and "No tour beats" not in found[1]
 
 
-def test_the_argument_quick_is_still_taken():
+def test_deprecated_argument_quick_warns():
     robot = tm.load_robot("planar3r")
     problem = tm.Problem(robot, [0.5, 1.7, -1.7], tm.JointGoal([1.5, 1.0, -0.7]))
     with pytest.warns(tm.TominpmpWarning, match="quick has no effect"):

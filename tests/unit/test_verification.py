@@ -1,4 +1,4 @@
-"""Replay of torques, and the judgement on it."""
+"""The replay of torques, and the verification of its result."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ RAIL_TIME = 2.0 / np.sqrt(PUSH)
 
 
 def rail_motion(force: float = FORCE, nodes: int = 9) -> Trajectory:
-    """Full force forth and back over 1 m, from rest to rest."""
+    """Full force, first forwards and then backwards, over 1 m from rest to rest."""
     push = force / MASS
     T = 2.0 / np.sqrt(push)
     t = np.linspace(0.0, T, nodes)
@@ -76,7 +76,7 @@ def swing_problem(robot: Robot, motion: Trajectory) -> Problem:
 # -- replay ----------------------------------------------------------------------------
 
 
-def test_replay_of_full_force_has_its_closed_form() -> None:
+def test_replay_of_full_force_matches_the_closed_form() -> None:
     found = replay(rail_problem(), rail_motion())
     early = found.t < 0.5 * RAIL_TIME
     assert found.complete
@@ -89,7 +89,7 @@ def test_replay_of_full_force_has_its_closed_form() -> None:
 
 
 @pytest.mark.parametrize("integrator", ["DOP853", "LSODA", "Radau"])
-def test_free_pendulum_keeps_its_energy(integrator: str) -> None:
+def test_replay_of_a_free_pendulum_conserves_energy(integrator: str) -> None:
     robot = make_arm(ROD, effort=1.0, gravity=DOWNWARD)
     t = np.linspace(0.0, 2.0, 5)
     rest = np.zeros((5, 1))
@@ -102,27 +102,27 @@ def test_free_pendulum_keeps_its_energy(integrator: str) -> None:
     np.testing.assert_allclose(energy, 0.0, atol=2e-7)
 
 
-def test_stiff_friction_is_no_matter() -> None:
+def test_replay_with_stiff_damping_needs_few_evaluations() -> None:
     stiff = make_arm(slide(MASS), effort=FORCE, damping=2e4)
     goal = JointGoal(np.ones(1))
     motion = rail_motion()
     found = replay(Problem(stiff, np.zeros(1), goal), motion)
     assert found.evaluations < 5000
-    # Forth and back at the speed that friction leaves.
+    # The carriage moves forwards and backwards at its terminal speed.
     half = np.searchsorted(found.t, motion.t[4])
     np.testing.assert_allclose(found.q[half, 0], 5e-4 * RAIL_TIME / 2, rtol=1e-3)
     assert abs(found.q[-1, 0]) < 1e-6
 
 
 @pytest.mark.parametrize("integrator", ["DOP853", "LSODA", "Radau"])
-def test_torque_of_a_spline_brings_the_spline_about(integrator: str) -> None:
+def test_replay_of_inverse_dynamics_follows_the_spline(integrator: str) -> None:
     robot = make_arm(*RODS, effort=100.0, gravity=DOWNWARD, damping=1.0)
     motion = swing(robot, 1.5)
     found = replay(swing_problem(robot, motion), motion, integrator=integrator)
     np.testing.assert_allclose(found.q, motion(found.t).q, atol=1e-6)
 
 
-def test_derivative_for_stiff_arms_is_that_of_the_dynamics() -> None:
+def test_jacobian_for_implicit_integrators_matches_the_dynamics() -> None:
     robot = make_arm(
         *RODS, effort=100.0, gravity=DOWNWARD, damping=np.array([2.0, 7.0])
     )
@@ -136,7 +136,7 @@ def test_derivative_for_stiff_arms_is_that_of_the_dynamics() -> None:
     np.testing.assert_allclose(plant.jacobian(1.5, x), f.f_x[0], atol=1e-11)
 
 
-def test_motion_that_runs_away_ends_early() -> None:
+def test_replay_that_diverges_ends_early_and_is_reported() -> None:
     problem = rail_problem()
     motion = rail_motion()
     wild = replace(motion, u=1e9 * motion.u)
@@ -151,19 +151,19 @@ def test_motion_that_runs_away_ends_early() -> None:
     assert "inf" not in verdict.message
 
 
-def test_pieces_follow_a_curve() -> None:
+def test_piecewise_polynomials_follow_a_curve() -> None:
     t = np.array([0.0, 0.4, 1.5])
     curve = Pieces.of(lambda x: np.column_stack([np.sin(9 * x), x**3 - x]), t)
-    assert curve.count > 2  # halved, as the sine is too wild for one polynomial
+    assert curve.count > 2  # halved, as one polynomial cannot follow the sine
     some = np.linspace(0.0, 1.5, 41)
     expected = np.column_stack([np.sin(9 * some), some**3 - some])
     np.testing.assert_allclose(curve(some), expected, atol=1e-9)
 
 
-# -- judgement -------------------------------------------------------------------------
+# -- verification ----------------------------------------------------------------------
 
 
-def test_motion_that_keeps_everything_is_believed() -> None:
+def test_motion_within_all_limits_is_verified() -> None:
     found = verify(rail_problem(), rail_motion())
     assert found.ok and found.complete and found.violations == ()
     assert found.goal_error < 1e-10 and found.speed_error < 1e-10
@@ -173,7 +173,7 @@ def test_motion_that_keeps_everything_is_believed() -> None:
     assert "reaches the goal" in found.message
 
 
-def test_speed_is_judged_between_the_nodes() -> None:
+def test_velocity_limit_is_checked_between_the_nodes() -> None:
     # Three nodes at rest hide the top speed; the torques do not.
     motion = rail_motion(nodes=3)
     hidden = replace(motion, v=np.zeros((3, 1)))
@@ -187,8 +187,10 @@ def test_speed_is_judged_between_the_nodes() -> None:
     assert "beyond its velocity limit" in found.message
 
 
-def test_short_motions_are_judged_between_their_nodes() -> None:
-    """Of a motion of less than a millisecond, the nodes alone were judged."""
+def test_motions_below_a_millisecond_are_checked_between_nodes() -> None:
+    """Regression: of a motion of less than a millisecond, only the nodes were
+    checked.
+    """
     t, zero = np.array([0.0, 4e-4]), np.zeros((2, 1))
     effort = 6.0 * MASS / t[1] ** 2
     robot = make_arm(slide(MASS), effort=effort, velocity=1.0 / t[1])
@@ -201,8 +203,10 @@ def test_short_motions_are_judged_between_their_nodes() -> None:
     assert violation.share == pytest.approx(0.5, rel=1e-3)
 
 
-def test_jumps_within_a_millisecond_break_limits_of_jerk() -> None:
-    """A motion of 1 ms was accepted, of 1.47 ms as its limit of jerk permits."""
+def test_acceleration_jumps_within_a_millisecond_violate_jerk() -> None:
+    """Regression: a motion of 1 ms was accepted, though its limit of jerk requires 1.47
+    ms.
+    """
     force = 4e6 * MASS
     robot = make_arm(slide(MASS), effort=force, velocity=1e4)
     limits = MotionLimits(jerk=1e10)
@@ -212,7 +216,7 @@ def test_jumps_within_a_millisecond_break_limits_of_jerk() -> None:
     assert {item.kind for item in verify(problem, motion).violations} == {"jerk"}
 
 
-def test_effort_is_judged_on_both_sides_of_a_jump() -> None:
+def test_effort_limit_is_checked_on_both_sides_of_a_jump() -> None:
     # The force rises along the interval and is too large at its end alone.
     def force(q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         return np.where(v > 0.0, 12.0 * v, -1.0)
@@ -235,7 +239,7 @@ def test_effort_is_judged_on_both_sides_of_a_jump() -> None:
     assert effort.share == pytest.approx(0.2, rel=1e-6)
 
 
-def test_position_limit_that_is_passed_has_joint_and_time() -> None:
+def test_position_violation_has_its_joint_and_time() -> None:
     upper, lower = np.array([9.0, 0.01]), np.array([-9.0, -0.5])
     limits = {"position_upper": upper, "position_lower": lower}
     robot = make_arm(*RODS, effort=100.0, **limits)
@@ -249,7 +253,7 @@ def test_position_limit_that_is_passed_has_joint_and_time() -> None:
     assert position.amount == pytest.approx(np.max(motion.q[:, 1]) - 0.01, abs=1e-3)
 
 
-def test_start_of_the_problem_counts_not_that_of_the_motion() -> None:
+def test_replay_begins_at_the_start_of_the_problem() -> None:
     problem = rail_problem()
     apart = replace(problem, q_start=np.array([-0.01]))
     found = verify(apart, rail_motion())
@@ -259,24 +263,24 @@ def test_start_of_the_problem_counts_not_that_of_the_motion() -> None:
     assert verify(apart, rail_motion(), Tolerances(goal=0.02)).ok
 
 
-def test_velocity_at_the_end_counts() -> None:
+def test_final_velocity_of_the_goal_is_checked() -> None:
     problem = replace(rail_problem(), goal=JointGoal(np.ones(1), np.full(1, 0.5)))
     found = verify(problem, rail_motion())
     assert [item.kind for item in found.violations] == ["speed"]
     assert found.speed_error == pytest.approx(0.5)
 
 
-def standing(off: float) -> tuple[Problem, Trajectory]:
-    """A rod that is to stand still for 8 s so far from upright, without a torque."""
+def standing(distance: float) -> tuple[Problem, Trajectory]:
+    """A rod that stands still for 8 s at this distance from upright, without torque."""
     robot = make_arm(ROD, effort=5.0, gravity=DOWNWARD)
     t = np.linspace(0.0, 8.0, 161)
-    q = np.full((161, 1), UPRIGHT - off)
+    q = np.full((161, 1), UPRIGHT - distance)
     rest = np.zeros((161, 1))
     motion = Trajectory(robot.joint_names, t, q, rest, rest)
     return Problem(robot, q[0], JointGoal(q[0])), motion
 
 
-def test_unstable_motion_is_replayed_with_a_trace_of_feedback() -> None:
+def test_unstable_motion_is_verified_with_little_feedback() -> None:
     problem, motion = standing(1e-9)
     found = verify(problem, motion)
     # A rod 1 m long falls at the rate (3 g / 2 l)^(1/2).
@@ -288,7 +292,7 @@ def test_unstable_motion_is_replayed_with_a_trace_of_feedback() -> None:
     assert "unstable" in found.message
 
 
-def test_feedback_carries_no_motion_that_its_torques_do_not() -> None:
+def test_feedback_beyond_its_limit_is_a_violation() -> None:
     problem, motion = standing(0.05)
     found = verify(problem, motion)
     assert not found.ok
@@ -305,7 +309,7 @@ def test_stable_motion_is_replayed_without_feedback() -> None:
     assert found.growth < 100.0
 
 
-def test_goal_on_a_frame_is_measured_there() -> None:
+def test_goal_error_of_a_frame_goal_is_measured_at_the_frame() -> None:
     robot = make_arm(*RODS, effort=100.0)
     motion = swing(robot, 1.0)
     tip = RobotKinematics(robot).placement(motion.q[-1], "tip").translation
@@ -319,21 +323,21 @@ def test_goal_on_a_frame_is_measured_there() -> None:
     assert found.violations[0].unit == "m"
 
 
-def test_any_goal_of_a_set_and_ranges_will_do() -> None:
+def test_any_alternative_goal_within_its_range_is_accepted() -> None:
     robot = make_arm(*RODS, effort=100.0)
     motion = swing(robot, 1.0)
     end = motion.q[-1]
     stop = Tolerances(speed=100.0)
-    off = JointRegionGoal(end[1:] + 0.3, 0.1, joints=["joint2"])
-    found = verify(Problem(robot, motion.q[0], off), motion, stop)
+    outside = JointRegionGoal(end[1:] + 0.3, 0.1, joints=["joint2"])
+    found = verify(Problem(robot, motion.q[0], outside), motion, stop)
     assert found.violations[0].name == "joint joint2"
     assert found.goal_error == pytest.approx(0.2)
-    near = replace(off, tolerance=0.301)
-    either = AnyGoal([off, near])
+    inside = replace(outside, tolerance=0.301)
+    either = AnyGoal([outside, inside])
     assert verify(Problem(robot, motion.q[0], either), motion, stop).ok
 
 
-def test_contact_on_the_way_has_pair_time_and_depth(planar3r: Robot) -> None:
+def test_collision_has_its_pair_time_and_depth(planar3r: Robot) -> None:
     t = np.linspace(0.0, 1.0, 11)
     q = np.zeros((11, 3))
     q[:, 0] = 0.2 + 1.6 * t**2 * (3.0 - 2.0 * t)
@@ -356,7 +360,7 @@ def test_contact_on_the_way_has_pair_time_and_depth(planar3r: Robot) -> None:
     assert verify(far, motion, Tolerances(limits=100.0)).min_clearance > 3.0
 
 
-def test_motion_limits_are_judged() -> None:
+def test_motion_limits_are_checked() -> None:
     limits = MotionLimits(
         acceleration=4.0,
         effort_rate=100.0,
@@ -395,7 +399,7 @@ def accelerating(
 @pytest.mark.parametrize(
     ("a", "jerk", "time"), [(2.0, -2.0, 0.0), (0.0, 2.0, 1.0), (0.0, 0.0, None)]
 )
-def test_accelerations_that_jump_at_an_end_break_limits_of_rates(
+def test_acceleration_jump_at_an_end_violates_rate_limits(
     kind: str, a: float, jerk: float, time: float | None
 ) -> None:
     motion = accelerating(a, jerk)
@@ -407,7 +411,7 @@ def test_accelerations_that_jump_at_an_end_break_limits_of_rates(
 
 @pytest.mark.parametrize("kind", SMOOTH)
 @pytest.mark.parametrize("continuous", [True, False])
-def test_accelerations_that_jump_between_segments_break_limits_of_rates(
+def test_acceleration_jump_between_segments_violates_rate_limits(
     kind: str, continuous: bool
 ) -> None:
     first, robot = accelerating(0.0, 2.0), rail_problem().robot
@@ -429,7 +433,7 @@ def test_accelerations_that_jump_between_segments_break_limits_of_rates(
     assert places == ([] if continuous else [(kind, 1.0, 2)])
 
 
-def test_motions_of_other_joints_are_refused() -> None:
+def test_verify_rejects_other_joints_and_nan() -> None:
     motion = rail_motion()
     with pytest.raises(ProblemError, match="joint1"):
         verify(rail_problem(), replace(motion, joint_names=("elbow",)))
@@ -438,7 +442,7 @@ def test_motions_of_other_joints_are_refused() -> None:
         verify(rail_problem(), nan)
 
 
-def test_options_hold_the_tolerances() -> None:
+def test_tolerances_are_options() -> None:
     options = Options(goal_tolerance=0.1, contact_tolerance=0.2)
     assert options.tolerances == Tolerances(goal=0.1, contact=0.2)
     assert Options().tolerances == Tolerances()
@@ -452,9 +456,9 @@ RUNNER = """<robot name="runner"><link name="rail"/><link name="carriage">
 </robot>"""
 
 
-def test_contact_between_two_milliseconds_is_seen(tmp_path) -> None:
-    # At 10 m/s a ball of 1 cm passes a small one between two instants: 0.6 mm away at
-    # both of them, and 0.5 mm deep in it halfway.
+def test_collision_between_two_sampled_instants_is_found(tmp_path) -> None:
+    # At 10 m/s, a ball of 1 cm passes a small ball between two instants: their distance
+    # is 0.6 mm at both instants, and their depth 0.5 mm halfway.
     path = tmp_path / "runner.urdf"
     path.write_text(RUNNER)
     robot = load_robot(path)

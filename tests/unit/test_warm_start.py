@@ -1,4 +1,4 @@
-"""Warm starts: a former motion as the beginning of a plan."""
+"""Warm starts: a former motion as the initial guess of a plan."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tominpmp.planner import starts
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 START, END = (0.5, 1.7, -1.7), (0.9, -1.2, -0.9)
-# The grid of the search shows as well what a former motion is good for.
+# The first grid suffices to see the effect of a warm start.
 QUICK = {"effort": "quick", "refine": None}
 POST = tm.Scene([tm.Sphere("O", radius=0.8, position=(4, 0, 0))])
 
@@ -29,29 +29,29 @@ def free(planar3r):
 
 @pytest.fixture(scope="module")
 def stepped(free):
-    """The same with constant accelerations on the intervals."""
+    """The same motion with constant accelerations on the intervals."""
     return tm.plan(free.problem, tm.Options(control="constant", refine=None))
 
 
 @pytest.fixture(scope="module")
 def around(planar3r):
-    """The paper's problem with the obstacle."""
+    """The paper's problem with its obstacle."""
     problem = tm.Problem(planar3r, START, tm.PositionGoal("tip", (4, 1, 0)), scene=POST)
     return tm.plan(problem, tm.Options(starts=1, **QUICK))
 
 
-def test_the_same_problem_takes_few_iterations(free):
-    # On the grid that it has: the way to finer ones is as long as for another guess.
+def test_warm_start_of_the_same_problem_halves_the_iterations(free):
+    # Without refinement, which takes as many iterations as from another guess.
     again = tm.plan(free.problem, start=free, refine=None)
     assert again.success and again.iterations <= free.iterations / 2
     assert again.T <= free.T * (1 + 1e-12)
 
 
-def test_the_motion_is_taken_over_to_the_last_bit(stepped):
+def test_former_motion_is_represented_within_rounding(stepped):
     system = ProblemFunctions.of(stepped.problem)
     guess = warm_start(system, stepped.trajectory)
     assert guess.bend is None and guess.entry == 0.0
-    # On its own grid, and on a finer one that its intervals are split for.
+    # On the grid of the motion, and on a finer grid that splits its intervals.
     for intervals in (stepped.trajectory.t.size - 1, 57):
         program, z = guess.spline_program(system, intervals, "cosine", 2)
         motion = program.trajectory(z)
@@ -59,12 +59,12 @@ def test_the_motion_is_taken_over_to_the_last_bit(stepped):
         expected = stepped.trajectory(motion.t)
         np.testing.assert_allclose(motion.q, expected.q, atol=1e-12)
         np.testing.assert_allclose(motion.v, expected.v, atol=1e-9)
-        # Between the nodes torques may be this much too high.
+        # Between the nodes, torques may exceed their limits by this share.
         assert np.max(program.rows.violation(program.evaluate(z))) <= 2.1e-3
 
 
 @pytest.mark.parametrize("control", ["linear", "spline"])
-def test_splines_are_taken_over(free, control):
+def test_former_splines_are_represented_within_rounding(free, control):
     options = tm.Options(control=control, intervals=24, refine=None)
     solution = tm.plan(free.problem, options)
     system = ProblemFunctions.of(free.problem)
@@ -76,7 +76,7 @@ def test_splines_are_taken_over(free, control):
     np.testing.assert_allclose(program.trajectory(z)(times).q, expected, atol=1e-7)
 
 
-def test_the_bend_meets_the_new_ends(planar3r, free):
+def test_bent_guess_meets_the_new_start_and_goal(planar3r, free):
     rng = np.random.default_rng(1)
     v_start = rng.uniform(-0.2, 0.2, 3)
     problem = tm.Problem(
@@ -94,7 +94,7 @@ def test_the_bend_meets_the_new_ends(planar3r, free):
     np.testing.assert_allclose((ends[3] - ends[2]) / h, 0, atol=1e-3)
 
 
-def test_a_bent_guess_stays_within_the_position_limits(planar3r):
+def test_bent_guess_keeps_position_limits(planar3r):
     lower = planar3r.limits.position_lower
     start = np.maximum(START, lower + 0.02)
     first = tm.plan(
@@ -107,7 +107,7 @@ def test_a_bent_guess_stays_within_the_position_limits(planar3r):
     assert tm.plan(problem, start=first, **QUICK).success
 
 
-def test_another_goal_is_as_good_as_from_scratch_and_quicker(around):
+def test_warm_start_for_another_goal_needs_fewer_iterations(around):
     goal = tm.PositionGoal("tip", (4, 1.15, 0))
     problem = replace(around.problem, goal=goal)
     cold = tm.plan(problem, tm.Options(starts=1, **QUICK))
@@ -117,8 +117,8 @@ def test_another_goal_is_as_good_as_from_scratch_and_quicker(around):
     assert warm.iterations < cold.iterations
 
 
-def test_an_obstacle_in_the_way_is_avoided(around):
-    """The former motion would hit the larger obstacle."""
+def test_warm_start_avoids_a_changed_obstacle(around):
+    """The former motion would collide with the larger obstacle."""
     scene = tm.Scene([tm.Sphere("O", radius=1.0, position=(4, -0.2, 0))])
     problem = replace(around.problem, scene=scene)
     tight = replace(around.problem, scene=scene, margin=0.05)
@@ -128,7 +128,7 @@ def test_an_obstacle_in_the_way_is_avoided(around):
         assert warm.verification.min_clearance >= changed.margin - 1e-5
 
 
-def test_going_on_from_a_moving_state(planar3r, free):
+def test_replanning_in_motion_follows_the_rest_of_the_optimum(planar3r, free):
     """Bellman: the rest of an optimal motion is the optimal motion for the rest."""
     at = 0.4 * free.T
     state = free.trajectory(at)
@@ -142,8 +142,10 @@ def test_going_on_from_a_moving_state(planar3r, free):
 
 
 @pytest.mark.parametrize("frame", [False, True])
-def test_going_on_shortly_before_the_end(planar3r, free, frame):
-    """The guess was the whole motion, bent by its length, for 2 % of its duration."""
+def test_replanning_shortly_before_the_end_uses_the_rest(planar3r, free, frame):
+    """Regression: the guess for the last 2 % of the duration was the whole motion, bent
+    by its full length.
+    """
     at = 0.98 * free.T
     state, goal = free.trajectory(at), tm.JointGoal(END)
     if frame:
@@ -158,8 +160,10 @@ def test_going_on_shortly_before_the_end(planar3r, free, frame):
 
 
 @pytest.mark.parametrize("share", [0.3, 0.5, 0.9])
-def test_going_on_with_constant_accelerations(share):
-    """What is left was kept with the torques of the whole motion: too many rows."""
+def test_replanning_with_constant_accelerations_uses_the_rest(share):
+    """Regression: the rest of the motion had the torques of the whole motion: too many
+    rows.
+    """
     arm = make_arm(slide(1.0), effort=np.array([1.0]))
     options = tm.Options(control="constant", effort="quick", refine=None)
     problem = tm.Problem(arm, [0.0], tm.JointGoal([1.0]))
@@ -171,8 +175,10 @@ def test_going_on_with_constant_accelerations(share):
     assert again.T <= (1.0 - share) * first.T * (1.0 + 1e-4)
 
 
-def test_the_way_back_begins_with_the_whole_motion(planar3r, free):
-    """At the end of a motion nothing of it is left, and its goal is another one."""
+def test_motion_back_to_the_start_is_guessed_from_the_whole_motion(planar3r, free):
+    """At the end of a motion nothing of the motion remains, and its goal is another
+    one.
+    """
     rest = np.full(3, 1e-3)
     for q in (np.array(END), END + rest, free.trajectory(0.99 * free.T).q):
         problem = tm.Problem(planar3r, q, tm.JointGoal(START))
@@ -181,7 +187,7 @@ def test_the_way_back_begins_with_the_whole_motion(planar3r, free):
 
 
 @pytest.mark.parametrize("method", ["collocation", "adjoint"])
-def test_other_methods(around, method):
+def test_warm_start_works_with_other_methods(around, method):
     options = tm.Options(method=method, starts=1, **QUICK)
     first = tm.plan(around.problem, options)
     goal = tm.PositionGoal("tip", (4, 1.05, 0))
@@ -191,15 +197,15 @@ def test_other_methods(around, method):
     assert warm.iterations < first.iterations
 
 
-def test_wider_limits_never_make_it_slower(planar3r, free):
+def test_warm_start_with_wider_limits_is_never_slower(planar3r, free):
     faster = planar3r.with_changes(effort=1.05 * planar3r.limits.effort_upper)
     problem = tm.Problem(faster, START, tm.JointGoal(END))
     warm = tm.plan(problem, tm.Options(intervals=8), start=free)
     assert warm.success and warm.T <= free.T + 1e-9
 
 
-def test_a_motion_that_cannot_be_bettered_is_kept(planar3r, free):
-    """A grid that is too coarse for anything as fast."""
+def test_former_motion_is_returned_if_no_plan_is_faster(planar3r, free):
+    """The grid is too coarse for any motion as fast as the former motion."""
     fine = tm.plan(free.problem, tm.Options(intervals=60, **QUICK))
     warm = tm.plan(free.problem, tm.Options(intervals=10, **QUICK), start=fine)
     coarse = tm.plan(free.problem, tm.Options(intervals=10, **QUICK))
@@ -207,8 +213,10 @@ def test_a_motion_that_cannot_be_bettered_is_kept(planar3r, free):
     assert warm.success and warm.T <= fine.T
 
 
-def test_a_former_motion_beyond_a_new_limit_is_not_kept(ur5):
-    """A replay tolerates the excess of 0.4 %, which is why it is the faster motion."""
+def test_former_motion_beyond_a_new_limit_is_not_returned(ur5):
+    """The replay tolerates its excess of 0.4 %, because of which it is the faster
+    motion.
+    """
     start, end = [0.0, -1.5, 1.0, 0.0, 0.5, 0.0], [1.2, -1.2, 1.3, 0.5, 0.5, 0.0]
     former, again = (
         tm.Problem(ur5, start, tm.JointGoal(end), motion_limits=limits)
@@ -218,8 +226,10 @@ def test_a_former_motion_beyond_a_new_limit_is_not_kept(ur5):
     assert warm.verification.worst["acceleration"].share < 1e-4
 
 
-def test_a_recording_that_is_too_fast_does_as_well_as_a_slow_one(ur5):
-    """From a third of its duration a descent took three times as many iterations."""
+def test_too_fast_recording_needs_no_more_iterations_than_a_slow_one(ur5):
+    """Regression: from a third of its duration, a descent took three times as many
+    iterations.
+    """
     limits = tm.MotionLimits(acceleration=15.0)
     ends = (0.0, -1.2, 1.0, -1.0, -1.5, 0.0), (1.4, -0.9, -0.3, 0.4, 0.6, 1.8)
     problem = tm.Problem(ur5, ends[0], tm.JointGoal(ends[1]), motion_limits=limits)
@@ -238,7 +248,7 @@ def test_a_recording_that_is_too_fast_does_as_well_as_a_slow_one(ur5):
     assert fast.iterations <= slow.iterations + 2
 
 
-def test_a_warm_start_leaves_time_for_other_guesses(free, clock):
+def test_warm_start_leaves_time_for_other_guesses(free, clock):
     def slow(record):
         clock.advance(6.0 * (record.start == 0))
 
@@ -249,7 +259,7 @@ def test_a_warm_start_leaves_time_for_other_guesses(free, clock):
     assert solution.success and solution.status is not tm.Status.TIME_LIMIT
 
 
-def test_no_search_follows_a_motion_near_the_lower_bound():
+def test_no_further_starts_follow_a_motion_near_the_lower_bound():
     ur5, goal = tm.load_robot("ur5"), tm.JointGoal([1.2, -1.2, 1.2, -1.5, -1.4, 0.3])
     box = tm.Box("box", size=(0.1, 0.1, 0.5), position=(0.55, 0.45, 0.15))
     problem = tm.Problem(ur5, [0.0, -1.3, 1.4, -1.6, -1.57, 0.0], goal, [box], 0.01)
@@ -260,7 +270,7 @@ def test_no_search_follows_a_motion_near_the_lower_bound():
     assert {record.start for record in again.history} == {0}
 
 
-def test_other_guesses_follow_where_it_leads_to_nothing(planar3r, around, monkeypatch):
+def test_other_guesses_follow_a_failed_warm_start(planar3r, around, monkeypatch):
     warm_start = starts._warm_start_work
 
     def fails(*arguments):
@@ -279,14 +289,14 @@ def test_other_guesses_follow_where_it_leads_to_nothing(planar3r, around, monkey
     assert {record.start for record in again.history} >= {0, 1}
 
 
-def test_samples_of_a_file_do(free, tmp_path):
+def test_samples_of_a_file_are_a_warm_start(free, tmp_path):
     path = free.export(tmp_path / "motion.npz", dt=0.01, verify=False)
     warm = tm.plan(free.problem, start=tm.load_motion(path))
     assert warm.success
     assert warm.T <= 1.003 * free.T
 
 
-def test_motions_of_other_joints_are_refused(free):
+def test_wrong_warm_start_is_rejected(free):
     other = replace(free.trajectory, joint_names=("a", "b", "c"))
     with pytest.raises(tm.ProblemError, match="of a, b, c, expected a motion of joint"):
         tm.plan(free.problem, start=other)
@@ -301,8 +311,10 @@ def test_motions_of_other_joints_are_refused(free):
         tm.plan(free.problem, start=holes)
 
 
-def test_a_motion_that_rests_from_the_first_is_a_guess(planar3r):
-    """It arrives at once: the way to the goal takes no time."""
+def test_former_motion_at_rest_is_a_guess(planar3r):
+    """The former motion is at the goal from the beginning, so that the motion there has
+    no duration.
+    """
     stays = tm.Segment(tm.JointGoal(START), dwell=1.0)
     problem = tm.Problem(planar3r, START, segments=[stays])
     rest = np.zeros((3, 3))
@@ -315,8 +327,8 @@ def test_a_motion_that_rests_from_the_first_is_a_guess(planar3r):
     np.testing.assert_allclose(guess.q, np.tile(START, (len(guess.t), 1)), atol=1e-12)
 
 
-def test_a_warm_start_of_torques_weighs_no_jumps(monkeypatch, free):
-    """As without a former motion: the total variation is for other methods."""
+def test_warm_start_of_the_adjoint_method_has_no_smoothing(monkeypatch, free):
+    """As without a former motion: the total variation is weighed by other methods."""
     seen, own = [], starts.shooting_work
 
     def watched(system, options, *more):

@@ -1,4 +1,4 @@
-"""The grid of the program that a former motion starts."""
+"""The grid of a program that is warm-started from a former motion."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ def former(problem: tm.Problem) -> tm.Solution:
 
 
 @pytest.mark.parametrize(
-    ("asked", "expected"), [(24, 24), (16, 16), (10, 16), (4, 16), (3, 3)]
+    ("intervals", "expected"), [(24, 24), (16, 16), (10, 16), (4, 16), (3, 3)]
 )
-def test_nodes_are_kept_unless_there_are_far_too_many(
-    problem: tm.Problem, former: tm.Solution, asked: int, expected: int
+def test_warm_start_keeps_the_nodes_of_the_former_motion(
+    problem: tm.Problem, former: tm.Solution, intervals: int, expected: int
 ) -> None:
     assert former.trajectory is not None
     system = ProblemFunctions.of(problem)
     guess = warm_start(system, former.trajectory)
-    program, z = guess.spline_program(system, asked, "cosine", 3)
+    program, z = guess.spline_program(system, intervals, "cosine", 3)
     of = program.transcription
     assert isinstance(of, BSplineTranscription)
     assert of.shares.shape == (expected, 1)
@@ -44,6 +44,6 @@ def test_nodes_are_kept_unless_there_are_far_too_many(
     ]
     assert all(kept) is (expected == FORMER)
     # The motion is the same, as far as the grid can represent it.
-    there = of.trajectory(z)(np.linspace(0.0, former.T, 50)).q
-    gone = former.trajectory(np.linspace(0.0, former.T, 50)).q
-    assert np.max(np.abs(there - gone)) < (1e-9 if all(kept) else 0.1)
+    represented = of.trajectory(z)(np.linspace(0.0, former.T, 50)).q
+    original = former.trajectory(np.linspace(0.0, former.T, 50)).q
+    assert np.max(np.abs(represented - original)) < (1e-9 if all(kept) else 0.1)

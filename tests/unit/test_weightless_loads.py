@@ -1,4 +1,4 @@
-"""Loads that fall almost freely on their way: the tip of the cone of friction."""
+"""Loads in nearly free fall: the tip of the friction cone."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ G, EFFORT, MASS = 9.81, 30.0, 1.0
 
 
 @pytest.mark.parametrize("load", [0.3, 3e-4])
-def test_the_rounded_cone_is_within_the_cone(load):
+def test_rounded_friction_cone_is_inside_the_cone(load):
     rng = np.random.default_rng(0)
     part, most = rng.normal(size=(500, 2)), np.abs(rng.normal(size=500))
     part, most = part * load, most * load
@@ -23,7 +23,7 @@ def test_the_rounded_cone_is_within_the_cone(load):
     assert np.all(beyond[value[:, 0] <= 0.0] < 0.0)
 
 
-def test_slopes_at_the_tip_are_those_of_a_smooth_function():
+def test_derivatives_at_the_tip_of_the_cone_are_continuous():
     ways = np.eye(6)[:3] * np.array([[1.0], [1.0], [0.3]])
     small = 1e-3 * TIP
     for part in ((small, 0.0), (-small, small)):
@@ -32,8 +32,8 @@ def test_slopes_at_the_tip_are_those_of_a_smooth_function():
         assert np.max(np.abs(here - there)) < 10.0 * small / TIP
 
 
-def test_a_glass_on_a_lift_falls_with_it():
-    """Up by what the motor can, then as good as falling."""
+def test_glass_on_a_lift_is_accelerated_nearly_to_free_fall():
+    """The lift accelerates upwards with its full force, then nearly in free fall."""
     lift = make_arm(slide(MASS, axis=(0, 0, 1)), effort=EFFORT, gravity=(0, 0, -G))
     glass = tm.StableContact("tip", (0.0, 0.0, 0.05), 0.4, mass=0.1)
     problem = tm.Problem(lift, [0.0], tm.JointGoal([1.0]), constraints=(glass,))

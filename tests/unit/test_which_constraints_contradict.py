@@ -1,4 +1,6 @@
-"""Two constraints of one name that no configuration keeps: told apart, and where."""
+"""Two constraints with the same name that no configuration satisfies: the message says
+which, and where.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,7 @@ def arm(**more) -> tm.Robot:
     return make_arm(*links, effort=np.full(3, 90.0), **more)
 
 
-def test_the_other_one_is_told_by_its_number_and_limit_and_both_by_their_size():
+def test_message_about_contradictory_constraints_has_numbers_and_values():
     items = (
         tm.ToolSpeed("tip", 1.0),
         tm.KeepUpright("tip", UP, UP, 0.05),
@@ -47,8 +49,8 @@ def test_constraints_of_equal_time_windows_contradict_each_other() -> None:
         )
 
 
-def test_of_a_load_that_is_not_held_at_the_start_it_is_told_why():
-    """The tray is upright where the arm is stretched out, in the plane of gravity."""
+def test_message_about_a_load_that_slips_at_the_start_has_the_reason():
+    """The tray is upright if the arm is stretched out, in the plane of gravity."""
     glass = tm.StableContact("tip", (0.0, 0.0, 0.1), 0.3)
     level = arm(gravity=(0.0, 0.0, -9.81))
     on_edge = arm(gravity=(0.0, -9.81, 0.0))

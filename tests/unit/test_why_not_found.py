@@ -1,4 +1,6 @@
-"""Plans without a motion: what is in the way is named, and proofs come at once."""
+"""Messages of plans without a motion: the cause is named, and proofs of infeasibility
+come at once.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,7 @@ TOLERANCE = 5e-3
 
 
 def rushed(*latest: float | None, dwell: float = 0.0) -> tm.Problem:
-    """One joint there and back, with the latest arrivals at both ends."""
+    """One joint moves to 1 rad and back, with the latest arrivals at both goals."""
     arm = make_arm(ROD, effort=5.0)
     segments = [
         tm.Segment(
@@ -36,8 +38,8 @@ def rushed(*latest: float | None, dwell: float = 0.0) -> tm.Problem:
     return tm.Problem(arm, [0.0], segments=segments)
 
 
-def test_an_arrival_that_no_motion_meets_is_told_at_once() -> None:
-    """Nine starts failed first, and a violated acceleration was named."""
+def test_unreachable_arrival_time_is_infeasible_at_once() -> None:
+    """Regression: nine starts failed first, and a violated acceleration was named."""
     fastest = lower_bound(rushed(None)).T
 
     solution = tm.plan(rushed(0.5 * fastest))
@@ -50,7 +52,7 @@ def test_an_arrival_that_no_motion_meets_is_told_at_once() -> None:
     )
 
 
-def test_arrivals_are_bounded_by_the_segments_and_stays_before() -> None:
+def test_earliest_arrival_includes_earlier_segments_and_dwells() -> None:
     fastest = lower_bound(rushed(None)).T
     least = 2.0 * fastest + 0.5
 
@@ -66,7 +68,7 @@ def test_arrivals_are_bounded_by_the_segments_and_stays_before() -> None:
 
 
 def moving(at: float, v: float, to: float, w: float) -> tm.Problem:
-    """A joint between 0 and 1 rad, with up to 2 rad/s^2."""
+    """A joint between 0 and 1 rad, with at most 2 rad/s^2."""
     arm = make_arm(ROD, effort=50.0).with_changes(
         position_lower=0.0, position_upper=1.0
     )
@@ -76,8 +78,11 @@ def moving(at: float, v: float, to: float, w: float) -> tm.Problem:
     )
 
 
-def test_room_that_is_missing_to_stop_or_for_a_run_up_is_told() -> None:
-    """Other limits were named, after eight starts."""
+def test_missing_distance_to_a_position_limit_is_infeasible_at_once() -> None:
+    """Regression: other limits were named, after eight starts.
+
+    The distance is missing to stop after the start, or to reach the speed of the goal.
+    """
     stop = tm.plan(moving(0.9, 1.0, 0.5, 0.0))
     assert stop.status is Status.INFEASIBLE and not stop.history
     assert stop.message == (
@@ -89,8 +94,8 @@ def test_room_that_is_missing_to_stop_or_for_a_run_up_is_told() -> None:
     assert run_up.endswith("and needs 0.25 rad to reach this speed.")
 
 
-def test_torque_that_is_missing_for_the_acceleration_at_the_start_is_told() -> None:
-    """Such a start was searched until the time limit."""
+def test_missing_torque_for_the_start_acceleration_is_infeasible() -> None:
+    """Regression: a start of this kind was searched until the time limit."""
     arm = make_arm(ROD, effort=50.0)
     goal, jerk = tm.JointGoal([0.5]), tm.MotionLimits(jerk=1e3)
     start = partial(tm.Problem, arm, [0.0], goal, motion_limits=jerk)
@@ -113,17 +118,19 @@ def test_torque_that_is_missing_for_the_acceleration_at_the_start_is_told() -> N
         (0.1, -0.6, 0.05, -0.4),
     ],
 )
-def test_enough_room_is_not_disputed(ends: tuple[float, ...]) -> None:
+def test_sufficient_distance_to_a_position_limit_is_feasible(
+    ends: tuple[float, ...],
+) -> None:
     problem = moving(*ends)
     assert why_impossible(problem, TOLERANCE) == ""
     assert tm.plan(problem).success
 
 
 @pytest.mark.parametrize("segment", ["", "on segment 2, "], ids=["one", "second"])
-def test_joint_and_obstacle_without_a_path_are_named(
+def test_missing_path_names_joint_and_obstacle(
     segment: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Torques of a guess were named that no iteration had improved."""
+    """Regression: torques of a guess were named that no iteration had improved."""
     for module in (plan_state, segments):
         monkeypatch.setattr(module, "PathSearches", partial(PathSearches, checks=2000))
     room = {"position_lower": [-3.0, -0.1, -0.1], "position_upper": [3.0, 0.1, 0.1]}
@@ -146,16 +153,16 @@ def test_joint_and_obstacle_without_a_path_are_named(
     assert "N m" not in solution.message
 
 
-def test_a_load_that_no_configuration_at_the_goal_holds_is_named() -> None:
+def test_goal_where_no_configuration_can_rest_is_named() -> None:
     weak = make_arm(ROD, ROD, effort=np.array([15.0, 9.0]), gravity=DOWNWARD)
     strong = make_arm(ROD, ROD, effort=np.array([50.0, 50.0]), gravity=DOWNWARD)
     goal = tm.PositionGoal("tip", [1.9, 0.0, 0.0])
     start = [-1.5, 0.0]
 
-    told = hindrance(tm.Problem(weak, start, goal))
+    message = hindrance(tm.Problem(weak, start, goal))
 
-    assert "goal: the arm cannot rest in any of the " in told
-    assert "joint 'joint1' cannot hold the arm against gravity there" in told
+    assert "goal: the arm cannot rest in any of the " in message
+    assert "joint 'joint1' cannot hold the arm against gravity there" in message
     assert hindrance(tm.Problem(strong, start, goal)) == ""
     moving = tm.PositionGoal("tip", [1.9, 0.0, 0.0], v=[0.0, 0.1, 0.0])
     assert hindrance(tm.Problem(weak, start, moving)) == ""
@@ -166,31 +173,33 @@ def test_a_load_that_no_configuration_at_the_goal_holds_is_named() -> None:
     assert hindrance(tm.Problem(strong, start, segments=segments)) == ""
 
 
-def test_what_covers_a_goal_on_a_frame_is_named() -> None:
+def test_obstacle_at_a_frame_goal_is_named() -> None:
     arm = tm.load_robot("planar3r")
     ball = tm.Sphere("ball", radius=0.2, position=(3.0, 2.0, 0.0))
     region = tm.RegionGoal("tip", [2.99, 1.99, -0.1], [3.01, 2.01, 0.1])
     problem = tm.Problem(arm, [2.0, 0.0, 0.0], region, [ball], margin=0.02)
 
-    told = hindrance(problem)
+    message = hindrance(problem)
 
-    assert "configurations found to reach it are in collision" in told
-    assert "obstacle 'ball' lack 0." in told
+    assert "configurations found to reach it are in collision" in message
+    assert "obstacle 'ball' lack 0." in message
 
 
-def test_how_far_a_tool_can_follow_its_path_is_told() -> None:
-    """The distance from the goal was told, and neither the ball nor the place."""
+def test_message_has_the_last_reachable_point_of_a_tool_line() -> None:
+    """Regression: the message had the distance from the goal, and neither the obstacle
+    nor the place.
+    """
     arm, q = tm.load_robot("planar3r"), [0.5, 1.4, -0.8]
     begin = np.array(RobotKinematics(arm).placement(np.array(q), "tip").translation)
 
-    def told(way: float, *obstacles: tm.Sphere) -> str:
+    def hindrance_along(way: float, *obstacles: tm.Sphere) -> str:
         line = tm.ToolLine("tip", begin, begin + np.array([way, 0.0, 0.0]), radius=0.01)
         goal = tm.PositionGoal("tip", line.end)
         return hindrance(tm.Problem(arm, q, goal, obstacles, constraints=[line]))
 
-    assert told(-4.0) == ""
+    assert hindrance_along(-4.0) == ""
     ball = tm.Sphere("ball", radius=0.2, position=begin - np.array([2.0, 0.0, 0.0]))
-    hit = told(-4.0, ball)
+    hit = hindrance_along(-4.0, ball)
     assert "frame 'tip' can be led along its path as far as [0.7731, 4.222" in hit
     assert "beyond which link 'link3' and obstacle 'ball' collide" in hit
 
@@ -206,10 +215,12 @@ def test_how_far_a_tool_can_follow_its_path_is_told() -> None:
 @pytest.mark.parametrize(
     "limits", [None, tm.MotionLimits(acceleration=8.0, jerk=200.0)]
 )
-def test_pieces_of_a_motion_are_never_proved_impossible(
+def test_pieces_of_a_feasible_motion_are_not_proved_infeasible(
     limits: tm.MotionLimits | None,
 ) -> None:
-    """A piece has velocities at both ends, and meets its goals just in time."""
+    """A piece has velocities at both ends, and meets its goals exactly at the latest
+    arrival.
+    """
     robot = tm.load_robot("ur5", limits="urdf")
     start = (-0.96, -1.19, 1.49, -1.87, 1.57, -0.61)
     goal = tm.JointGoal((1.1, -0.6, 0.9, -2.2, 0.5, 2.0), wrap=False)
@@ -239,8 +250,8 @@ def test_pieces_of_a_motion_are_never_proved_impossible(
         assert not why_impossible(piece, TOLERANCE)
 
 
-def test_a_goal_where_the_motors_cannot_hold_the_arm_is_refused_at_once() -> None:
-    """The whole planning time was used up first."""
+def test_goal_where_the_arm_cannot_rest_is_rejected_at_once() -> None:
+    """Regression: the whole planning time was used up first."""
     weak = make_arm(ROD, ROD, effort=np.array([15.0, 9.0]), gravity=DOWNWARD)
     goal, start = tm.PositionGoal("tip", [1.9, 0.0, 0.0]), [-1.5, 0.0]
     back = tm.Segment(tm.JointGoal(start))
@@ -256,8 +267,10 @@ def test_a_goal_where_the_motors_cannot_hold_the_arm_is_refused_at_once() -> Non
     assert passed.iterations > 0
 
 
-def test_iterations_that_are_used_up_are_told_with_their_option() -> None:
-    """The advice was on errors of integration, while the duration was still falling."""
+def test_iteration_limit_names_its_option() -> None:
+    """Regression: the advice concerned errors of integration, while the duration was
+    still falling.
+    """
     problem = tm.Problem(make_arm(ROD, effort=5.0), [0.0], tm.JointGoal([1.0]))
     few = {"method": "adjoint", "step_rule": "paper", "max_iterations": 5}
     solution = tm.plan(problem, initial_duration=1.5, **few)

@@ -1,4 +1,4 @@
-"""Time against mechanical work: closed forms, its replay, what files know of it."""
+"""Time against mechanical work: closed forms, work of the replay, scenario files."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ def rail(force: float) -> tm.Robot:
 
 
 def closed_form(distance: float, weight: float, force: float) -> tuple[float, float]:
-    """T and work of a unit mass that is pushed, coasts and brakes.
+    """T and work of a unit mass that accelerates, coasts and brakes.
 
-    With the speed v of the coasting T = d/v + v/a, and the work is v^2/2: J is least
-    where k v^3 + v^2/a = d, or at the speed at which nothing is left to coast.
+    With the speed v of coasting, T = d/v + v/a, and the work is v^2/2. J is least where
+    k v^3 + v^2/a = d, or at the speed that leaves no distance for coasting.
     """
     fastest = np.sqrt(distance * force)
 
@@ -36,7 +36,7 @@ def closed_form(distance: float, weight: float, force: float) -> tuple[float, fl
 @pytest.mark.parametrize(
     ("distance", "weight", "force"), [(1.0, 1.0, 4.0), (2.0, 0.1, 4.0), (2.0, 5.0, 1.0)]
 )
-def test_a_mass_on_a_rail_coasts_as_in_the_closed_form(distance, weight, force):
+def test_time_against_work_on_a_rail_matches_the_closed_form(distance, weight, force):
     problem = tm.Problem(rail(force), [0.0], tm.JointGoal([distance]))
     solution = tm.plan(problem, energy="work", energy_weight=weight)
     assert solution.success, solution.message
@@ -44,14 +44,14 @@ def test_a_mass_on_a_rail_coasts_as_in_the_closed_form(distance, weight, force):
     assert solution.cost == pytest.approx(T + weight * work, rel=1e-3)
     assert pytest.approx(T, rel=1e-2) == solution.T
     assert solution.energy == pytest.approx(work, rel=3e-2)
-    # It coasts: for most of what is left between the ends no motor works.
+    # The mass coasts: the motor is idle between acceleration and braking.
     t = np.linspace(0.0, solution.T, 1001)
     idle = np.abs(solution.trajectory(t).u[:, 0]) < 0.05 * force
     v = np.sqrt(2.0 * work)
     assert np.mean(idle) == pytest.approx((T - 2.0 * v / force) / T, abs=0.1)
 
 
-def test_states_and_torques_as_unknowns_lead_there_too():
+def test_collocation_matches_the_closed_form_of_time_against_work():
     problem = tm.Problem(rail(4.0), [0.0], tm.JointGoal([1.0]))
     options = tm.Options(energy="work", energy_weight=1.0, method="collocation")
     solution = tm.plan(problem, options)
@@ -59,13 +59,13 @@ def test_states_and_torques_as_unknowns_lead_there_too():
     assert solution.cost == pytest.approx(T + work, rel=1e-3)
 
 
-def test_work_that_costs_next_to_nothing_changes_nothing():
+def test_tiny_weight_of_work_leaves_the_time_optimal_motion():
     problem = tm.Problem(rail(1.0), [0.0], tm.JointGoal([1.0]))
     solution = tm.plan(problem, energy="work", energy_weight=1e-9)
     assert pytest.approx(2.0, rel=1e-4) == solution.T
 
 
-def test_segments_with_a_stop_add_up():
+def test_cost_of_segments_with_a_stop_is_the_sum_of_their_costs():
     segments = [
         tm.Segment(tm.JointGoal([1.0]), stop=True),
         tm.Segment(tm.JointGoal([3.0])),
@@ -79,14 +79,16 @@ def test_segments_with_a_stop_add_up():
 
 @pytest.fixture(scope="module")
 def swing():
-    """Two links in a plane under gravity: the fastest plan, and one of little work."""
+    """Two links in a plane under gravity: the time-optimal plan, and a plan with little
+    work.
+    """
     problem = tm.Problem(swinging_arm(12.0, 6.0), [0.3, 0.4], tm.JointGoal([1.2, -0.6]))
     quick = tm.Options(intervals=12, starts=1, refine=None, energy="work")
     fastest = tm.plan(problem, quick)
     return fastest, tm.plan(problem, quick.changed({"energy_weight": 0.1}))
 
 
-def test_work_is_that_of_the_torques(swing):
+def test_work_matches_the_integral_of_positive_power(swing):
     for solution in swing:
         t = np.linspace(0.0, solution.T, 40001)
         _, v, _, u = solution.trajectory(t)
@@ -94,7 +96,7 @@ def test_work_is_that_of_the_torques(swing):
         assert solution.energy == pytest.approx(trapezoid(power, t), rel=1e-3)
 
 
-def test_work_is_traded_for_time(swing):
+def test_weight_of_work_trades_time_for_less_work(swing):
     fastest, thrifty = swing
     assert thrifty.success, thrifty.message
     assert thrifty.verification.ok
@@ -105,8 +107,10 @@ def test_work_is_traded_for_time(swing):
 
 
 @pytest.mark.parametrize("method", ["inverse", "collocation"])
-def test_a_kind_of_energy_is_one_entry(monkeypatch, method):
-    """T + k int v^2 dt: the mass coasts at the speed 1/sqrt(k), if it reaches it."""
+def test_custom_energy_is_one_entry_of_a_table(monkeypatch, method):
+    """T + k int v^2 dt: the mass coasts at the speed 1/sqrt(k), if it reaches this
+    speed.
+    """
 
     def term(u, v):
         return v, np.zeros_like(u), np.ones_like(v)
@@ -127,14 +131,14 @@ def test_a_kind_of_energy_is_one_entry(monkeypatch, method):
     assert "trade of time against squared speed" in solution.message
 
 
-def test_wrong_kinds_are_refused():
+def test_wrong_energy_is_rejected():
     with pytest.raises(OptionsError, match="energy is 'heat', expected one of: torque"):
         tm.Options(energy="heat")
     with pytest.raises(OptionsError, match="energy is 3"):
         tm.Options(energy=3)
 
 
-def test_scenario_files_know_it(tmp_path):
+def test_energy_survives_saving_and_loading(tmp_path):
     robot = tm.load_robot("planar3r", gravity=(0, 0, 0))
     problem = tm.Problem(robot, [0.5, 0.5, 0.5], tm.JointGoal([0.6, 0.5, 0.4]))
     options = tm.Options(energy="work", energy_weight=0.01)

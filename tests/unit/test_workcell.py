@@ -1,4 +1,4 @@
-"""Tests of workcells: one problem made of several robots, and motions taken apart."""
+"""Workcells: one problem for several robots, and the split of its motion."""
 
 from __future__ import annotations
 
@@ -34,19 +34,21 @@ QUICK = Options(intervals=16, effort="quick", refine=None)
 
 @pytest.fixture(scope="module")
 def cell(planar3r: Robot) -> Workcell:
-    """Names that are not in alphabetical order, one base turned against gravity."""
+    """The names are not in alphabetical order, and a base is turned against gravity."""
     return Workcell({"b": (planar3r, (0, 0, 0)), "a": (planar3r, TURNED)})
 
 
 @pytest.fixture(scope="module")
 def pair() -> Workcell:
-    """Two UR5s that face each other."""
+    """Two UR5s facing each other."""
     arm = load_robot("ur5", limits="urdf")
     turned = pin.SE3(np.diag([-1.0, -1.0, 1.0]), np.array([1.2, 0.0, 0.0]))
     return Workcell({"one": (arm, (0, 0, 0)), "two": (arm, turned)})
 
 
-def test_what_it_is(cell: Workcell, planar3r: Robot) -> None:
+def test_workcell_has_names_bases_and_one_robot(
+    cell: Workcell, planar3r: Robot
+) -> None:
     assert cell.names == ("b", "a")
     assert cell.robot.joint_names[:3] == ("b/joint1", "b/joint2", "b/joint3")
     assert cell.base("a").isApprox(TURNED)
@@ -59,7 +61,9 @@ def test_what_it_is(cell: Workcell, planar3r: Robot) -> None:
     assert Workcell({"b": (planar3r, (0, 0, 0))}) != cell
 
 
-def test_gravity_in_the_axes_of_a_base(cell: Workcell, planar3r: Robot) -> None:
+def test_gravity_is_expressed_in_the_axes_of_each_base(
+    cell: Workcell, planar3r: Robot
+) -> None:
     np.testing.assert_array_equal(cell.alone("b").gravity, planar3r.gravity)
     np.testing.assert_allclose(
         TURNED.rotation @ cell.alone("a").gravity, planar3r.gravity, atol=1e-12
@@ -69,14 +73,14 @@ def test_gravity_in_the_axes_of_a_base(cell: Workcell, planar3r: Robot) -> None:
 # Goals
 
 
-def test_joint_goals_become_one(cell: Workcell) -> None:
+def test_joint_goals_are_combined_into_one(cell: Workcell) -> None:
     goal = cell.goal({"b": JointGoal(START), "a": JointGoal(ENDS["a"], [0.1, 0, 0])})
     assert goal == JointGoal(
         np.concatenate([START, ENDS["a"]]), [0, 0, 0, 0.1, 0.0, 0.0]
     )
 
 
-def test_goals_of_several_kinds(cell: Workcell, planar3r: Robot) -> None:
+def test_goals_of_different_types_are_combined(cell: Workcell, planar3r: Robot) -> None:
     point = (1.0, 4.0, 0.0)
     goal = cell.goal({"a": JointGoal(ENDS["a"]), "b": PositionGoal("tip", point)})
     names = [f"a/{joint}" for joint in planar3r.joint_names]
@@ -94,7 +98,7 @@ def test_goals_of_several_kinds(cell: Workcell, planar3r: Robot) -> None:
     )
 
 
-def test_sets_of_goals_are_multiplied(cell: Workcell) -> None:
+def test_alternative_goals_are_combined_pairwise(cell: Workcell) -> None:
     one, two = JointGoal(START), JointGoal(ENDS["a"])
     goal = cell.goal({"b": AnyGoal([one, two]), "a": AnyGoal([one, two])})
     assert isinstance(goal, AnyGoal)
@@ -105,7 +109,7 @@ def test_sets_of_goals_are_multiplied(cell: Workcell) -> None:
 # Motions
 
 
-def test_far_apart_they_take_as_long_as_the_slower_one(cell: Workcell) -> None:
+def test_distant_robots_take_as_long_as_the_slower_robot(cell: Workcell) -> None:
     alone = {
         name: plan(Problem(cell.alone(name), START, JointGoal(end)), QUICK)
         for name, end in ENDS.items()
@@ -117,7 +121,7 @@ def test_far_apart_they_take_as_long_as_the_slower_one(cell: Workcell) -> None:
     assert together.success
     assert min(s.T for s in alone.values()) < 0.95 * max(s.T for s in alone.values())
     assert together.T == pytest.approx(max(s.T for s in alone.values()), rel=5e-3)
-    # Each part replays alone, on the robot as it stands there.
+    # Each part of the motion replays alone, on the robot at its own base.
     motions = cell.split(together.trajectory)
     assert tuple(motions) == cell.names
     for name, motion in motions.items():
@@ -126,7 +130,7 @@ def test_far_apart_they_take_as_long_as_the_slower_one(cell: Workcell) -> None:
         assert motion.duration == together.T
         task = Problem(robot, START, JointGoal(ENDS[name]))
         assert verify(task, motion, Tolerances()).ok, name
-        # The torques between the nodes are those of all together.
+        # The torques between the nodes equal those of the whole motion.
         columns = [cell.robot.joint_names.index(f"{name}/joint{i}") for i in (1, 2, 3)]
         times = np.linspace(0.0, together.T, 57)
         for own, whole in zip(motion(times), together.trajectory(times), strict=True):
@@ -149,7 +153,7 @@ def test_a_robot_without_a_goal_ends_at_rest(cell: Workcell) -> None:
     np.testing.assert_allclose(motions["a"].v[0], [0.3, 0.0, 0.0], atol=1e-12)
 
 
-def test_split_motion_with_constant_torque(cell: Workcell) -> None:
+def test_split_motion_of_collocation_replays_alone(cell: Workcell) -> None:
     start = dict.fromkeys(ENDS, START)
     goal = {k: JointGoal(end) for k, end in ENDS.items()}
     options = Options(intervals=24, method="collocation", effort="quick", refine=None)
@@ -166,7 +170,7 @@ def test_split_motion_with_constant_torque(cell: Workcell) -> None:
         np.testing.assert_allclose(motion(after, hold=True).u, own, atol=1e-9)
 
 
-def test_split_motions_have_the_segments_and_loads_of_the_whole(cell: Workcell) -> None:
+def test_split_motions_have_segments_and_payloads_of_the_whole(cell: Workcell) -> None:
     goals = (
         cell.goal({k: JointGoal(end) for k, end in ENDS.items()}),
         cell.goal(dict.fromkeys(ENDS, JointGoal(START))),
@@ -185,12 +189,12 @@ def test_split_motions_have_the_segments_and_loads_of_the_whole(cell: Workcell) 
         np.testing.assert_allclose(motion(times).u, own, atol=1e-9)
 
 
-# Room between them
+# Clearance between robots
 
 
-def test_margin_is_kept_between_robots(pair: Workcell) -> None:
-    # Forearms that point at each other, 21 cm apart or so; links of either arm are
-    # nearer to each other than that.
+def test_margin_holds_between_robots_and_not_within_one(pair: Workcell) -> None:
+    # The forearms point at each other, about 21 cm apart; links of the same arm are
+    # nearer to each other.
     q = np.array([0.0, -1.2, 1.9, -0.7, -1.571, 0.0])
     arms = {"one": q, "two": q}
     goal = {name: JointGoal(value) for name, value in arms.items()}
@@ -208,12 +212,12 @@ def test_margin_is_kept_between_robots(pair: Workcell) -> None:
     message = r"start in collision: links '(one|two)/.*less than the margin"
     with pytest.raises(ProblemError, match=message) as caught:
         pair.problem(arms, goal, margin=nearest.distance + 0.01)
-    # Links that overlap get advice on their meshes, which do not matter to a margin.
+    # Advice on meshes is for links that overlap, not for a margin.
     assert "meshes" not in str(caught.value)
     pair.problem(arms, goal, margin=nearest.distance - 0.01)
 
 
-def test_margin_from_obstacles_too(pair: Workcell) -> None:
+def test_margin_holds_between_robots_and_obstacles(pair: Workcell) -> None:
     q = np.array([0.0, -1.2, 1.9, -0.7, -1.571, 0.0])
     ball = Scene([Sphere("ball", radius=0.05, position=(0.6, 0.0, 2.0))])
     problem = pair.problem(
@@ -226,10 +230,10 @@ def test_margin_from_obstacles_too(pair: Workcell) -> None:
     np.testing.assert_array_equal(first, 0.02)
 
 
-# Wrong input
+# Wrong arguments
 
 
-def test_wrong_robots(planar3r: Robot) -> None:
+def test_wrong_robots_are_rejected(planar3r: Robot) -> None:
     here = (0.0, 0.0, 0.0)
     for robots, message in (
         ([("a", planar3r, here), ("a", planar3r, (9, 0, 0))], "two of them are named"),
@@ -244,7 +248,7 @@ def test_wrong_robots(planar3r: Robot) -> None:
         assert caught.value.field == "robots"
 
 
-def test_wrong_goals_and_starts(cell: Workcell) -> None:
+def test_wrong_goals_and_starts_name_the_robot(cell: Workcell) -> None:
     fine = JointGoal(START)
     goals: list[tuple[dict[str, Goal | None], str]] = [
         ({"a": fine}, "no goal is given for 'b'"),
@@ -271,14 +275,14 @@ def test_wrong_goals_and_starts(cell: Workcell) -> None:
         cell.alone("c")
 
 
-def test_unreachable_goals_are_told_of(cell: Workcell) -> None:
-    # Near enough to its base, but beside the plane that it moves in.
+def test_unreachable_goal_is_rejected(cell: Workcell) -> None:
+    # Within reach of the base, but beside the plane of the arm.
     goal = {"b": None, "a": PositionGoal("tip", (35.0, 0.0, 1.0))}
     with pytest.raises(ProblemError, match="no configuration within the position lim"):
         plan(cell.problem({"a": START, "b": START}, goal), QUICK)
 
 
-def test_motion_of_other_robots(cell: Workcell, planar3r: Robot) -> None:
+def test_split_rejects_motions_of_other_robots(cell: Workcell, planar3r: Robot) -> None:
     alone = plan(Problem(planar3r, START, JointGoal(ENDS["a"])), QUICK)
     with pytest.raises(ProblemError, match=r"of joint1, .*expected a motion of b/"):
         cell.split(alone.trajectory)

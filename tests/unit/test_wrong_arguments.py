@@ -1,4 +1,6 @@
-"""Arguments of a wrong type or value: the library's own error, and a short one."""
+"""Arguments of a wrong type or value raise errors of the library with short
+messages.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +19,8 @@ from tominpmp.files.export import export
 from tools.fuzz.arguments import World, Wrong
 from tools.fuzz.nonsense import NONSENSE
 
-# Things that are neither a problem nor a motion nor anything else asked for.
-STRANGERS = (None, 5, "x", [1.0], {}, np.zeros(3), object(), "x" * 10**6, 10**5000)
+# Values that are no problem, no motion and no other expected object.
+WRONG_VALUES = (None, 5, "x", [1.0], {}, np.zeros(3), object(), "x" * 10**6, 10**5000)
 
 
 @pytest.fixture(scope="module")
@@ -26,32 +28,30 @@ def world() -> World:
     return World()
 
 
-@pytest.mark.parametrize("stranger", STRANGERS, ids=lambda x: type(x).__name__)
-def test_what_is_no_problem_and_no_motion(
-    stranger: object, world: World, tmp_path: Path
+@pytest.mark.parametrize("wrong", WRONG_VALUES, ids=lambda x: type(x).__name__)
+def test_wrong_objects_are_rejected_with_the_name_of_the_argument(
+    wrong: object, world: World, tmp_path: Path
 ) -> None:
     problem, motion = world.problem, world.trajectory
     calls: dict[str, Callable[[], Any]] = {
-        "problem": lambda: tm.plan(stranger),
-        "problem ": lambda: tm.verify(stranger, motion),
-        "problem  ": lambda: tm.certify(stranger, motion),
-        "problem   ": lambda: tm.lower_bound(stranger),
-        "problem    ": lambda: tm.save_scenario(tmp_path / "a.toml", stranger),
-        "trajectory": lambda: tm.verify(problem, stranger),
-        "trajectory ": lambda: tm.certify(problem, stranger),
-        "trajectory  ": lambda: tm.prove_clearance(problem.checker, stranger),
-        "trajectory   ": lambda: export(stranger, tmp_path / "a.csv"),
-        "checker": lambda: tm.prove_clearance(stranger, motion),
-        "solution": lambda: tm.smooth(stranger),
+        "problem": lambda: tm.plan(wrong),
+        "problem ": lambda: tm.verify(wrong, motion),
+        "problem  ": lambda: tm.certify(wrong, motion),
+        "problem   ": lambda: tm.lower_bound(wrong),
+        "problem    ": lambda: tm.save_scenario(tmp_path / "a.toml", wrong),
+        "trajectory": lambda: tm.verify(problem, wrong),
+        "trajectory ": lambda: tm.certify(problem, wrong),
+        "trajectory  ": lambda: tm.prove_clearance(problem.checker, wrong),
+        "trajectory   ": lambda: export(wrong, tmp_path / "a.csv"),
+        "checker": lambda: tm.prove_clearance(wrong, motion),
+        "solution": lambda: tm.smooth(wrong),
     }
-    if stranger is not None:
+    if wrong is not None:
         calls |= {
-            "options": lambda: tm.plan(problem, stranger),
-            "options ": lambda: tm.save_scenario(
-                tmp_path / "a.toml", problem, stranger
-            ),
-            "tolerances": lambda: tm.verify(problem, motion, stranger),
-            "start": lambda: tm.plan(problem, world.options, start=stranger),
+            "options": lambda: tm.plan(problem, wrong),
+            "options ": lambda: tm.save_scenario(tmp_path / "a.toml", problem, wrong),
+            "tolerances": lambda: tm.verify(problem, motion, wrong),
+            "start": lambda: tm.plan(problem, world.options, start=wrong),
         }
     for name, call in calls.items():
         with pytest.raises(tm.ProblemError) as error:
@@ -71,7 +71,7 @@ def test_what_is_no_problem_and_no_motion(
     ],
     ids=range(12),
 )  # fmt: skip
-def test_what_is_no_path(path: object, world: World) -> None:
+def test_wrong_paths_are_rejected(path: object, world: World) -> None:
     problem, solution = world.problem, world.solution
     for call in (
         lambda: tm.load_motion(path),
@@ -95,7 +95,7 @@ def test_what_is_no_path(path: object, world: World) -> None:
 
 
 @pytest.mark.parametrize("name", ["~nouser-at-all/x", "/nowhere/at/all"])
-def test_the_home_of_nobody(
+def test_paths_in_unknown_home_folders_are_rejected(
     name: str, world: World, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -114,7 +114,9 @@ def test_the_home_of_nobody(
     assert not list(tmp_path.iterdir())
 
 
-def test_the_cache_of_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cache_in_an_unknown_home_folder_is_taken_literally(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     from tominpmp.collision.decomposition_cache import cache_folder
 
     monkeypatch.setenv("TOMINPMP_CACHE", "~nouser-at-all/x")
@@ -148,7 +150,7 @@ def test_the_cache_of_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
         (lambda: tm.Scene(range(10**12)), "a scene holds obstacles"),
         (lambda: tm.Sphere("x" * 256, radius=1.0), "name of at most 255"),
         (lambda: tm.JointGoal(range(10**12)), "goal.q is range"),
-        # Squares and reciprocals of numbers are numbers, too.
+        # Squares and reciprocals of the values must be finite, too.
         (lambda: tm.Payload(1e308, "tip"), "payload.mass is 1e.308"),
         (lambda: tm.Payload(1.0, "tip", com=(1e308, 0, 0)), "payload.com is .1e.308"),
         (lambda: tm.Payload(1.0, "tip", inertia=1e308 * np.eye(3)), "payload.inertia"),
@@ -159,13 +161,13 @@ def test_the_cache_of_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
         (lambda: tm.MotionLimits(jerk=1e308), "jerk is 1e.308"),
     ],
 )
-def test_values_that_went_astray(make: Callable[[], Any], word: str) -> None:
+def test_wrong_values_are_named(make: Callable[[], Any], word: str) -> None:
     with pytest.raises(tm.TominpmpError, match=word) as error:
         make()
     assert len(str(error.value)) < 3 * BRIEF
 
 
-def test_moveit_arguments_that_are_swapped(world: World) -> None:
+def test_swapped_moveit_arguments_are_rejected(world: World) -> None:
     for call in (
         lambda: tm.load_moveit("scene.yaml", world.robot, "request.yaml"),
         lambda: tm.load_moveit("scene.yaml", "request.yaml", world.robot),
@@ -175,7 +177,7 @@ def test_moveit_arguments_that_are_swapped(world: World) -> None:
             call()
 
 
-def test_names_of_frames_and_states(world: World) -> None:
+def test_wrong_names_of_frames_and_states_are_rejected(world: World) -> None:
     for name in (5, None, [], {}, b"tip", "\ud800", np.zeros(3), "x" * 10**6):
         with pytest.raises(tm.FrameNotFound):
             world.robot.frame_id(name)
@@ -183,7 +185,7 @@ def test_names_of_frames_and_states(world: World) -> None:
             world.robot.group_state(name)
 
 
-def test_brief_shows_anything_on_one_line() -> None:
+def test_brief_shows_any_value_on_one_line() -> None:
     for make in NONSENSE.values():
         text = brief(make())
         assert text
@@ -196,12 +198,16 @@ def test_brief_shows_anything_on_one_line() -> None:
     assert brief(np.str_("tip")) == "'tip'"
 
 
-def test_messages_are_bounded_whatever_they_say() -> None:
+def test_messages_have_a_largest_length() -> None:
     assert len(str(tm.ProblemError("x" * 10**7))) == LONGEST
 
 
-def test_random_wrong_calls(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The short version of the campaign: the library's errors, or nothing at all."""
+def test_random_wrong_calls_raise_only_errors_of_the_library(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The short version of the fuzzing campaign: a call raises errors of the library or
+    succeeds.
+    """
     monkeypatch.chdir(tmp_path)
     wrong = Wrong()
     for number in range(300):
@@ -216,7 +222,9 @@ def test_random_wrong_calls(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
             pytest.fail(f"{name} raised {error!r}")
 
 
-def test_an_endless_period_is_one_row_and_the_end(world: World, tmp_path: Path) -> None:
+def test_sampling_time_longer_than_the_motion_gives_two_rows(
+    world: World, tmp_path: Path
+) -> None:
     for dt in (1e100, 1e9, 99.0):
         path = tmp_path / "a.csv"
         export(world.trajectory, path, dt=dt)
@@ -234,7 +242,7 @@ def test_an_endless_period_is_one_row_and_the_end(world: World, tmp_path: Path) 
         lambda: tm.Samples(np.array("one"), [0.0], [[0.0]], [[0.0]], [[0.0]], [[0.0]]),
     ],
 )
-def test_rows_longer_than_the_memory_and_scalar_arrays_are_refused(call):
+def test_endless_ranges_and_scalar_arrays_are_rejected(call):
     with pytest.raises((tm.TominpmpError, TypeError)) as caught:
         call()
     assert isinstance(caught.value, tm.TominpmpError), caught.value

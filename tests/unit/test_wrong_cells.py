@@ -1,4 +1,4 @@
-"""What was wrong in tours and batches and was not told, or told badly."""
+"""Mistakes in tours and batches: messages that were missing or misleading."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ def at(x: float, y: float) -> tm.Goal:
     return tm.PositionGoal("tip", (x, y, 0.0))
 
 
-def test_goals_of_too_few_numbers_name_the_station(robot: tm.Robot) -> None:
+def test_joint_goal_of_wrong_length_names_the_station(robot: tm.Robot) -> None:
     with pytest.raises(tm.ProblemError, match=r"2 \('b'\): goal\.q has 2 numbers"):
         tm.plan_tour(robot, HOME, {"a": at(4, 1), "b": tm.JointGoal((1.0, 1.0))})
 
 
-def test_places_that_differ_by_rounding_are_one(robot: tm.Robot) -> None:
+def test_stations_that_differ_by_rounding_are_one_place(robot: tm.Robot) -> None:
     stations = {"a": at(4, 0.3), "b": at(4, 0.1 + 0.2)}
     assert stations["a"] != stations["b"]
     with pytest.raises(tm.ProblemError, match=r"\('a'\) and .* \('b'\) are in one"):
         tm.plan_tour(robot, HOME, stations)
 
 
-def test_what_may_touch_has_to_be_there_somewhere(robot: tm.Robot) -> None:
+def test_unknown_name_in_may_touch_names_the_station(robot: tm.Robot) -> None:
     part = tm.Box("part", size=(0.1, 0.1, 0.1))
     load = tm.Payload(0.1, "tip", geometry=[part], name="part")
     stations = [
@@ -48,14 +48,14 @@ def test_what_may_touch_has_to_be_there_somewhere(robot: tm.Robot) -> None:
         tm.plan_tour(robot, HOME, stations, scene=table)
 
 
-def test_what_is_no_problem_is_told_plainly() -> None:
+def test_plan_many_reports_an_entry_that_is_no_problem() -> None:
     (outcome,) = tm.plan_many([None], workers=1)
     assert outcome.message.startswith("the problem is None, expected a Problem")
 
 
-def test_dask_is_found_by_its_name(robot: tm.Robot) -> None:
+def test_backend_dask_needs_a_client(robot: tm.Robot) -> None:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # third parties, on their first import
+        warnings.simplefilter("ignore")  # of other packages, on their first import
         distributed = pytest.importorskip("distributed")
     problem = tm.Problem(robot, HOME, tm.JointGoal(np.add(HOME, 0.1)))
     with pytest.raises(tm.ProblemError, match="first create a Dask Client"):
@@ -71,7 +71,7 @@ def test_dask_is_found_by_its_name(robot: tm.Robot) -> None:
     assert outcome.success
 
 
-def test_what_was_configured_does_the_work_later() -> None:
+def test_backend_configured_at_construction_runs_the_work() -> None:
     joblib = pytest.importorskip("joblib")
     with joblib.parallel_config("threading", n_jobs=2):
         executor = Executor(in_main_thread, None, None)
@@ -84,7 +84,7 @@ def in_main_thread(number: int, _: int) -> tuple[int, bool]:
     return number, threading.current_thread() is threading.main_thread()
 
 
-def test_a_backend_without_its_package_is_told(
+def test_backend_without_its_package_is_named(
     robot: tm.Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(__import__("sys").modules, "ray", None)
@@ -92,7 +92,7 @@ def test_a_backend_without_its_package_is_told(
         tm.plan_many([], backend="ray")
 
 
-def test_legends_of_many_joints_fit_the_picture() -> None:
+def test_legend_of_many_joints_fits_the_figure() -> None:
     pytest.importorskip("matplotlib")
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.lines import Line2D
@@ -109,7 +109,7 @@ def test_legends_of_many_joints_fit_the_picture() -> None:
         assert box.x0 >= 0.0 and box.x1 <= figure.bbox.width
 
 
-def test_names_of_others_are_told_without_its_own(robot: tm.Robot) -> None:
+def test_message_about_after_lists_the_other_stations(robot: tm.Robot) -> None:
     alone = [tm.Station("a", at(4, 1), after=("z",))]
     with pytest.raises(tm.ProblemError, match="after names 'z', expected none"):
         tm.plan_tour(robot, HOME, alone)
@@ -118,6 +118,6 @@ def test_names_of_others_are_told_without_its_own(robot: tm.Robot) -> None:
         tm.plan_tour(robot, HOME, two)
 
 
-def test_backends_that_there_are_not() -> None:
+def test_unknown_backend_is_rejected() -> None:
     with pytest.raises(tm.ProblemError, match=r"'nowhere'.*\(joblib does not know it"):
         tm.plan_many([], backend="nowhere")

@@ -1,4 +1,4 @@
-"""What cannot be is said of a segment before anything is planned: where, and what."""
+"""Infeasible segments are reported before planning, with the segment and the cause."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ GRASP = 'type = "firm_grasp"\nframe = "tool0"\nforce = 1.0\nfriction = 0.3\nmass
 SLOW = 'type = "tool_speed"\nframe = "tool0"\nlimit = 0.5\nduring = [0.0, 1.0]'
 
 
-def held(*constraints: str) -> str:
+def constraint_tables(*constraints: str) -> str:
     return "".join(f"[[segments.constraints]]\n{item}\n" for item in constraints)
 
 
@@ -53,30 +53,33 @@ def held(*constraints: str) -> str:
     ("text", "words"),
     [
         (
-            LEVEL + held(UPSIDE_DOWN),
+            LEVEL + constraint_tables(UPSIDE_DOWN),
             ("start: segment 1 of 1: start: the tilt of frame tool0 is 3.1", "0.3 rad"),
         ),
         (
-            LEVEL + TILTED + held(UPRIGHT),
+            LEVEL + TILTED + constraint_tables(UPRIGHT),
             ("segments[1].goal: segment 2 of 2: goal: the tilt", "1.571 rad"),
         ),
-        # Where a segment ends and the next begins is known before.
+        # The configuration between two segments is known before planning.
         (
-            TILTED + LEVEL + held(UPRIGHT),
+            TILTED + LEVEL + constraint_tables(UPRIGHT),
             ("segments[1]: segment 2 of 2: start: the tilt", "1.571 rad"),
         ),
         (
-            PLACE + held(LOW),
+            PLACE + constraint_tables(LOW),
             ("segment 1 of 1: goal: no configuration was found", "region", "0.1 m"),
         ),
         (
-            LEVEL + held(FIXED + "[0, 0, 1]", FIXED + "[1, 0, 0]"),
+            LEVEL + constraint_tables(FIXED + "[0, 0, 1]", FIXED + "[1, 0, 0]"),
             ("segment 1 of 1: start", "number 2 of the constraints", "contradict"),
         ),
-        (LEVEL + held(LOAD), ("the load slips or tips, even at rest", "friction 0.3")),
-        (LEVEL + held(GRASP), ("49 N at rest", "no more than 0.6 N")),
         (
-            LEVEL + LEVEL + held(SLOW),
+            LEVEL + constraint_tables(LOAD),
+            ("the load slips or tips, even at rest", "friction 0.3"),
+        ),
+        (LEVEL + constraint_tables(GRASP), ("49 N at rest", "no more than 0.6 N")),
+        (
+            LEVEL + LEVEL + constraint_tables(SLOW),
             ("segments[1].constraints[0].during: ", "(0.0, 1.0)", "has segments: "),
         ),
         (
@@ -95,15 +98,17 @@ def held(*constraints: str) -> str:
         ),
     ],
 )
-def test_the_command_line_says_where_and_what(tmp_path: Path, text, words):
+def test_message_about_an_infeasible_segment_has_place_and_cause(
+    tmp_path: Path, text, words
+):
     path = tmp_path / "cell.toml"
     path.write_text(UR5 + text)
     outcome = invoke(["plan", str(path)])
     assert outcome.exit_code == 2, outcome.output
-    said = " ".join(outcome.output.split())
-    assert "Traceback" not in said
+    output = " ".join(outcome.output.split())
+    assert "Traceback" not in output
     for word in words:
-        assert word in said
+        assert word in output
 
 
 def rail_problem(*segments: tm.Segment, **fields) -> tm.Problem:
@@ -111,9 +116,9 @@ def rail_problem(*segments: tm.Segment, **fields) -> tm.Problem:
     return tm.Problem(arm, [0.0], segments=segments, **fields)
 
 
-def test_where_a_segment_begins_is_not_known_after_a_goal_of_a_frame():
+def test_constraint_is_not_checked_at_an_unknown_begin_of_a_segment():
     coupled = tm.JointCoupling(["joint1"], [1.0], upper=2.0, lower=0.5)
-    # The configuration of the first segment, 0.2, breaks what holds on the third.
+    # The goal of the first segment, 0.2, would violate the constraint of the third.
     problem = rail_problem(
         tm.Segment(tm.JointGoal([0.2])),
         tm.Segment(tm.JointRegionGoal([0.9], [1.1])),
@@ -123,7 +128,7 @@ def test_where_a_segment_begins_is_not_known_after_a_goal_of_a_frame():
 
 
 @pytest.mark.parametrize("moves", [False, True])
-def test_what_stands_where_another_segment_begins_is_no_obstacle(moves):
+def test_obstacle_of_a_segment_is_ignored_before_its_begin(moves):
     robot = tm.load_robot("planar3r")
     first, last = [0.6, 1.6, -1.6], [2.0, -1.0, 0.5]
     elbow = np.array([np.cos(0.6), np.sin(0.6), 0.0]) * 2.0
@@ -131,7 +136,7 @@ def test_what_stands_where_another_segment_begins_is_no_obstacle(moves):
     ball = tm.Sphere("ball", radius=0.2, position=elbow, motion=path)
     with_ball = tm.Segment(tm.JointGoal(last), scene=[ball])
     if moves:
-        # It is there at the start of the motion only.
+        # The ball is there only at the start of the motion.
         segments = [tm.Segment(tm.JointGoal(first)), with_ball]
     else:
         between = tm.Segment(tm.JointRegionGoal([1.5, 0.0, 0.0], 0.1))
@@ -140,7 +145,7 @@ def test_what_stands_where_another_segment_begins_is_no_obstacle(moves):
     assert len(problem.phases) == len(segments)
 
 
-def test_a_replay_that_was_lost_is_reported():
+def test_incomplete_replay_is_reported():
     slow = tm.MotionLimits(acceleration=1e-12)
     solution = tm.plan(
         rail_problem(tm.Segment(tm.JointGoal([1.0]), motion_limits=slow)),
@@ -154,7 +159,7 @@ def test_a_replay_that_was_lost_is_reported():
 
 
 @pytest.mark.parametrize("given", [[3], ["keep_upright"], 3])
-def test_constraints_of_segments_that_are_none_are_told(given: object) -> None:
+def test_wrong_constraints_of_a_segment_are_rejected(given: object) -> None:
     robot = make_arm(slide(1.0), effort=np.array([10.0]))
     segment = tm.Segment(tm.JointGoal([0.5]), constraints=given)  # type: ignore[arg-type]
     with pytest.raises(tm.ProblemError, match=r"segment 1 of 1: constraints") as found:
@@ -162,8 +167,8 @@ def test_constraints_of_segments_that_are_none_are_told(given: object) -> None:
     assert str(found.value.field).startswith("segments[0].constraints")
 
 
-def test_segments_keep_no_list_of_a_caller() -> None:
-    """After a scenario was saved and loaded, its problem was another one."""
+def test_segment_copies_the_list_of_constraints() -> None:
+    """Regression: after a scenario was saved and loaded, its problem was unequal."""
     given = [tm.ToolSpeed("tip", 1.0)]
     segment = tm.Segment(tm.JointGoal([0.5]), constraints=given)
     assert segment == tm.Segment(tm.JointGoal([0.5]), constraints=tuple(given))
@@ -171,8 +176,10 @@ def test_segments_keep_no_list_of_a_caller() -> None:
     assert segment.constraints
 
 
-def test_the_start_is_checked_among_what_the_first_segment_has() -> None:
-    """It was among what the problem has: a retreat was refused, a collision was not."""
+def test_start_is_checked_in_the_scene_of_the_first_segment() -> None:
+    """Regression: the start was checked in the scene of the problem: a retreat was
+    rejected, and a collision was not.
+    """
     robot = tm.load_robot("planar3r")
     start, away = (0.5, 1.0, 1.0), tm.JointGoal((0.5, 1.7, -1.7))
     data = robot.model.createData()

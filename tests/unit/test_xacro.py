@@ -58,7 +58,7 @@ CONFIG = "one: {range: !degrees 120, velocity: 2.0}\ntwo: {range: 2.0, velocity:
 
 @pytest.fixture
 def arm(tmp_path: Path) -> Path:
-    """The description's file, in a package of a checkout of another name."""
+    """The xacro file of a robot, in a package whose folder has another name."""
     pytest.importorskip("xacrodoc", reason="the extra xacro is not installed")
     package = tmp_path / "checkout"
     for name, text in (
@@ -74,25 +74,25 @@ def arm(tmp_path: Path) -> Path:
 
 
 def expand(folder: Path, body: str, **more: object) -> tm.Robot:
-    """Load a file with this in it."""
+    """Load a xacro file with this body."""
     pytest.importorskip("xacrodoc", reason="the extra xacro is not installed")
     file = folder / "robot.xacro"
     file.write_text(f'<robot name="r" {NAMESPACE}>{body}</robot>')
     return tm.load_robot(file, **more)  # type: ignore[arg-type]
 
 
-def test_files_of_makers_are_expanded(arm: Path) -> None:
+def test_includes_macros_and_properties_are_expanded(arm: Path) -> None:
     robot = tm.load_robot(arm)
     assert robot.name == "maker_arm"
     assert robot.joint_names == ("one", "two")
     np.testing.assert_allclose(robot.limits.position_lower, [-2 * np.pi / 3, -2.0])
     np.testing.assert_allclose(robot.limits.velocity, [2.0, 2.5])
-    # The units of such files are no units of others.
+    # The units of xacro files do not leak into other YAML files.
     with pytest.raises(yaml.YAMLError):
         yaml.safe_load("!degrees 3")
 
 
-def test_arguments_are_given(arm: Path, tmp_path: Path) -> None:
+def test_xacro_arguments_survive_saving_and_loading(arm: Path, tmp_path: Path) -> None:
     given = {"prefix": "left_", "with_tool": True}
     robot = tm.load_robot(arm, xacro_args=given)
     assert robot.joint_names == ("left_one", "left_two")
@@ -103,8 +103,8 @@ def test_arguments_are_given(arm: Path, tmp_path: Path) -> None:
     assert again.description.links == robot.description.links
 
 
-def test_semantic_descriptions_are_expanded(arm: Path, tmp_path: Path) -> None:
-    """MoveIt configurations of today have ``NAME.srdf.xacro``."""
+def test_srdf_xacro_files_are_expanded(arm: Path, tmp_path: Path) -> None:
+    """Current MoveIt configurations have ``NAME.srdf.xacro``."""
     srdf = arm.parents[1] / "config" / "arm.srdf.xacro"
     srdf.write_text(f"""<robot name="maker_arm" {NAMESPACE}>
       <xacro:arg name="prefix" default=""/>
@@ -117,7 +117,7 @@ def test_semantic_descriptions_are_expanded(arm: Path, tmp_path: Path) -> None:
       <xacro:arm_group name="$(arg prefix)turn"/>
       <disable_collisions link1="$(arg prefix)one" link2="$(arg prefix)base"/>
     </robot>""")
-    # The semantic description does not declare the argument "model".
+    # The SRDF does not declare the argument "model".
     given = {"prefix": "left_", "model": "m5"}
     robot = tm.load_robot(arm, srdf=srdf, xacro_args=given, group="left_turn")
     assert robot.joint_names == ("left_one",)
@@ -128,7 +128,7 @@ def test_semantic_descriptions_are_expanded(arm: Path, tmp_path: Path) -> None:
     tm.save_scenario(tmp_path / "arm.toml", problem)
     again = tm.load_scenario(tmp_path / "arm.toml").problem.robot
     assert again.group_states == robot.group_states
-    # A robot that is no xacro file may have a semantic description that is one.
+    # The SRDF of a robot without xacro may be a xacro file.
     with pytest.raises(tm.RobotLoadError, match="no value"):
         tm.load_robot(
             "planar3r", srdf=f'<robot name="$(arg a)" {NAMESPACE}><xacro:x/></robot>'
@@ -137,8 +137,12 @@ def test_semantic_descriptions_are_expanded(arm: Path, tmp_path: Path) -> None:
         tm.load_robot(arm, srdf=srdf, xacro_args={"prefx": "left_"})
 
 
-def test_arguments_of_the_semantic_description_alone(arm: Path, tmp_path: Path) -> None:
-    """They were refused, as the robot's own file does not declare them."""
+def test_arguments_declared_only_by_the_srdf_are_accepted(
+    arm: Path, tmp_path: Path
+) -> None:
+    """Regression: these arguments were rejected, as the robot's own file does not
+    declare them.
+    """
     text = f"""<robot name="r" {NAMESPACE}><xacro:arg name="rest" default="0"/>
       <group_state name="rest" group="all"><joint name="%s" value="$(arg rest)"/>
       </group_state></robot>"""
@@ -157,15 +161,18 @@ def test_arguments_of_the_semantic_description_alone(arm: Path, tmp_path: Path) 
         tm.load_robot("planar3r", srdf=srdf, xacro_args=given)
 
 
-def test_a_semantic_description_next_to_the_file_is_found(arm: Path) -> None:
-    """MoveIt writes NAME.urdf.xacro and NAME.srdf; NAME.urdf.srdf was searched."""
+def test_srdf_beside_the_xacro_file_is_found(arm: Path) -> None:
+    """Regression:
+
+    MoveIt writes NAME.urdf.xacro and NAME.srdf; NAME.urdf.srdf was searched.
+    """
     (arm.parent / "arm.srdf").write_text(
         '<robot name="maker_arm"><group name="turn"><joint name="one"/></group></robot>'
     )
     assert tm.load_robot(arm, group="turn").joint_names == ("one",)
 
 
-def test_unknown_arguments_are_refused(arm: Path) -> None:
+def test_unknown_xacro_arguments_are_rejected(arm: Path) -> None:
     with pytest.raises(tm.OptionsError, match=r"'prefx' .did you mean prefix"):
         tm.load_robot(arm, xacro_args={"prefx": "a"})
     with pytest.raises(tm.OptionsError, match="not a xacro file"):
@@ -174,7 +181,7 @@ def test_unknown_arguments_are_refused(arm: Path) -> None:
         tm.load_robot(arm, xacro_args="prefix:=a")  # type: ignore[arg-type]
 
 
-def test_packages_are_looked_for_in_folders(arm: Path, tmp_path: Path) -> None:
+def test_packages_are_found_in_package_dirs(arm: Path, tmp_path: Path) -> None:
     body = '<xacro:include filename="$(find maker_description)/urdf/arm.urdf.xacro"/>'
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
@@ -194,7 +201,9 @@ def test_packages_are_looked_for_in_folders(arm: Path, tmp_path: Path) -> None:
         ('<xacro:macro name="m" params=""><xacro:m/></xacro:macro><xacro:m/>', "xacro"),
     ],
 )
-def test_faults_are_told(tmp_path: Path, body: str, message: str) -> None:
+def test_errors_of_xacro_raise_robot_load_error(
+    tmp_path: Path, body: str, message: str
+) -> None:
     with pytest.raises(tm.RobotLoadError, match=message):
         expand(tmp_path, body)
 
@@ -210,7 +219,9 @@ def test_faults_are_told(tmp_path: Path, body: str, message: str) -> None:
         "${(lambda: __import__('os'))()}",
     ],
 )
-def test_expressions_run_nothing_of_their_own(tmp_path: Path, expression: str) -> None:
+def test_xacro_expressions_cannot_run_arbitrary_code(
+    tmp_path: Path, expression: str
+) -> None:
     written = tmp_path / "written"
     expression = expression.replace("FILE", str(written))
     code = f"""<xacro:property name="code" value="open('{written}', 'w')"/>"""
@@ -220,7 +231,7 @@ def test_expressions_run_nothing_of_their_own(tmp_path: Path, expression: str) -
     assert not written.exists()
 
 
-def test_included_files_are_read_with_limits(tmp_path: Path) -> None:
+def test_included_files_must_not_declare_entities(tmp_path: Path) -> None:
     (tmp_path / "more.xacro").write_text(
         '<!DOCTYPE r [<!ENTITY a "b">]><robot><link name="&a;"/></robot>'
     )
@@ -228,7 +239,7 @@ def test_included_files_are_read_with_limits(tmp_path: Path) -> None:
         expand(tmp_path, '<xacro:include filename="more.xacro"/>')
 
 
-def test_without_the_extra_the_message_names_it(
+def test_missing_extra_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "xacrodoc", None)
@@ -238,7 +249,9 @@ def test_without_the_extra_the_message_names_it(
         tm.load_robot(file)
 
 
-def test_folders_of_descriptions_become_tables(arm: Path, tmp_path: Path) -> None:
+def test_benchmark_of_descriptions_measures_each_file(
+    arm: Path, tmp_path: Path
+) -> None:
     (tmp_path / "bad.urdf").write_text("<robot")
     (tmp_path / "package.xml").write_text("<package/>")
     rows = {
@@ -256,12 +269,12 @@ def test_folders_of_descriptions_become_tables(arm: Path, tmp_path: Path) -> Non
     assert "is not XML" in rows["bad.urdf"]["why"]
 
 
-def test_warnings_are_shown_once(arm: Path) -> None:
+def test_warnings_of_xacro_are_shown_once(arm: Path) -> None:
     macro = '<xacro:macro name="part" params="len"/>'
     uses = '<xacro:part len="1"/><xacro:part len="2"/>'
     arm.write_text(arm.read_text().replace("</robot>", f"{macro}{uses}</robot>"))
-    with pytest.warns(tm.TominpmpWarning, match="redefining global symbol") as said:
+    with pytest.warns(tm.TominpmpWarning, match="redefining global symbol") as caught:
         tm.load_robot(arm)
-    (text,) = (str(item.message) for item in said if "len" in str(item.message))
+    (text,) = (str(item.message) for item in caught if "len" in str(item.message))
     assert text.count("redefining") == 1
     assert "\\n" not in text

@@ -1,4 +1,4 @@
-"""What yourdfpy drops, guesses or stumbles over in a URDF file is read all the same."""
+"""Elements of URDF files that yourdfpy drops, guesses or cannot read."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from tominpmp.exceptions import RobotLoadError, TominpmpWarning
 from tominpmp.robot.robot import load_robot
 
 
-def test_limits_that_yourdfpy_drops(tmp_path: Path) -> None:
+def test_acceleration_and_jerk_limits_are_read(tmp_path: Path) -> None:
     limit = '<limit lower="-1" upper="2" effort="10" velocity="3" {}/>'
     more = 'acceleration="5" deceleration="4" jerk="1e16"'
     (found,) = read(tmp_path, one_joint(limit=limit.format(more))).joints
@@ -42,8 +42,8 @@ def test_limits_that_yourdfpy_drops(tmp_path: Path) -> None:
     assert (found.acceleration, found.jerk) == (math.inf, 7.0)
 
 
-def test_moments_left_out_are_zero(tmp_path: Path) -> None:
-    """yourdfpy takes 1 kg m^2 for those on the diagonal."""
+def test_missing_moments_of_inertia_are_zero(tmp_path: Path) -> None:
+    """yourdfpy takes 1 kg m^2 for missing moments on the diagonal."""
     inside = '<inertial><mass value="2"/><inertia izz="0.3"/></inertial>'
     for text in (inside, inside.replace('<inertia izz="0.3"/>', "")):
         parts = link("base", ""), link("l1", text), joint("j1", "base", "l1")
@@ -60,8 +60,8 @@ def test_moments_left_out_are_zero(tmp_path: Path) -> None:
         'name="c"><geometry><cylinder radius="0.1" length="0.4"/></geometry>',
     ],
 )
-def test_capsules(tmp_path: Path, shape: str) -> None:
-    """yourdfpy knows none of them, and ends with an error."""
+def test_collision_capsules_are_read(tmp_path: Path, shape: str) -> None:
+    """yourdfpy knows no capsules, and ends with an error."""
     box = '<collision><geometry><box size="1 1 1"/></geometry></collision>'
     parts = link("base", ""), link("l1", f"{INERTIAL}{box}{shape}</collision>")
     description = read(tmp_path, robot(*parts, joint("j1", "base", "l1")))
@@ -74,7 +74,7 @@ def test_capsules(tmp_path: Path, shape: str) -> None:
     assert found.geometryObjects[1].geometry.halfLength == 0.2
 
 
-def test_capsules_to_look_at(tmp_path: Path) -> None:
+def test_visual_capsules_are_read(tmp_path: Path) -> None:
     text = one_shape('<capsule radius="0.1" length="0.4"/>', "visual")
     description = read(tmp_path, text)
     found = build_geometry(
@@ -85,7 +85,7 @@ def test_capsules_to_look_at(tmp_path: Path) -> None:
     assert (item.geometry.radius, item.geometry.halfLength) == (0.1, 0.2)
 
 
-def test_colours_of_other_links_by_name(tmp_path: Path) -> None:
+def test_material_may_be_defined_by_another_link(tmp_path: Path) -> None:
     def visual(material: str) -> str:
         return f'<visual><geometry><sphere radius="1"/></geometry>{material}</visual>'
 
@@ -116,7 +116,7 @@ def test_colours_of_other_links_by_name(tmp_path: Path) -> None:
         "<!-- a comment -->",
     ],
 )
-def test_remains_of_other_programs_do_no_harm(
+def test_elements_of_other_programs_are_ignored(
     tmp_path: Path, remains: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
     text = one_joint(inside=remains).replace("</robot>", f"{remains}</robot>")
@@ -124,7 +124,7 @@ def test_remains_of_other_programs_do_no_harm(
     assert capfd.readouterr() == ("", "")
 
 
-def test_names_that_other_parsers_refuse(
+def test_long_and_unusual_names_are_rejected_or_read(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """libxml2 gives up on attributes of 10 MB, and yourdfpy then prints."""
@@ -139,8 +139,10 @@ def test_names_that_other_parsers_refuse(
 
 
 @pytest.mark.parametrize("pitch", [math.pi / 2, -math.pi / 2, 1.5708, 1.5707963, 3.0])
-def test_placements_are_exact_to_rounding(tmp_path: Path, pitch: float) -> None:
-    """Matrices of angles are delicate near right angles."""
+def test_rotations_of_origins_are_exact_within_rounding(
+    tmp_path: Path, pitch: float
+) -> None:
+    """Conversions of angles are sensitive near right angles."""
     rng = np.random.default_rng(0)
     for roll, yaw in rng.uniform(-math.pi, math.pi, (20, 2)).tolist():
         origin = f'<origin xyz="0.1 0.2 0.3" rpy="{roll!r} {pitch!r} {yaw!r}"/>'
@@ -151,13 +153,13 @@ def test_placements_are_exact_to_rounding(tmp_path: Path, pitch: float) -> None:
         np.testing.assert_array_equal(place.translation, [0.1, 0.2, 0.3])
 
 
-def test_meshes_are_not_read_before_they_are_needed(tmp_path: Path) -> None:
+def test_visual_meshes_are_read_only_when_needed(tmp_path: Path) -> None:
     write(tmp_path, "no mesh at all", "a.stl")
     description = read(tmp_path, one_shape('<mesh filename="a.stl"/>', "visual"))
     assert build_model(description, {}).nv == 1
 
 
-def test_what_yourdfpy_has_read_is_taken_as_the_file_would_be(tmp_path: Path) -> None:
+def test_parsed_yourdfpy_robot_equals_the_robot_of_the_file(tmp_path: Path) -> None:
     write_tetrahedron(tmp_path / "a.obj")
     text = chain(
         '<dynamics damping="0.5" friction="0.25"/>',
@@ -177,15 +179,17 @@ def test_what_yourdfpy_has_read_is_taken_as_the_file_would_be(tmp_path: Path) ->
         read_parsed(parsed, path)
 
 
-def test_warnings_point_to_the_caller(tmp_path: Path) -> None:
+def test_warnings_have_the_file_of_the_caller(tmp_path: Path) -> None:
     path = write(tmp_path, one_joint(inside='<dynamic friction="3"/>'))
-    with pytest.warns(TominpmpWarning, match="<dynamic> of joint j1") as told:
+    with pytest.warns(TominpmpWarning, match="<dynamic> of joint j1") as caught:
         load_robot(path)
-    assert told[0].filename == __file__
+    assert caught[0].filename == __file__
 
 
-def test_what_reads_nothing_imports_no_reader() -> None:
-    """Processes that get a robot from another one need neither yourdfpy nor trimesh."""
+def test_pickled_robot_is_loaded_without_importing_readers() -> None:
+    """Processes that receive a robot from another process need neither yourdfpy nor
+    trimesh.
+    """
     program = (
         "import pickle, sys, tominpmp; robot = pickle.loads(sys.stdin.buffer.read()); "
         "robot.collision_model; print({'yourdfpy', 'trimesh'} & set(sys.modules))"
