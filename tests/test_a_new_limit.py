@@ -1,4 +1,6 @@
-"""A limit that exists nowhere else is one class, and known wherever limits are."""
+"""A new limit is one class, which every part of the library uses: plans, replays,
+files.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +46,7 @@ class LimitOfTwoJoints(tm.PathConstraint):
 
 @record
 class PlaceTimesSpeed(LimitOfTwoJoints):
-    """The first position times the second velocity stays within a limit: |q1 v2|."""
+    """The first position times the second velocity has a limit: |q1 v2|."""
 
     name = "place times speed"
     unit = "rad^2/s"
@@ -62,20 +64,20 @@ class PlaceTimesSpeed(LimitOfTwoJoints):
 
 
 def problem(*constraints: tm.PathConstraint) -> tm.Problem:
-    """An arm in a plane, whose torques rule."""
+    """A planar arm whose torques are the active limits."""
     robot = tm.load_robot("planar3r").with_changes(velocity=100.0)
     return tm.Problem(robot, START, tm.JointGoal(GOAL), constraints=constraints)
 
 
 def planned(*constraints: tm.PathConstraint) -> tm.Solution:
-    """Its fastest motion."""
+    """The time-optimal motion with these constraints."""
     found = tm.plan(problem(*constraints), effort="quick")
     assert found.success, found.message
     return found
 
 
-def most_of(solution: tm.Solution) -> float:
-    """The largest |q1 v2| of many instants."""
+def largest_product(solution: tm.Solution) -> float:
+    """The largest |q1 v2| at many instants."""
     assert solution.trajectory is not None
     motion = solution.trajectory
     states = motion(np.linspace(0.0, motion.duration, 20001))
@@ -88,78 +90,88 @@ def free() -> tm.Solution:
 
 
 @pytest.fixture(scope="module")
-def held() -> tm.Solution:
+def limited() -> tm.Solution:
     return planned(PlaceTimesSpeed(MOST))
 
 
-def test_it_is_planned_with(free: tm.Solution, held: tm.Solution) -> None:
-    assert most_of(free) > 1.1 * MOST
-    assert 0.98 * MOST < most_of(held) < MOST * (1.0 + tm.Tolerances().limits)
-    assert held.T > 1.005 * free.T
+def test_plan_keeps_a_custom_constraint(
+    free: tm.Solution, limited: tm.Solution
+) -> None:
+    assert largest_product(free) > 1.1 * MOST
+    assert (
+        0.98 * MOST < largest_product(limited) < MOST * (1.0 + tm.Tolerances().limits)
+    )
+    assert limited.T > 1.005 * free.T
 
 
-def test_a_replay_finds_what_breaks_it(free: tm.Solution, held: tm.Solution) -> None:
-    assert held.verification is not None and held.verification.ok
-    judged = tm.verify(held.problem, free.trajectory)
-    assert not judged.ok
-    (broken,) = judged.violations
+def test_replay_finds_violations_of_a_custom_constraint(
+    free: tm.Solution, limited: tm.Solution
+) -> None:
+    assert limited.verification is not None and limited.verification.ok
+    verdict = tm.verify(limited.problem, free.trajectory)
+    assert not verdict.ok
+    (broken,) = verdict.violations
     assert (broken.kind, broken.name, broken.unit) == (
         "place times speed",
         "joints 1 and 2",
         "rad^2/s",
     )
-    assert broken.amount == pytest.approx(most_of(free) - MOST, rel=1e-3)
-    assert "place times speed" in judged.message
+    assert broken.amount == pytest.approx(largest_product(free) - MOST, rel=1e-3)
+    assert "place times speed" in verdict.message
 
 
-def test_it_has_a_multiplier_where_it_holds(
-    free: tm.Solution, held: tm.Solution
+def test_certificate_has_multipliers_of_a_custom_constraint(
+    free: tm.Solution, limited: tm.Solution
 ) -> None:
-    assert held.certificate.ok, held.certificate.message
+    assert limited.certificate.ok, limited.certificate.message
     (active,) = (
-        item for item in held.certificate.active if item.kind == "place times speed"
+        item for item in limited.certificate.active if item.kind == "place times speed"
     )
     assert active.name == "joints 1 and 2"
     assert np.all(active.multiplier > 0.0)
-    motion = held.trajectory(0.5 * (active.begin + active.end))
+    motion = limited.trajectory(0.5 * (active.begin + active.end))
     assert np.abs(motion.q[:, 0] * motion.v[:, 1]) == pytest.approx(MOST, rel=0.05)
-    refused = tm.certify(held.problem, free.trajectory)
+    refused = tm.certify(limited.problem, free.trajectory)
     assert not refused.ok
 
 
-def test_a_file_that_breaks_it_is_found(
-    free: tm.Solution, held: tm.Solution, tmp_path: Path
+def test_file_checks_find_violations_of_a_custom_constraint(
+    free: tm.Solution, limited: tm.Solution, tmp_path: Path
 ) -> None:
     path = tmp_path / "motion.csv"
-    held.export(path)
-    assert tm.check_export(held, path).ok
-    assert tm.check_file(held.problem, path).ok
+    limited.export(path)
+    assert tm.check_export(limited, path).ok
+    assert tm.check_file(limited.problem, path).ok
     free.export(path)
-    for found in (tm.check_export(held, path), tm.check_file(held.problem, path)):
+    for found in (tm.check_export(limited, path), tm.check_file(limited.problem, path)):
         assert [item.kind for item in found.violations] == ["place times speed"]
 
 
-def test_it_is_among_the_sensitivities(held: tm.Solution) -> None:
-    (found,) = held.sensitivities.of("place times speed")
+def test_sensitivity_to_a_custom_constraint_matches_differences(
+    limited: tm.Solution,
+) -> None:
+    (found,) = limited.sensitivities.of("place times speed")
     assert (found.limit, found.limit_unit) == (MOST, "rad^2/s")
     less, more = (planned(PlaceTimesSpeed(c * MOST)).T for c in (0.97, 1.03))
     slope = np.log(more / less) / np.log(1.03 / 0.97)
     assert found.value == pytest.approx(slope, rel=0.1)
 
 
-def test_it_is_read_from_a_file(held: tm.Solution, tmp_path: Path) -> None:
+def test_custom_constraint_survives_saving_and_loading(
+    limited: tm.Solution, tmp_path: Path
+) -> None:
     path = tmp_path / "cell.toml"
-    tm.save_scenario(path, held.problem, held.options)
+    tm.save_scenario(path, limited.problem, limited.options)
     assert 'type = "place_times_speed"' in path.read_text()
     read = tm.load_scenario(path).problem
-    assert read.constraints == held.problem.constraints
+    assert read.constraints == limited.problem.constraints
 
 
 # -- a limit of motors -----------------------------------------------------------------
 
 
 class PowerLimit(LimitKind):
-    """The power of a motor stays within a limit: |u v| [W]."""
+    """The power of a motor has a limit: |u v| [W]."""
 
     def excess(
         self, bound: Any, u: Array, v: Array, side: float
@@ -170,7 +182,7 @@ class PowerLimit(LimitKind):
 
 @dataclass(frozen=True, eq=False)
 class Limits(tm.MotionLimits):
-    """Motion limits with one of the power."""
+    """Motion limits with a limit of the power."""
 
     power: Any = field(
         default=None, metadata={"kind": PowerLimit("power", ("W", "W"), "uv", 3)}
@@ -180,46 +192,50 @@ class Limits(tm.MotionLimits):
 WATTS = 20.0
 
 
-def powered(watts: float) -> tm.Solution:
-    """The fastest motion of the arm, the motor of whose first joint is weak."""
+def planned_with_power(watts: float) -> tm.Solution:
+    """The time-optimal motion of the arm with a limited power of the first motor."""
     limits = Limits(power={"joint1": watts})
     found = tm.plan(replace(problem(), motion_limits=limits), effort="quick")
     assert found.success, found.message
     return found
 
 
-def power_of(solution: tm.Solution) -> float:
-    """The largest power of the first motor, of many instants."""
+def largest_power(solution: tm.Solution) -> float:
+    """The largest power of the first motor at many instants."""
     motion = solution.trajectory
     states = motion(np.linspace(0.0, motion.duration, 20001))
     return float(np.max(np.abs(states.u[:, 0] * states.v[:, 0])))
 
 
-def test_a_limit_of_motors_is_one_class(free: tm.Solution, tmp_path: Path) -> None:
-    held = powered(WATTS)
-    assert power_of(free) > 1.2 * WATTS
-    assert 0.98 * WATTS < power_of(held) < WATTS * (1.0 + tm.Tolerances().limits)
-    judged = tm.verify(held.problem, free.trajectory)
-    (broken,) = judged.violations
+def test_custom_motion_limit_is_used_by_every_part(
+    free: tm.Solution, tmp_path: Path
+) -> None:
+    limited = planned_with_power(WATTS)
+    assert largest_power(free) > 1.2 * WATTS
+    assert (
+        0.98 * WATTS < largest_power(limited) < WATTS * (1.0 + tm.Tolerances().limits)
+    )
+    verdict = tm.verify(limited.problem, free.trajectory)
+    (broken,) = verdict.violations
     assert (broken.kind, broken.name, broken.unit) == ("power", "joint1", "W")
-    assert broken.amount == pytest.approx(power_of(free) - WATTS, rel=1e-3)
-    assert "joint joint1 is" in judged.message
-    assert held.certificate.ok, held.certificate.message
-    (active,) = (item for item in held.certificate.active if item.kind == "power")
+    assert broken.amount == pytest.approx(largest_power(free) - WATTS, rel=1e-3)
+    assert "joint joint1 is" in verdict.message
+    assert limited.certificate.ok, limited.certificate.message
+    (active,) = (item for item in limited.certificate.active if item.kind == "power")
     assert active.name == "joint1"
-    assert not tm.certify(held.problem, free.trajectory).ok
+    assert not tm.certify(limited.problem, free.trajectory).ok
     free.export(tmp_path / "motion.csv")
-    found = tm.check_export(held, tmp_path / "motion.csv")
+    found = tm.check_export(limited, tmp_path / "motion.csv")
     assert [item.kind for item in found.violations] == ["power"]
-    (worth,) = held.sensitivities.of("power")
+    (worth,) = limited.sensitivities.of("power")
     assert (worth.limit, worth.limit_unit) == (WATTS, "W")
-    less, more = (powered(c * WATTS).T for c in (0.97, 1.03))
+    less, more = (planned_with_power(c * WATTS).T for c in (0.97, 1.03))
     slope = np.log(more / less) / np.log(1.03 / 0.97)
     assert worth.value == pytest.approx(slope, rel=0.1)
-    assert held.sensitivities.balance == pytest.approx(0.0, abs=0.02)
-    tm.save_scenario(tmp_path / "cell.toml", held.problem)
+    assert limited.sensitivities.balance == pytest.approx(0.0, abs=0.02)
+    tm.save_scenario(tmp_path / "cell.toml", limited.problem)
     read = tm.load_scenario(tmp_path / "cell.toml").problem
-    assert read.motion_limits == held.problem.motion_limits
+    assert read.motion_limits == limited.problem.motion_limits
 
 
 # -- a limit of several motors together ------------------------------------------------
@@ -227,7 +243,7 @@ def test_a_limit_of_motors_is_one_class(free: tm.Solution, tmp_path: Path) -> No
 
 @record
 class SummedPower(LimitOfTwoJoints):
-    """The power of the first two motors together stays within a limit."""
+    """The power of the first two motors together has a limit."""
 
     name = "summed power"
     unit = "W"
@@ -246,8 +262,8 @@ class SummedPower(LimitOfTwoJoints):
         return np.sum(u * w, axis=2), by_q, by_v + u, by_a
 
 
-def summed_power_of(solution: tm.Solution) -> float:
-    """The largest summed power of many instants."""
+def largest_summed_power(solution: tm.Solution) -> float:
+    """The largest summed power at many instants."""
     assert solution.trajectory is not None
     motion = solution.trajectory
     states = motion(np.linspace(0.0, motion.duration, 20001))
@@ -256,21 +272,25 @@ def summed_power_of(solution: tm.Solution) -> float:
 
 
 @pytest.mark.parametrize("method", ["inverse", "collocation"])
-def test_a_limit_of_several_motors_is_one_class(
+def test_custom_constraint_of_torques_is_used_by_every_part(
     free: tm.Solution, method: str, tmp_path: Path
 ) -> None:
-    most = 0.7 * summed_power_of(free)
-    asked = problem(SummedPower(most))
-    held = tm.plan(asked, method=method)
-    assert held.success, held.message
-    assert 0.98 * most < summed_power_of(held) < most * (1.0 + tm.Tolerances().limits)
-    assert held.T > 1.005 * free.T
-    judged = tm.verify(asked, free.trajectory)
-    (broken,) = judged.violations
+    most = 0.7 * largest_summed_power(free)
+    with_limit = problem(SummedPower(most))
+    limited = tm.plan(with_limit, method=method)
+    assert limited.success, limited.message
+    assert (
+        0.98 * most
+        < largest_summed_power(limited)
+        < most * (1.0 + tm.Tolerances().limits)
+    )
+    assert limited.T > 1.005 * free.T
+    verdict = tm.verify(with_limit, free.trajectory)
+    (broken,) = verdict.violations
     assert (broken.kind, broken.unit) == ("summed power", "W")
-    assert broken.amount == pytest.approx(summed_power_of(free) - most, rel=1e-3)
-    assert held.certificate.ok, held.certificate.message
-    assert "summed power" in {item.kind for item in held.certificate.active}
-    tm.save_scenario(tmp_path / "cell.toml", asked)
+    assert broken.amount == pytest.approx(largest_summed_power(free) - most, rel=1e-3)
+    assert limited.certificate.ok, limited.certificate.message
+    assert "summed power" in {item.kind for item in limited.certificate.active}
+    tm.save_scenario(tmp_path / "cell.toml", with_limit)
     read = tm.load_scenario(tmp_path / "cell.toml").problem
-    assert read.constraints == asked.constraints
+    assert read.constraints == with_limit.constraints

@@ -1,9 +1,10 @@
-"""Minimum times that are known: closed forms, and extremals found by shooting.
+"""Plans against known minimum times: closed forms, and extremals found by shooting.
 
-T is to be met to 0.1 % by the methods that plan with torques ("collocation" and
-"adjoint"), and by "inverse" where a constant acceleration takes a constant torque.
-Elsewhere its torque is below the limit for most of an interval, and T approaches the
-minimum only like 1/N. No method may be faster than the minimum.
+T has to match the minimum to 0.1 % with the methods that plan with torques
+("collocation" and "adjoint"), and with "inverse" where a constant acceleration needs a
+constant torque. Elsewhere the torque of "inverse" is below its limit for most of an
+interval, and T approaches the minimum only like 1/N. No method may be faster than the
+minimum.
 """
 
 from __future__ import annotations
@@ -37,12 +38,12 @@ from tominpmp.dynamics import RobotDynamics
 METHODS = ("inverse", "collocation", "adjoint")
 INTERVALS = 80
 TOLERANCE = 1e-3
-# Relative errors of goal and equations that are let pass add up to this share of T.
+# Accepted relative errors of goal and equations add up to this share of T.
 BELOW = 1e-4
-# T of "inverse" exceeds the minimum by at most this over N, relatively.
+# T of "inverse" exceeds the minimum by at most this number over N, relatively.
 FIRST_ORDER = 2.0
-# The grid: intervals that are short at both ends where a mass is soon at full speed,
-# equal ones where torques switch in between.
+# The grid: intervals that are short at both ends if a mass is soon at full speed, and
+# equal intervals if torques switch in between.
 GRIDS = {
     "rail": "uniform",
     "weight": "uniform",
@@ -58,7 +59,9 @@ GRIDS = {
 def planned(
     family: str, name: str, method: str, intervals: int, **options: Any
 ) -> tm.Solution:
-    """The library's solution, of the first guess unless more effort is asked for."""
+    """The solution of the library, from the first guess alone unless options ask for
+    more.
+    """
     usual = tm.Options(
         method=method,
         intervals=intervals,
@@ -70,9 +73,9 @@ def planned(
 
 
 def excess(case: Case, T: float) -> float:
-    """T relative to the slowest known extremal that is not slower, minus one.
+    """Relative excess of T over the slowest known extremal that is not slower.
 
-    A local method may end at a local optimum; it must then be one of those known.
+    A local method may end at a local optimum, which must then be a known extremal.
     """
     known = [case.minimum, *(extremal.T for extremal in case.extremals[1:])]
     reached = [time for time in known if T >= time * (1.0 - BELOW)]
@@ -91,13 +94,13 @@ def names(*families: str, without: tuple[str, ...] = ()) -> list[tuple[str, str]
 
 
 def replay(task: Task, trajectory: tm.Trajectory) -> Array:
-    """Final state under the torques of a motion, by the equations written by hand."""
+    """The final state under the torques of a motion, by the hand-written equations."""
     x = task.ends[0]
     n = task.mechanism.n
-    # Relaxes a thousand times in an interval: an explicit method would creep.
+    # The friction relaxes a thousand times per interval, too fast for explicit methods.
     stiff = isinstance(task.mechanism, Separate) and max(task.mechanism.friction) > 10.0
     for begin, end in zip(trajectory.t[:-1], trajectory.t[1:], strict=True):
-        # The torque may jump at the end; its value there belongs to what follows.
+        # The torque may jump at the end, where its value belongs to the next interval.
         last = end - 1e-9 * (end - begin)
 
         def rate(t: float, x: Array, last: float = last) -> Array:
@@ -117,11 +120,11 @@ def replay(task: Task, trajectory: tm.Trajectory) -> Array:
     return np.asarray(x)
 
 
-# -- the references themselves ---------------------------------------------------------
+# -- the reference solutions -----------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", all_cases())
-def test_equations_by_hand_are_those_of_the_robot(
+def test_hand_written_equations_match_the_robot(
     name: str, rng: np.random.Generator
 ) -> None:
     case = all_cases()[name]
@@ -139,7 +142,9 @@ def test_equations_by_hand_are_those_of_the_robot(
         TwoLink(2.0, 0.8, 0.7, (0.3, 0.2), (9.0, 4.0)),
     ],
 )
-def test_derivatives_by_hand(mechanism: Mechanism, rng: np.random.Generator) -> None:
+def test_hand_written_derivatives_match_differences(
+    mechanism: Mechanism, rng: np.random.Generator
+) -> None:
     x, u = rng.normal(size=4), rng.normal(size=2)
     f, by_x, by_u = linearized(mechanism, x, u)
     np.testing.assert_allclose(f, state_rate(mechanism, x, u), rtol=1e-12)
@@ -200,9 +205,9 @@ def test_closed_forms_agree_with_shooting(
     assert extremal.wrong_sign < 1e-9
 
 
-def test_friction_limits_of_the_closed_form() -> None:
-    # Hardly any friction: the double integrator. Very much: terminal speed throughout,
-    # but for braking from it in delay times log 2.
+def test_closed_form_with_friction_has_the_right_limits() -> None:
+    # With very little friction, the mass is a double integrator. With very much
+    # friction, it has its terminal speed except while braking, for delay times log 2.
     assert friction_time(1.0, 2.0, 1e-5, 10.0) == pytest.approx(rail_time(1.0, 5.0))
     delay, terminal = 1e-3, 0.5
     exact = 1.0 / terminal + 2.0 * delay * np.log(2.0)
@@ -225,8 +230,8 @@ def test_references_satisfy_the_maximum_principle(family: str, name: str) -> Non
     assert extremals[0].T == min(extremal.T for extremal in extremals)
 
 
-def test_published_time() -> None:
-    # As R. Luus and those after him found it, to their digits.
+def test_time_of_luus_matches_its_publication() -> None:
+    # The value of R. Luus and later authors, to their digits.
     assert CASES["level"]["Luus"].minimum == pytest.approx(2.98228, abs=5e-6)
 
 
@@ -235,7 +240,9 @@ def test_published_time() -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(("family", "name"), names("rail", "weight"))
-def test_constant_accelerations(family: str, name: str, method: str) -> None:
+def test_plans_with_constant_accelerations_reach_the_minimum(
+    family: str, name: str, method: str
+) -> None:
     solution = planned(family, name, method, INTERVALS)
     assert solution.status is tm.Status.CONVERGED
     assert excess(CASES[family][name], solution.T) < TOLERANCE
@@ -243,13 +250,16 @@ def test_constant_accelerations(family: str, name: str, method: str) -> None:
 
 @pytest.mark.parametrize("method", ("collocation", "adjoint"))
 @pytest.mark.parametrize(("family", "name"), names("friction", "pendulum"))
-def test_friction_and_gravity(family: str, name: str, method: str) -> None:
+def test_plans_with_friction_and_gravity_reach_the_minimum(
+    family: str, name: str, method: str
+) -> None:
     solution = planned(family, name, method, INTERVALS)
     assert solution.status is tm.Status.CONVERGED
     assert excess(CASES[family][name], solution.T) < TOLERANCE
 
 
-# Torques that track a straight line lead elsewhere, the start of the paper not.
+# From torques that track a straight line, the descent ends at another optimum; from the
+# initial iterate of the paper, it does not.
 STARTS = {("vertical rods, payload, friction", "adjoint"): {"initial_duration": 1.5}}
 
 
@@ -262,7 +272,9 @@ STARTS = {("vertical rods, payload, friction", "adjoint"): {"initial_duration": 
         for method in ("collocation", "adjoint")
     ],
 )
-def test_two_links(family: str, name: str, method: str) -> None:
+def test_plans_of_two_links_reach_the_minimum(
+    family: str, name: str, method: str
+) -> None:
     options = STARTS.get((name, method), {})
     solution = planned(family, name, method, INTERVALS, **options)
     assert solution.success
@@ -270,8 +282,8 @@ def test_two_links(family: str, name: str, method: str) -> None:
 
 
 @pytest.mark.parametrize(("family", "name"), names("swing"))
-def test_swinging_up_by_default(family: str, name: str) -> None:
-    # Where no path leads there, random torques do, if not always the fastest way.
+def test_default_plan_swings_up_a_pendulum(family: str, name: str) -> None:
+    # No path leads to the goal; random torques do, but not always the fastest way.
     solution = planned(family, name, "auto", INTERVALS, effort="standard")
     minimum = CASES[family][name].minimum
     assert solution.success
@@ -280,8 +292,10 @@ def test_swinging_up_by_default(family: str, name: str) -> None:
 
 @pytest.mark.parametrize("method", ("collocation", "adjoint"))
 @pytest.mark.parametrize(("family", "name"), names("swing"))
-def test_swinging_up(family: str, name: str, method: str) -> None:
-    # Nothing leads the first guess to swing; up to 0.5 % for the coarse grid.
+def test_swing_up_from_the_first_guess_reaches_the_minimum(
+    family: str, name: str, method: str
+) -> None:
+    # The first guess does not swing; the coarse grid costs up to 0.5 %.
     solution = planned(family, name, method, INTERVALS)
     assert solution.success
     assert excess(CASES[family][name], solution.T) < 5.0 * TOLERANCE
@@ -289,8 +303,8 @@ def test_swinging_up(family: str, name: str, method: str) -> None:
 
 @pytest.mark.parametrize(
     ("family", "name"),
-    # Straight lines lead the last two elsewhere: to a saddle point, where no small
-    # change helps to first order, and to a dead end.
+    # From straight lines, the last two end elsewhere: at a saddle point, where no small
+    # change helps to first order, and at a dead end.
     names(
         "friction",
         "pendulum",
@@ -298,7 +312,7 @@ def test_swinging_up(family: str, name: str, method: str) -> None:
         without=("Van Willigenburg", "rods, moving ends"),
     ),
 )
-def test_inverse_is_of_first_order(family: str, name: str) -> None:
+def test_excess_of_the_inverse_method_is_of_first_order(family: str, name: str) -> None:
     case = CASES[family][name]
     solution = planned(family, name, "inverse", INTERVALS)
     assert solution.success
@@ -314,7 +328,7 @@ def test_inverse_is_of_first_order(family: str, name: str) -> None:
         ("level", "Luus", 0.4, 0.6),
     ],
 )
-def test_halving_the_intervals(
+def test_halving_the_intervals_halves_the_excess(
     family: str, name: str, lower: float, upper: float
 ) -> None:
     case = CASES[family][name]
@@ -341,7 +355,9 @@ REPLAYED = [
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(("family", "name"), REPLAYED)
-def test_replay_ends_at_the_goal(family: str, name: str, method: str) -> None:
+def test_replay_by_hand_written_equations_ends_at_the_goal(
+    family: str, name: str, method: str
+) -> None:
     case = CASES[family][name]
     trajectory = planned(family, name, method, INTERVALS).trajectory
     assert trajectory is not None
@@ -365,8 +381,8 @@ def test_limits_hold_between_the_nodes(family: str, name: str, method: str) -> N
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_position_goal_of_two_rails(method: str) -> None:
-    # Each coordinate is a rail of its own, and the slower one rules.
+def test_two_rails_take_as_long_as_the_slower_rail(method: str) -> None:
+    # Each coordinate is a rail of its own, and the slower rail determines T.
     robot = make_arm(
         slide(1.0), slide(2.0, (0.0, 1.0, 0.0)), effort=np.array([20.0, 10.0])
     )

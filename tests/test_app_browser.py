@@ -1,4 +1,4 @@
-"""The live page in a real browser: a drag leads to a new verified motion."""
+"""The live page in a real browser: dragging a goal leads to a new verified motion."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ client = pytest.importorskip("websockets.sync.client")
 websockets = pytest.importorskip("websockets.exceptions")
 
 PATIENCE = 300.0  # on a loaded machine [s]
-# Clicks a checkbox by what is written beside it.
+# Clicks a checkbox by the text of its label.
 SWITCH = """(text) => document.getElementById(
 Array.from(document.querySelectorAll('label'))
 .find((label) => label.textContent.trim() === text).htmlFor).click()"""
 
-# Threads and sockets of the server end when they do, not when a test ends.
+# Threads and sockets of the server may outlive a test.
 pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")
 
 
@@ -45,12 +45,12 @@ def free_port() -> int:
 
 @contextlib.contextmanager
 def opened(robot: str) -> Iterator[object]:
-    """The page of a robot, at a port that is free."""
+    """The page of a robot, at a free port."""
     from tominpmp.app.page import Page
 
     found = None
     while found is None:
-        # What was free may be taken by somebody else meanwhile.
+        # Another program may have taken the port meanwhile.
         with contextlib.suppress(OptionsError):
             found = Page(first_request(known(robot)), port=free_port())
     yield found
@@ -59,7 +59,7 @@ def opened(robot: str) -> Iterator[object]:
 
 @pytest.fixture
 def unplanned(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pages whose requests nobody plans."""
+    """Pages whose requests are not planned."""
     idle = SimpleNamespace(plan=lambda *_: None, close=lambda: None)
     planning = partial(Controller, planning=lambda _: idle)
     monkeypatch.setattr("tominpmp.app.page.Controller", planning)
@@ -72,7 +72,7 @@ def page() -> Iterator[object]:
 
 
 def send(page: object, **message: object) -> None:
-    """Send what the page in the browser sends, until something else is asked for."""
+    """Send a message of the page in the browser, and wait for the changed request."""
     address = page.address.replace("http", "ws")  # type: ignore[attr-defined]
     version = f"viser-v{viser.__version__}"
     controller = page.controller  # type: ignore[attr-defined]
@@ -82,7 +82,7 @@ def send(page: object, **message: object) -> None:
     ) as connection:
         connection.send(msgspec.msgpack.encode(message))
         while controller.request is before:
-            assert time.monotonic() < deadline, "nothing else was asked for"
+            assert time.monotonic() < deadline, "the request did not change"
             time.sleep(0.02)
 
 
@@ -97,8 +97,8 @@ def drag(page: object, handle: str, position: list[float]) -> None:
     )
 
 
-def awaited(page: object, number: int) -> Outcome:
-    """The last outcome for a request."""
+def outcome_of(page: object, number: int) -> Outcome:
+    """The last outcome, which is for this request or a later one."""
     controller = page.controller  # type: ignore[attr-defined]
     deadline = time.monotonic() + PATIENCE
     while time.monotonic() < deadline:
@@ -109,7 +109,7 @@ def awaited(page: object, number: int) -> Outcome:
     raise AssertionError(f"no outcome for request {number}: {controller.outcome}")
 
 
-def test_a_port_that_is_taken_is_told(page: object) -> None:
+def test_port_in_use_is_named_in_the_error(page: object) -> None:
     from tominpmp.app.page import check_port
 
     port = int(page.address.rpartition(":")[2])  # type: ignore[attr-defined]
@@ -120,8 +120,8 @@ def test_a_port_that_is_taken_is_told(page: object) -> None:
 
 
 @pytest.mark.skipif(not socket.has_ipv6, reason="needs IPv6")
-def test_a_page_at_any_free_port_of_an_ipv6_address_opens() -> None:
-    """Such hosts were refused, and port 0 stood in the address."""
+def test_page_opens_at_any_free_port_of_an_ipv6_address() -> None:
+    """Regression: IPv6 hosts were rejected, and port 0 stood in the address."""
     from tominpmp.app.page import Page
 
     found = Page(first_request(known("planar3r")), "::1", 0)
@@ -137,34 +137,36 @@ def test_a_page_at_any_free_port_of_an_ipv6_address_opens() -> None:
         found.close()
 
 
-def test_a_dragged_goal_leads_to_a_new_verified_motion(page: object) -> None:
-    first = awaited(page, 1)
+def test_dragged_goal_leads_to_a_new_verified_motion(page: object) -> None:
+    first = outcome_of(page, 1)
     assert first.ok
     controller = page.controller  # type: ignore[attr-defined]
     position, _ = controller.reach().pose(controller.request.q_goal)
     aim = position + np.array([0.2, 0.3, 0.0])
     drag(page, "q_goal", aim.tolist())
-    second = awaited(page, first.number + 1)
+    second = outcome_of(page, first.number + 1)
     assert second.ok
     assert second.shown is not None
     np.testing.assert_allclose(second.shown.path[-1], aim, atol=5e-3)
 
 
-def test_a_dragged_obstacle_in_the_way_is_told_and_nothing_ends(page: object) -> None:
+def test_obstacle_dragged_onto_the_start_is_reported(page: object) -> None:
     controller = page.controller  # type: ignore[attr-defined]
-    number = awaited(page, 1).number
+    number = outcome_of(page, 1).number
     start, _ = controller.reach().pose(controller.request.q_start)
     home = controller.request.items[0].position
     drag(page, "item_O", start.tolist())
-    refused = awaited(page, number + 1)
+    refused = outcome_of(page, number + 1)
     assert not refused.ok
     assert "start" in refused.message
     drag(page, "item_O", list(home))
-    assert awaited(page, refused.number + 1).ok
+    assert outcome_of(page, refused.number + 1).ok
 
 
-def test_an_uploaded_file_that_cannot_be_read_is_refused(page: object) -> None:
-    """Empty files, and files of more than 20 MB, were ignored without a word."""
+def test_unreadable_uploaded_file_is_rejected_with_a_reason(page: object) -> None:
+    """Regression: empty files, and files of more than 20 MB, were ignored without a
+    message.
+    """
     request = page.controller.request  # type: ignore[attr-defined]
     for content, reason in ((b"", "is not XML"), (b" " * 40_000_000, "it may have")):
         file = SimpleNamespace(name="arm.urdf", content=content)
@@ -173,28 +175,30 @@ def test_an_uploaded_file_that_cannot_be_read_is_refused(page: object) -> None:
     assert page.controller.request == request  # type: ignore[attr-defined]
 
 
-def test_a_via_point_is_put_on_the_shown_path(page: object) -> None:
-    """It was put between start and goal, on the Panda's page into its post."""
-    first = awaited(page, 1)
+def test_new_via_point_is_on_the_shown_path(page: object) -> None:
+    """Regression: the via point was put between start and goal, on the Panda's page
+    into its post.
+    """
+    first = outcome_of(page, 1)
     assert first.shown is not None
     path, controller = first.shown.path, page.controller  # type: ignore[attr-defined]
     middle = path[len(path) // 2]
     page.panel._add_point()  # type: ignore[attr-defined]
     np.testing.assert_allclose(controller.request.via, [middle], atol=1e-3)
-    found = awaited(page, first.number + 1)
+    found = outcome_of(page, first.number + 1)
     assert found.ok
     page.panel._add_point()  # type: ignore[attr-defined]
     assert np.linalg.norm(controller.request.via[1] - path[-1]) < np.linalg.norm(
         middle - path[-1]
     )
     controller.change(via=())
-    awaited(page, found.number + 2)
+    outcome_of(page, found.number + 2)
 
 
-def test_the_slider_has_the_time_in_seconds(
+def test_slider_has_the_time_in_seconds(
     page: object, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    shown, readout = awaited(page, 1).shown, page.readout  # type: ignore[attr-defined]
+    shown, readout = outcome_of(page, 1).shown, page.readout  # type: ignore[attr-defined]
     assert shown is not None
     assert readout._slider.max == pytest.approx(shown.T, abs=1e-3)
     monkeypatch.setattr(readout, "_pause", lambda: None)
@@ -205,7 +209,7 @@ def test_the_slider_has_the_time_in_seconds(
 
 
 @pytest.mark.usefixtures("unplanned")
-def test_where_there_is_no_obstacle_none_can_be_resized_or_removed() -> None:
+def test_page_without_obstacles_has_no_fields_for_obstacles() -> None:
     with opened("so100") as page:
         panel = page.panel  # type: ignore[attr-defined]
         assert panel._items.options == ("none",)
@@ -213,8 +217,10 @@ def test_where_there_is_no_obstacle_none_can_be_resized_or_removed() -> None:
 
 
 @pytest.mark.usefixtures("unplanned")
-def test_sizes_are_those_of_the_obstacle_of_another_robot() -> None:
-    """A box once had the radius and the length of the post before it."""
+def test_size_fields_follow_the_obstacle_of_the_chosen_robot() -> None:
+    """Regression: a box had the radius and the length of the post of the previous
+    robot.
+    """
     with opened("ur5") as page:
         panel = page.panel  # type: ignore[attr-defined]
         assert [field.label for field in panel._sizes[:2]] == [
@@ -227,8 +233,10 @@ def test_sizes_are_those_of_the_obstacle_of_another_robot() -> None:
 
 
 @pytest.mark.usefixtures("unplanned")
-def test_hidden_handles_stay_hidden_and_their_obstacles_visible() -> None:
-    """Obstacles vanished with their handles, and came back with another size."""
+def test_hidden_handles_keep_their_obstacles_visible() -> None:
+    """Regression: obstacles vanished with their handles, and came back with another
+    size.
+    """
     with opened("ur5") as page:
         handles = page.handles  # type: ignore[attr-defined]
         handles.show(False)
@@ -243,17 +251,19 @@ def test_hidden_handles_stay_hidden_and_their_obstacles_visible() -> None:
         assert not any(node.disable_axes for _, node in handles._known.values())
 
 
-def test_another_robot_has_its_own_acceleration_and_no_motion_yet(
+def test_choosing_a_robot_resets_limits_and_curves(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The page went on to show the curves and the limit of the robot before."""
+    """Regression: the page still showed the curves and the limit of the
+    previous robot.
+    """
     with opened("planar3r") as page:
         panel, readout = page.panel, page.readout  # type: ignore[attr-defined]
         controller = page.controller  # type: ignore[attr-defined]
-        awaited(page, 1)
+        outcome_of(page, 1)
         panel._bounded.value, panel._acceleration.value = True, 40.0
         panel._change_limits()
-        assert awaited(page, 2).request.acceleration == 40.0
+        assert outcome_of(page, 2).request.acceleration == 40.0
         monkeypatch.setattr(controller._planning, "plan", lambda *_: None)
         page.choose(replace(known("planar3r"), kinematic=True))  # type: ignore[attr-defined]
         assert panel._acceleration.value == controller.request.acceleration == 15.0
@@ -261,19 +271,19 @@ def test_another_robot_has_its_own_acceleration_and_no_motion_yet(
         assert not readout._bars.content and not readout._curves.content
 
 
-def test_a_dropped_file_that_is_no_robot_is_told(page: object) -> None:
+def test_dropped_file_without_a_robot_is_reported(page: object) -> None:
     from viser import UploadedFile
 
     before = page.controller.request  # type: ignore[attr-defined]
     page.panel._take_file(UploadedFile("cat.urdf", b"\x89PNG"))  # type: ignore[attr-defined]
-    told = page.readout._notice.content  # type: ignore[attr-defined]
-    assert "cat.urdf" in told
+    notice = page.readout._notice.content  # type: ignore[attr-defined]
+    assert "cat.urdf" in notice
     assert page.controller.request == before  # type: ignore[attr-defined]
 
 
 @pytest.mark.usefixtures("unplanned")
-def test_files_opened_on_the_page_go_with_it() -> None:
-    """Each stayed in the folder of temporary files for ever."""
+def test_uploaded_files_are_removed_with_the_page() -> None:
+    """Regression: each file stayed in the folder of temporary files for ever."""
     from viser import UploadedFile
 
     content = loaded(known("planar3r")).urdf_path.read_bytes()
@@ -287,7 +297,9 @@ def test_files_opened_on_the_page_go_with_it() -> None:
 
 
 def handshake(page: object, host: str, origin: str | None, path: str = "/") -> int:
-    """The code that the page answers who speaks to it by a name, from an origin."""
+    """The status code with which the page answers a websocket from a host and an
+    origin.
+    """
     port = int(page.address.rpartition(":")[2])  # type: ignore[attr-defined]
     try:
         with client.connect(
@@ -311,31 +323,31 @@ def handshake(page: object, host: str, origin: str | None, path: str = "/") -> i
         ("127.0.0.1:PORT", "http://127.0.0.1:PORT", 101),
         ("[::1]:PORT", "http://[::1]:PORT", 101),
         ("LOCALHOST:PORT", "http://localhost:PORT", 101),
-        # Through a tunnel from another port, or behind what speaks TLS.
+        # Through a tunnel from another port, or behind a TLS proxy.
         ("localhost:9000", "http://localhost:9000", 101),
         ("localhost", "https://localhost", 101),
-        # Programs, which are no browsers.
+        # Programs that are no browsers.
         ("localhost:PORT", None, 101),
-        # Other sites in the browser of who opened the page.
+        # Other sites in the browser of the user.
         ("localhost:PORT", "http://attacker.example", 403),
         ("localhost:PORT", "http://attacker.example:PORT", 403),
         ("localhost:PORT", "http://localhost:9000", 403),
         ("127.0.0.1:PORT", "http://localhost.attacker.example:PORT", 403),
         ("localhost:PORT", "null", 403),
-        # Their names, led to this machine.
+        # Names of other sites that resolve to this machine.
         ("attacker.example:PORT", "http://attacker.example:PORT", 403),
         ("attacker.example:PORT", None, 403),
         ("127.0.0.1.attacker.example:PORT", None, 403),
     ],
 )
-def test_a_page_of_another_origin_cannot_drive_this_one(
+def test_page_rejects_websockets_of_other_origins(
     page: object, host: str, origin: str | None, code: int
 ) -> None:
     assert handshake(page, host, origin) == code
 
 
 @pytest.mark.usefixtures("unplanned")
-def test_a_viser_that_cannot_be_guarded_serves_nothing(
+def test_unsupported_viser_is_rejected_before_it_serves(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     from tominpmp.app.page import Page
@@ -344,7 +356,7 @@ def test_a_viser_that_cannot_be_guarded_serves_nothing(
     stopped = []
 
     class Other:
-        """Opens its websocket in some other way."""
+        """A server that opens its websocket in another way."""
 
         def __init__(self, *where: object, **settings: object) -> None:
             pass
@@ -360,15 +372,15 @@ def test_a_viser_that_cannot_be_guarded_serves_nothing(
 
 @pytest.mark.browser
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is on the path")
-def test_the_browser_shows_what_a_drag_leads_to(
+def test_browser_shows_the_new_motion_after_a_drag(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # The page comes from this machine, and from nowhere else.
+    # The page loads from this machine only.
     rules = "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE localhost"
     flags = [f for f in test_browser.FLAGS if not f.startswith("--host-resolver")]
     monkeypatch.setattr(test_browser, "FLAGS", (*flags, rules))
     with opened("planar3r") as page, contextlib.closing(Browser(tmp_path)) as browser:
-        before = awaited(page, 1)
+        before = outcome_of(page, 1)
         assert before.shown is not None
         view = browser.open(page.address)  # type: ignore[attr-defined]
 
@@ -386,16 +398,16 @@ def test_the_browser_shows_what_a_drag_leads_to(
             page.controller.request.q_goal  # type: ignore[attr-defined]
         )
         drag(page, "q_goal", (position - np.array([0.2, 0.0, 0.0])).tolist())
-        after = awaited(page, before.number + 1)
+        after = outcome_of(page, before.number + 1)
         assert after.shown is not None
         assert f"{after.shown.T:.3f}" != f"{before.shown.T:.3f}"
         shown = headline(f"{after.shown.T:.3f} s")
         assert f"{after.shown.T:.3f} s" in shown
         assert "verified by replay" in headline("verified by replay")
-        # A switch leaves out the dynamics: bars of accelerations, not of torques.
+        # Without the dynamics, the bars show accelerations, not torques.
         view.evaluate(f"({SWITCH})('Kinematic')")
         assert "\nacceleration\n" in headline("\nacceleration\n")
-        assert awaited(page, after.number + 1).ok
+        assert outcome_of(page, after.number + 1).ok
         request, panel = page.controller.request, page.panel  # type: ignore[attr-defined]
         assert request.robot.kinematic and request.acceleration == 15.0
         assert panel._bounded.value and panel._acceleration.visible

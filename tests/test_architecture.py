@@ -1,4 +1,4 @@
-"""Rules about the code as a whole that no single module can break unseen."""
+"""Rules about the code as a whole: layers, imports, dependencies, budgets."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ import house
 PACKAGE = Path(tominpmp.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
-# Heavy, or not even installed: `import tominpmp` must do without them.
+# Heavy or optional packages, which `import tominpmp` must not import.
 NOT_AT_IMPORT = {
     *("casadi", "lxml", "matplotlib", "meshcat", "ompl", "trimesh", "yourdfpy")
 }
 
-# Distributions that are named unlike the package in them.
+# Distributions whose name differs from that of their package.
 DISTRIBUTIONS = {
-    "xacro": "xacrodoc",  # which requires it
+    "xacro": "xacrodoc",  # which requires the package xacro
     "lazy_loader": "lazy-loader",
     "pinocchio": "pin",
     "tomli_w": "tomli-w",
@@ -65,7 +65,7 @@ def imported_names(tree: ast.Module) -> Iterator[str]:
             yield node.module
 
 
-def test_public_names_exist() -> None:
+def test_names_in_all_exist_and_are_unique() -> None:
     wrong = []
     for path in MODULES:
         module = importlib.import_module(name_of(path))
@@ -76,7 +76,7 @@ def test_public_names_exist() -> None:
     assert wrong == []
 
 
-def test_the_house_is_measured(tmp_path: Path) -> None:
+def test_house_measures_code_lines_and_excesses(tmp_path: Path) -> None:
     room = tmp_path / "planner"
     room.mkdir()
     text = '"""Two\nlines."""\n# A comment.\n\nPATIENCE, MOST = 3, 0.5\n\n\n'
@@ -110,7 +110,7 @@ def test_only_the_command_line_prints() -> None:
     assert prints == []
 
 
-def test_import_is_light() -> None:
+def test_import_loads_no_heavy_package() -> None:
     program = "import sys, tominpmp; print(*{m.split('.')[0] for m in sys.modules})"
     result = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
@@ -132,7 +132,7 @@ def test_imports_follow_the_layers() -> None:
 
 
 def test_modules_do_not_import_the_package_itself() -> None:
-    """Names come from the module that defines them, or the layers mean nothing."""
+    """Names are imported from the modules that define them, so that the layers hold."""
     from_root = [
         name_of(path)
         for path in MODULES
@@ -164,7 +164,7 @@ def test_declared_dependencies_are_those_imported() -> None:
         assert any(f'Path("share", "{name}"' in text for text in sources)
 
 
-JUDGES = ("bounds", "verification")
+CHECKERS = ("bounds", "verification")
 MAKERS = (
     "exact",
     "constraints",
@@ -175,26 +175,26 @@ MAKERS = (
 )
 
 
-def test_what_replays_a_motion_knows_nothing_of_what_made_it() -> None:
+def test_verification_imports_nothing_of_the_planner() -> None:
     makers = {f"tominpmp.{name}" for name in MAKERS}
     wrong = [
         f"{name_of(path)} imports {name}"
         for path in MODULES
-        if path.relative_to(PACKAGE).parts[0] in JUDGES
+        if path.relative_to(PACKAGE).parts[0] in CHECKERS
         for name in imported_names(parse(path))
         if ".".join(name.split(".")[:2]) in makers
     ]
     assert wrong == []
 
 
-def test_judges_and_makers_are_packages() -> None:
-    for name in JUDGES + MAKERS:
+def test_listed_packages_exist() -> None:
+    for name in CHECKERS + MAKERS:
         assert (PACKAGE / name / "__init__.py").exists()
 
 
 SOURCE = Path(tominpmp.__file__).parent
-# A solution writes itself, and the file that it wrote is judged for it.
-CIRCLES = {
+# A solution exports itself, and its exported file is checked against the solution.
+CYCLES = {
     frozenset(("tominpmp.files.export_check", "tominpmp.solution")),
     frozenset(("tominpmp.sensitivities.records", "tominpmp.viz.plots")),
 }
@@ -215,7 +215,7 @@ def imported_modules(name: str, known: set[str]) -> set[str]:
     return found & known - {"tominpmp"}
 
 
-def test_modules_import_each_other_in_no_circle() -> None:
+def test_modules_have_no_import_cycles() -> None:
     names = {
         ".".join(("tominpmp", *file.relative_to(SOURCE).with_suffix("").parts))
         for file in SOURCE.rglob("*.py")
@@ -231,22 +231,22 @@ def test_modules_import_each_other_in_no_circle() -> None:
                     seen.add(other)
                     waiting.append(other)
         reached[name] = seen
-    circles = {
+    cycles = {
         frozenset(b for b in seen if name in reached.get(b, ()))
         for name, seen in reached.items()
         if name in seen
     }
-    assert circles <= CIRCLES
+    assert cycles <= CYCLES
 
 
-# Modules from tm.plan down to one that imports no other, at the most.
+# The largest number of modules from tm.plan down to a module without imports.
 LONGEST_CHAIN = 20
 
 
 def library_imports(path: Path) -> set[tuple[str, str]]:
-    """Modules and names that a module takes from the library to run.
+    """Modules and names that a module imports from the library at run time.
 
-    Imports inside functions, and for types alone, are not among them.
+    Imports inside functions, and for types alone, are left out.
     """
     return {
         (node.module, item.name)
@@ -257,8 +257,8 @@ def library_imports(path: Path) -> set[tuple[str, str]]:
     }
 
 
-def test_names_come_from_the_modules_that_define_them() -> None:
-    """Names that a package hands on are for callers, and imported as they are used."""
+def test_names_are_imported_from_their_defining_module() -> None:
+    """Names that a package re-exports are for callers."""
     files = {name_of(path): path for path in MODULES}
     packages = {name for name, path in files.items() if path.name == "__init__.py"}
     packages -= {"tominpmp.cli", "tominpmp.datasheets"}  # they define their names
@@ -271,8 +271,8 @@ def test_names_come_from_the_modules_that_define_them() -> None:
     assert handed == set()
 
 
-def test_chains_of_imports_are_short() -> None:
-    """A reader of the planner goes down so many modules at the most."""
+def test_longest_import_chain_of_the_planner_is_bounded() -> None:
+    """A reader of the planner follows at most this number of modules downwards."""
     files = {name_of(path): path for path in MODULES}
 
     @functools.cache
@@ -296,8 +296,8 @@ def test_benchmarks_import_each_other_from_their_package() -> None:
 
 
 def goal_classes() -> set[str]:
-    """Names of all classes of goals but their base."""
-    assert classes(Goal)  # imports all modules that have some
+    """The names of all goal classes except their base."""
+    assert classes(Goal)  # imports every module with goals
     found: set[str] = set()
     waiting: list[type] = [Goal]
     while waiting:
@@ -307,10 +307,10 @@ def goal_classes() -> set[str]:
     return found
 
 
-def test_kinds_of_goals_are_told_apart_by_goals_alone() -> None:
-    """Else a new kind of goal would need changes elsewhere."""
+def test_only_the_goals_package_distinguishes_goal_types() -> None:
+    """Otherwise a new type of goal would need changes elsewhere."""
     kinds = goal_classes()
-    asked = [
+    type_checks = [
         f"{name_of(path)}:{node.lineno}"
         for path in MODULES
         if path.parent.name != "goals"
@@ -320,4 +320,4 @@ def test_kinds_of_goals_are_told_apart_by_goals_alone() -> None:
         and node.func.id in ("isinstance", "issubclass", "type")
         and kinds & {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
     ]
-    assert asked == []
+    assert type_checks == []

@@ -1,4 +1,4 @@
-"""Tests of the playback page in a real browser, without a screen or a network."""
+"""The playback page in a real browser, without a screen or a network."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ PATIENCE = 300.0  # a loaded machine renders slowly [s]
 START, END = (0.5, 1.7, -1.7), (0.9, -1.2, -0.9)
 DURATION = 1.1
 
-# The browser reads from descriptor 3 and writes to 4.
+# The browser reads from descriptor 3 and writes to descriptor 4.
 START_BROWSER = """
 import os, sys
 os.dup2(int(sys.argv[1]), 3)
@@ -77,12 +77,12 @@ RED, GREEN, BLUE = range(3)
 
 
 class Browser:
-    """Chromium, spoken to in its DevTools protocol over a pair of pipes."""
+    """Chromium, controlled by its DevTools protocol over a pair of pipes."""
 
     def __init__(self, home: Path) -> None:
         theirs_in, self._out = os.pipe()
         self._in, theirs_out = os.pipe()
-        # High numbers, which those that the browser wants cannot meet.
+        # High numbers, which do not collide with the descriptors of the browser.
         ends = [fcntl.fcntl(end, fcntl.F_DUPFD, 20) for end in (theirs_in, theirs_out)]
         self._log = (home / "log").open("wb")
         command = [str(CHROMIUM), *FLAGS, f"--user-data-dir={home / 'profile'}"]
@@ -130,7 +130,7 @@ class Browser:
             self.events.append(answer)
 
     def open(self, address: str) -> Page:
-        """Open a page in place of the one before: one in the back draws no frames."""
+        """Open a page and close the previous page: hidden pages draw no frames."""
         target = self.call("Target.createTarget", url="about:blank")["targetId"]
         if self._target is not None:
             self.call("Target.closeTarget", targetId=self._target)
@@ -145,7 +145,7 @@ class Browser:
             self.events.append(self._read(deadline))
 
     def named(self, method: str, session: str) -> list[Any]:
-        """What the events of a name say."""
+        """The parameters of all events with this name."""
         return [
             event["params"]
             for event in self.events
@@ -207,12 +207,12 @@ class Page:
         return str(self.evaluate(f"document.getElementById('{element}').textContent"))
 
     def folders(self) -> set[str]:
-        """Folders in Meshcat's controls: one for each node of the scene."""
+        """The folders in Meshcat's controls, one for each node of the scene."""
         found = "document.querySelectorAll('li.title')"
         return set(self.evaluate(f"Array.from({found}, (item) => item.textContent)"))
 
     def picture(self) -> np.ndarray:
-        """What is seen: colours from 0 to 1, shape (height, width, 3)."""
+        """A screenshot: colours from 0 to 1, shape (height, width, 3)."""
         self.frames()
         shot = self._call("Page.captureScreenshot", format="png")["data"]
         pixels = np.asarray(imread(io.BytesIO(base64.b64decode(shot))))[..., :3]
@@ -220,14 +220,14 @@ class Page:
         return pixels
 
     def complaints(self) -> list[Any]:
-        """Exceptions, and what the browser refused to do or failed at."""
+        """Exceptions, and log entries of errors."""
         entries = self._browser.named("Log.entryAdded", self._session)
         return self._browser.named("Runtime.exceptionThrown", self._session) + [
             entry for entry in entries if entry["entry"]["level"] == "error"
         ]
 
     def fetched(self) -> list[str]:
-        """Addresses that were asked for, but for those in the page itself."""
+        """The requested addresses, without those inside the page itself."""
         requests = self._browser.named("Network.requestWillBeSent", self._session)
         addresses = [str(request["request"]["url"]) for request in requests]
         return [a for a in addresses if not a.startswith(("data:", "blob:"))]
@@ -262,12 +262,14 @@ def address(planar3r: Robot, tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.fixture
 def page(browser: Browser, address: str) -> Page:
-    """The page, standing still in the middle of the motion."""
+    """The page, paused in the middle of the motion."""
     return browser.open(f"{address}#t=0.5")
 
 
 def where(pixels: np.ndarray, strong: int, than: dict[int, float]) -> np.ndarray:
-    """Pixels in which a channel exceeds others by some factors: rows and columns."""
+    """Rows and columns of the pixels in which a channel exceeds others by these
+    factors.
+    """
     hit = np.ones(pixels.shape[:2], dtype=bool)
     for weak, factor in than.items():
         hit &= pixels[..., strong] > factor * pixels[..., weak]
@@ -288,15 +290,17 @@ def test_page_has_arm_obstacle_and_animation(page: Page) -> None:
     assert float(page.evaluate("slider.value")) == pytest.approx(0.5)
 
 
-def test_page_asks_for_nothing_and_nothing_fails(page: Page, address: str) -> None:
+def test_page_fetches_nothing_and_has_no_errors(page: Page, address: str) -> None:
     page.frames()
     assert page.fetched() == [address]
     assert page.complaints() == []
     assert page.text("problem") == ""
 
 
-def test_what_is_forbidden_is_seen(browser: Browser, tmp_path: Path) -> None:
-    """The check above would find a page that fetches, or fails."""
+def test_fetches_and_errors_of_a_page_are_detected(
+    browser: Browser, tmp_path: Path
+) -> None:
+    """The previous test would find a page that fetches, or fails."""
     path = tmp_path / "bad.html"
     path.write_text(
         '<img src="http://example.invalid/a.png"><script>nothing();</script>'
@@ -306,7 +310,7 @@ def test_what_is_forbidden_is_seen(browser: Browser, tmp_path: Path) -> None:
     assert len(bad.complaints()) == 2
 
 
-def test_page_shows_the_arm_where_it_is(page: Page) -> None:
+def test_page_shows_the_arm_at_its_configuration(page: Page) -> None:
     pictures = []
     for instant in (0.0, DURATION):
         page.evaluate(f"location.hash = '#t={instant}'")
@@ -327,7 +331,7 @@ def test_page_shows_the_arm_where_it_is(page: Page) -> None:
         for picture in pictures
     ]
     np.testing.assert_allclose(*obstacles, atol=6.0)
-    # The hand goes from the upper left to the right, down to the obstacle.
+    # The hand moves from the upper left to the right, down to the obstacle.
     hands = [
         where(picture, GREEN, {RED: 1.5, BLUE: 1.2}).mean(axis=0)
         for picture in pictures
@@ -337,9 +341,9 @@ def test_page_shows_the_arm_where_it_is(page: Page) -> None:
     assert column > 60
 
 
-def test_page_plays_by_itself_and_again(browser: Browser, address: str) -> None:
-    # From one return to the start to the next; so slowly that some frames lie between
-    # them, whatever the machine.
+def test_page_plays_the_motion_in_a_loop(browser: Browser, address: str) -> None:
+    # The times between two returns to the start, slow enough for several frames on any
+    # machine.
     seen = browser.open(address).evaluate(
         """new Promise((done) => {
           speed.value = "0.5";
@@ -364,10 +368,12 @@ def test_page_plays_by_itself_and_again(browser: Browser, address: str) -> None:
     assert len(set(seen)) > 2
 
 
-def test_controls(browser: Browser, address: str) -> None:
+def test_speed_play_and_slider_control_the_animation(
+    browser: Browser, address: str
+) -> None:
     page = browser.open(f"{address}#t=0.5")
     assert page.evaluate("animator.mixer.timeScale") == 1.0
-    # So slowly that the end is far.
+    # Slow enough not to reach the end.
     page.evaluate("speed.value = '0.1'; speed.onchange(); toggle.click()")
     assert page.evaluate("animator.mixer.timeScale") == 0.1
     page.evaluate(
@@ -386,7 +392,7 @@ def test_controls(browser: Browser, address: str) -> None:
     assert page.complaints() == []
 
 
-def test_all_shapes_ghosts_and_a_pose(
+def test_page_shows_all_shapes_ghosts_and_a_pose_goal(
     browser: Browser, planar3r: Robot, tmp_path: Path
 ) -> None:
     scene = Scene(
@@ -413,7 +419,7 @@ def test_all_shapes_ghosts_and_a_pose(
 
 
 @pytest.mark.parametrize("size", [(900, 600), (800, 360), (358, 636)])
-def test_a_ball_is_round_in_every_window(
+def test_projection_is_undistorted_in_every_window(
     browser: Browser, address: str, size: tuple[int, int]
 ) -> None:
     page = browser.open(address)
@@ -434,7 +440,7 @@ def test_a_ball_is_round_in_every_window(
     assert high == pane
 
 
-# Torques that rise to their limit and fall again; what is drawn above this limit.
+# Torques that rise to their limit and fall again; the pixels drawn above this limit.
 ABOVE_THE_LIMIT = """(() => {
 shares.t = Array.from({length: 401}, (_, i) => duration * i / 400);
 shares.torque[0] = shares.t.map((_, i) => 1 - Math.abs(i % 20 - 10) / 10);
@@ -445,13 +451,13 @@ const above = background.getContext("2d").getImageData(half, top - 5, half, 3);
 return above.data.filter(Boolean).length; })()"""
 
 
-def test_curves_do_not_pass_a_limit_that_they_touch(page: Page) -> None:
-    """The pointed corners of lines did."""
+def test_curves_are_not_drawn_beyond_a_limit_they_touch(page: Page) -> None:
+    """Regression: the pointed corners of the lines were drawn beyond the limit."""
     assert page.evaluate(ABOVE_THE_LIMIT) == 0
 
 
-def test_the_title_ends_before_the_controls_of_meshcat(page: Page) -> None:
-    """They covered the end of a long title."""
+def test_title_does_not_overlap_the_controls_of_meshcat(page: Page) -> None:
+    """Regression: the controls covered the end of a long title."""
     right, left = page.evaluate(
         "[document.getElementById('about').getBoundingClientRect().right,"
         " document.querySelector('.dg.main').getBoundingClientRect().left]"
@@ -463,7 +469,7 @@ def test_the_title_ends_before_the_controls_of_meshcat(page: Page) -> None:
     ("width", "height", "below"),
     [(358, 636, True), (358, 380, False), (320, 568, True)],
 )
-def test_telephones_have_the_curves_below_the_motion(
+def test_curves_are_below_the_motion_on_telephones(
     browser: Browser, address: str, width: int, height: int, below: bool
 ) -> None:
     page = browser.open(address)
@@ -485,7 +491,7 @@ def test_telephones_have_the_curves_below_the_motion(
         "document.getElementById('speed').getBoundingClientRect().right"
     )
     assert last <= width - 0.03 * width - 10
-    # What is drawn is as high as the pane, so that nothing of the arm is cut off.
+    # The canvas is as high as the pane, so that no part of the arm is cut off.
     drawn = page.evaluate("document.querySelector('#meshcat-pane canvas').offsetHeight")
     assert drawn == pytest.approx(pane[1] - pane[0], abs=1.0)
     assert (shares[2] > 0) is below

@@ -1,4 +1,4 @@
-"""The judge of random cells: right motions pass, wrong ones of any kind do not."""
+"""The judge of random cells accepts right motions and refutes wrong motions."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from benchmarks.cell_movement import Movement, read_movement
 from tominpmp.dynamics import RobotDynamics
 
 Change = Callable[[dict[str, Any], dict[str, Any]], None]
-# A motion of few intervals is judged by the same rules as one of many.
+# The rules of the judge do not depend on the number of intervals.
 QUICK = {"effort": "quick", "refine": None}
 
 
 @pytest.fixture(scope="module")
 def planned(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
-    """A case of a Panda with a load beside a ball, and the file of its motion."""
+    """A case of a Panda with a payload beside a ball, and the file of its motion."""
     arm = cell_cases.draw_arm(np.random.default_rng(0), "panda", "free")
     arm.pop("velocity", None)
     arm["payload"] = {"mass": 1.0, "frame": "panda_hand", "com": [0, 0, 0.1]}
@@ -50,13 +50,15 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], P
         margin=0.01,
     )
     path = tmp_path_factory.mktemp("judge") / "motion.npz"
-    # A jump of positions is told as one where accelerations are constant.
+    # With constant accelerations, a jump of positions is reported as a jump.
     solution = tm.plan(problem, control="constant", **QUICK)
     random_cells.write_motion(solution.raise_if_failed(), path)
     return case, path
 
 
-def judge(case: dict[str, Any], path: Path, change: Change | None = None) -> list[str]:
+def faults_of(
+    case: dict[str, Any], path: Path, change: Change | None = None
+) -> list[str]:
     case = json.loads(json.dumps(case))
     values = vars(read_movement(path)).copy()
     if change is not None:
@@ -66,15 +68,15 @@ def judge(case: dict[str, Any], path: Path, change: Change | None = None) -> lis
     return found.faults
 
 
-def test_a_right_motion_passes(planned: tuple[dict[str, Any], Path]) -> None:
-    assert judge(*planned) == []
+def test_judge_accepts_a_planned_motion(planned: tuple[dict[str, Any], Path]) -> None:
+    assert faults_of(*planned) == []
 
 
 def heavier(case: dict[str, Any], _: dict[str, Any]) -> None:
     case["arms"][0]["payload"]["mass"] = 1.1
 
 
-def rubbing(case: dict[str, Any], _: dict[str, Any]) -> None:
+def with_friction(case: dict[str, Any], _: dict[str, Any]) -> None:
     case["arms"][0]["friction"] = [0.5] * 7
 
 
@@ -120,7 +122,7 @@ def accelerating(case: dict[str, Any], _: dict[str, Any]) -> None:
     ("change", "word"),
     [
         (heavier, "torque"),
-        (rubbing, "torque"),
+        (with_friction, "torque"),
         (faster, "torque"),
         (elsewhere, "goal"),
         (in_the_way, "room"),
@@ -131,16 +133,18 @@ def accelerating(case: dict[str, Any], _: dict[str, Any]) -> None:
         (accelerating, "acceleration"),
     ],
 )
-def test_a_wrong_motion_is_refuted(
+def test_judge_refutes_a_wrong_motion(
     planned: tuple[dict[str, Any], Path], change: Change, word: str
 ) -> None:
-    assert word in " ".join(judge(*planned, change))
+    assert word in " ".join(faults_of(*planned, change))
 
 
-def test_an_instant_beside_a_node_is_no_node(
+def test_judge_does_not_interpolate_over_an_instant_beside_a_node(
     planned: tuple[dict[str, Any], Path],
 ) -> None:
-    """As where a joint turns: polynomials over it would be made of rounding."""
+    """Reversals of joints are instants of this kind: polynomials over the tiny interval
+    would consist of rounding errors.
+    """
 
     def divided(_: dict[str, Any], values: dict[str, Any]) -> None:
         k, breaks, u = 20, values["breaks"], values["u"]
@@ -157,13 +161,15 @@ def test_an_instant_beside_a_node_is_no_node(
             values[key] = np.insert(values[key], 21, row[0], axis=0)
         values["a"] = None
 
-    assert judge(*planned, divided) == []
-    assert "torque" in " ".join(judge(*planned, as_a_node))
+    assert faults_of(*planned, divided) == []
+    assert "torque" in " ".join(faults_of(*planned, as_a_node))
 
 
 @pytest.fixture(scope="module")
 def gentle(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
-    """An xArm 7, which has dry friction, brought to rest with a bounded jerk."""
+    """The motion of an xArm 7, which has dry friction, with a bounded jerk at
+    its end.
+    """
     arm = cell_cases.draw_arm(np.random.default_rng(0), "xarm7", "free")
     arm.pop("velocity", None)
     q_start = np.array([0.2, -0.4, 0.1, 0.9, -0.3, 0.7, 0.4])
@@ -188,20 +194,20 @@ def gentle(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Pa
     return case, path
 
 
-def test_a_gentle_stop_with_friction_passes(
+def test_judge_accepts_a_jerk_limited_stop_with_friction(
     gentle: tuple[dict[str, Any], Path],
 ) -> None:
-    assert judge(*gentle) == []
+    assert faults_of(*gentle) == []
 
 
-@pytest.mark.parametrize("long", [1.5e-5, 4e-6, 1e-6, 3e-7])
+@pytest.mark.parametrize("duration", [1.5e-5, 4e-6, 1e-6, 3e-7])
 @pytest.mark.parametrize("end", ["start", "stop"])
-def test_friction_of_the_wrong_sign_for_microseconds_is_refuted(
-    gentle: tuple[dict[str, Any], Path], end: str, long: float
+def test_judge_refutes_wrong_friction_for_microseconds(
+    gentle: tuple[dict[str, Any], Path], end: str, duration: float
 ) -> None:
     def reversed_beside_an_end(case: dict[str, Any], values: dict[str, Any]) -> None:
         move, first = Movement(**values), end == "start"
-        edge = move.t[0] + long if first else move.t[-1] - long
+        edge = move.t[0] + duration if first else move.t[-1] - duration
         p = int(np.searchsorted(move.breaks, edge)) - 1
         begin, h = move.breaks[p], np.diff(move.breaks)[p]
         cut = (edge - begin) / h
@@ -214,18 +220,18 @@ def test_friction_of_the_wrong_sign_for_microseconds_is_refuted(
         values["breaks"] = np.insert(move.breaks, p + 1, edge)
         values["u"] = np.concatenate([move.u[:p], halves, move.u[p + 1 :]])
 
-    assert "torque" in " ".join(judge(*gentle, reversed_beside_an_end))
+    assert "torque" in " ".join(faults_of(*gentle, reversed_beside_an_end))
 
 
-def turning(
-    gentle: tuple[dict[str, Any], Path], left: float, folder: Path
+def reversing_motion(
+    gentle: tuple[dict[str, Any], Path], residual: float, folder: Path
 ) -> tuple[dict[str, Any], Path]:
-    """All joints turn at a node, where a trace of their velocity is left."""
+    """A motion whose joints all reverse at a node, with a residual velocity there."""
     case = json.loads(json.dumps(gentle[0])) | {"acceleration": None, "jerk": None}
     robot = cell_cases.build_arm(case["arms"][0])
     case["v_start"] = [-0.2] * 7
     t = np.array([0.0, 0.1, 0.2])
-    v = np.outer([-0.2, left, 0.1], np.ones(7))
+    v = np.outer([-0.2, residual, 0.1], np.ones(7))
     h = np.diff(t)[:, None]
     moved = np.cumsum(0.5 * h * (v[1:] + v[:-1]), axis=0)
     q = np.array(case["q_start"]) + np.vstack([np.zeros(7), moved])
@@ -238,21 +244,21 @@ def turning(
     return case, path
 
 
-@pytest.mark.parametrize("left", [0.0, 5e-9, -5e-9, 9e-8, -9e-8])
-def test_a_turn_beside_a_node_passes(
-    gentle: tuple[dict[str, Any], Path], left: float, tmp_path: Path
+@pytest.mark.parametrize("residual", [0.0, 5e-9, -5e-9, 9e-8, -9e-8])
+def test_judge_accepts_a_reversal_beside_a_node(
+    gentle: tuple[dict[str, Any], Path], residual: float, tmp_path: Path
 ) -> None:
-    assert judge(*turning(gentle, left, tmp_path)) == []
+    assert faults_of(*reversing_motion(gentle, residual, tmp_path)) == []
 
 
-@pytest.mark.parametrize("long", [1e-6, 3e-7])
+@pytest.mark.parametrize("duration", [1e-6, 3e-7])
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_friction_of_the_wrong_sign_beside_a_turn_is_refuted(
-    gentle: tuple[dict[str, Any], Path], side: float, long: float, tmp_path: Path
+def test_judge_refutes_wrong_friction_beside_a_reversal(
+    gentle: tuple[dict[str, Any], Path], side: float, duration: float, tmp_path: Path
 ) -> None:
     def too_early_or_late(case: dict[str, Any], values: dict[str, Any]) -> None:
         move = Movement(**values)
-        edge, p = move.t[1] + side * long, 0 if side < 0.0 else 1
+        edge, p = move.t[1] + side * duration, 0 if side < 0.0 else 1
         cut = (edge - move.breaks[p]) / np.diff(move.breaks)[p]
         halves = [
             move.torque(p, x) for x in (cut * move.share, cut + (1 - cut) * move.share)
@@ -264,12 +270,12 @@ def test_friction_of_the_wrong_sign_beside_a_turn_is_refuted(
         values["breaks"] = np.insert(move.breaks, p + 1, edge)
         values["u"] = np.concatenate([move.u[:p], halves, move.u[p + 1 :]])
 
-    case, path = turning(gentle, 0.0, tmp_path)
-    assert "torque" in " ".join(judge(case, path, too_early_or_late))
+    case, path = reversing_motion(gentle, 0.0, tmp_path)
+    assert "torque" in " ".join(faults_of(case, path, too_early_or_late))
 
 
 @pytest.mark.slow
-def test_a_short_campaign(tmp_path: Path) -> None:
+def test_short_campaign_of_random_cells_has_no_faults(tmp_path: Path) -> None:
     arguments = ["--count", "2", "--seed", "11", "--kinds", "free,friction"]
     arguments += ["--csv", str(tmp_path / "a.csv"), "--folder", str(tmp_path)]
     assert random_cells.main(arguments) == 0

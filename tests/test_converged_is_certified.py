@@ -1,4 +1,4 @@
-"""What planning calls a locally time-optimal motion, its certificate accepts."""
+"""Motions with the status CONVERGED are certified as locally time-optimal."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ OPTIONS = tm.Options(intervals=40, control="constant", refine=None, starts=1)
 
 @pytest.fixture(scope="module")
 def around():
-    """A motion of the paper's arm past a ball, as near as it may."""
+    """A motion of the paper's arm close past a ball."""
     robot = tm.load_robot("planar3r")
     scene = tm.Scene([tm.Sphere("O", radius=0.8, position=(3.2, 3.2, 0))])
     problem = tm.Problem(robot, START, tm.JointGoal(END), scene=scene)
@@ -45,7 +45,9 @@ def free():
 
 
 def slower(solution, factor=1.05):
-    """The motion of a solution, slowed down, as an attempt that says it converged."""
+    """The motion of a solution, slowed down, as a candidate with the status
+    CONVERGED.
+    """
     motion, inverse = solution.trajectory, RobotDynamics(solution.problem.robot).inverse
     v, a = motion.v / factor, motion.a / factor**2
     u = inverse(motion.q, v, np.vstack([a, a[-1:]]))
@@ -61,27 +63,27 @@ def slower(solution, factor=1.05):
     )
 
 
-def after_certificate(solution, attempt, **changes):
-    """A plan whose last stage has examined an attempt."""
+def after_certificate(solution, candidate, **changes):
+    """The state of a plan whose last stage has examined a candidate."""
     options = replace(resolve_options(solution.problem, OPTIONS), **changes)
     state = PlanState(solution.problem, options)
-    state.candidates.append(attempt)
+    state.candidates.append(candidate)
     with state.deadline.in_force():
         carried_out(state, certified(state))
     return state
 
 
-def judged(solution, attempt, **changes):
-    """What the last stage makes of an attempt."""
-    return after_certificate(solution, attempt, **changes).candidates[1:]
+def results_of_last_stage(solution, candidate, **changes):
+    """The candidates that the last stage makes of a candidate."""
+    return after_certificate(solution, candidate, **changes).candidates[1:]
 
 
 @pytest.mark.parametrize("name", ["free", "around"])
-def test_a_motion_that_is_none_is_improved_until_it_is_one(name, request):
+def test_last_stage_improves_a_motion_until_it_is_certified(name, request):
     solution = request.getfixturevalue(name)
-    attempt = slower(solution)
-    assert not tm.certify(solution.problem, attempt.trajectory).ok
-    state = after_certificate(solution, attempt)
+    candidate = slower(solution)
+    assert not tm.certify(solution.problem, candidate.trajectory).ok
+    state = after_certificate(solution, candidate)
     (found,) = state.candidates[1:]
     assert found.status is tm.Status.CONVERGED
     assert found.verification.ok
@@ -93,22 +95,26 @@ def test_a_motion_that_is_none_is_improved_until_it_is_one(name, request):
     assert state.history  # iterations are accounted for
 
 
-def test_what_promises_half_of_what_it_may_is_gone_on_with(free, monkeypatch):
+def test_certified_motion_with_a_considerable_predicted_gain_is_improved(
+    free, monkeypatch
+):
     """A motion that is 0.7 % too slow is certified, and made faster all the same."""
-    attempt = slower(free, 1.007)
-    [found] = judged(free, attempt)
+    candidate = slower(free, 1.007)
+    [found] = results_of_last_stage(free, candidate)
     assert found.status is tm.Status.CONVERGED
-    assert found.duration < attempt.duration / 1.005
+    assert found.duration < candidate.duration / 1.005
     monkeypatch.setattr(optimality, "WORTH_A_TRY", 1.0)
-    [left] = judged(free, attempt)
+    [left] = results_of_last_stage(free, candidate)
     assert left.status is tm.Status.CONVERGED
-    assert left.duration == attempt.duration
+    assert left.duration == candidate.duration
 
 
-def test_where_nothing_can_be_gained_it_says_so(free, monkeypatch):
-    """A promise that no iteration keeps is not called an optimum."""
+def test_predicted_gain_that_no_round_achieves_ends_as_stalled(free, monkeypatch):
+    """A motion with a predicted gain that no iteration achieves is not called an
+    optimum.
+    """
     monkeypatch.setattr(optimality, "ROUNDS", 0)
-    (found,) = judged(free, slower(free))
+    (found,) = results_of_last_stage(free, slower(free))
     assert found.status is tm.Status.STALLED
     assert "Small changes promise" in found.remark
 
@@ -120,19 +126,23 @@ def test_where_nothing_can_be_gained_it_says_so(free, monkeypatch):
         (RuntimeError("no solution"), tm.Status.STALLED),
     ],
 )
-def test_a_test_that_is_cut_short_proves_nothing(free, monkeypatch, cause, status):
+def test_interrupted_certification_does_not_count_as_converged(
+    free, monkeypatch, cause, status
+):
     """The callback ends iterations a little before the deadline does."""
 
-    def run(settling, attempt):
+    def run(settling, candidate):
         raise cause
 
     monkeypatch.setattr(optimality.CertifiedDescent, "run", run)
-    (found,) = judged(free, slower(free))
+    (found,) = results_of_last_stage(free, slower(free))
     assert found.status is status
 
 
-def test_motions_of_segments_are_put_to_the_test_too(free):
-    """One that is slowed down is improved, or said to leave something."""
+def test_last_stage_examines_motions_of_segments(free):
+    """A motion that is slowed down is improved, or its message has the
+    predicted gain.
+    """
     segments = [
         tm.Segment(tm.JointGoal([0.7, 0.3, -1.2])),
         tm.Segment(tm.JointGoal(END)),
@@ -149,7 +159,7 @@ def test_motions_of_segments_are_put_to_the_test_too(free):
     ).with_torques(motion.inverse_dynamics, motion.segment_dynamics)
     verification = tm.verify(problem, slow)
     assert verification.ok
-    attempt = replace(
+    candidate = replace(
         slower(free),
         trajectory=slow,
         initial=slow,
@@ -157,21 +167,21 @@ def test_motions_of_segments_are_put_to_the_test_too(free):
         layout=Layout.of_motion(slow, segments),
     )
     assert not tm.certify(problem, slow).ok
-    (found,) = judged(solution, attempt)
+    (found,) = results_of_last_stage(solution, candidate)
     accepted = tm.certify(problem, found.trajectory, verification=found.verification)
     assert (found.status is tm.Status.CONVERGED) == accepted.ok
     assert accepted.ok or "Small changes promise" in found.remark
     assert found.duration < 1.01 * solution.T
 
 
-def test_an_iteration_limit_is_no_convergence(free):
+def test_iteration_limit_is_no_convergence(free):
     solution = tm.plan(free.problem, replace(OPTIONS, max_iterations=2))
     converged = solution.status is tm.Status.CONVERGED
     assert not converged or solution.certificate.ok, solution.certificate.message
     assert converged or not solution.success or "promise" in solution.message
 
 
-def test_the_message_of_a_plan_says_how_much_is_promised(monkeypatch, free):
+def test_message_of_a_stalled_plan_has_the_predicted_gain(monkeypatch, free):
     monkeypatch.setattr(optimality, "tolerance_of", lambda options: 1e-12)
     monkeypatch.setattr(optimality, "ROUNDS", 0)
     solution = tm.plan(free.problem, OPTIONS)
@@ -180,13 +190,13 @@ def test_the_message_of_a_plan_says_how_much_is_promised(monkeypatch, free):
     assert "Small changes promise" in solution.message
 
 
-def test_thorough_asks_for_a_tenth():
+def test_tolerance_of_thorough_plans_is_a_tenth():
     thorough = replace(OPTIONS, effort="thorough")
     assert optimality.tolerance_of(thorough) == 0.1 * optimality.tolerance_of(OPTIONS)
 
 
 @pytest.mark.parametrize("method", ["collocation", "adjoint", "penalty"])
-def test_other_methods_are_judged_too(free, method):
+def test_other_methods_converge_to_certified_motions(free, method):
     options = tm.Options(method=method, intervals=24, starts=1)
     solution = tm.plan(free.problem, options)
     converged = solution.status is tm.Status.CONVERGED
@@ -195,8 +205,8 @@ def test_other_methods_are_judged_too(free, method):
 
 
 @pytest.mark.parametrize("seed", [2, 5])
-def test_random_clutter(seed):
-    """Boxes around a UR5: success is not refuted."""
+def test_plans_among_random_boxes_are_certified_or_stalled(seed):
+    """Boxes around a UR5: a converged motion is certified."""
     rng = np.random.default_rng(seed)
     robot = tm.load_robot("ur5", limits="urdf")
     ends = ((-1.2, -1.1, 1.2, -1.0, -1.5, 0.0), (1.0, -1.3, 1.4, -1.2, -1.5, 0.6))
@@ -221,8 +231,10 @@ def test_random_clutter(seed):
         assert "Small changes promise" in solution.message
 
 
-def test_rounds_that_run_out_are_no_convergence(around, monkeypatch):
-    """They were: the motion had settled on rows that were not all that it needed."""
+def test_exhausted_row_exchange_is_no_convergence(around, monkeypatch):
+    """Regression: an exhausted row exchange counted as convergence, though the motion
+    had settled on an incomplete set of rows.
+    """
     monkeypatch.setattr(exchange, "EXTENSIONS", 1)
     options = resolve_options(around.problem, OPTIONS)
     of, z = Layout.of_motion(around.trajectory).represented(
@@ -239,16 +251,18 @@ def test_rounds_that_run_out_are_no_convergence(around, monkeypatch):
     assert result.status is tm.Status.ITERATION_LIMIT
 
 
-def test_a_grid_that_is_the_limit_is_named(free):
-    """Of few intervals, which may not be split: so the message says."""
+def test_message_names_a_grid_that_limits_the_motion(free):
+    """The grid has few intervals, which may not be split; the message says this."""
     solution = tm.plan(free.problem, replace(OPTIONS, intervals=12))
     assert solution.success
     assert solution.status is not tm.Status.CONVERGED
     assert "on a grid finer than its 12 intervals" in solution.message
 
 
-def test_dwells_among_moving_obstacles_are_not_called_optimal():
-    """They have no certificate, so that no motion with them is called optimal."""
+def test_dwells_among_moving_obstacles_end_as_stalled():
+    """Dwells among moving obstacles have no certificate, so that the status is not
+    CONVERGED.
+    """
     moves = tm.ConstantVelocity((0.1, 0.0, 0.0))
     gate = tm.Sphere("gate", radius=0.1, position=(0.0, 5.0, 0.0), motion=moves)
     there, back = tm.JointGoal((0.6, 1.6, -1.6)), tm.JointGoal(START)

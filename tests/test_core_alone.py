@@ -1,4 +1,4 @@
-"""The core works where the folders of the add-ons are missing."""
+"""The core works without the folders of the add-ons."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import tominpmp
 TESTS = Path(__file__).parent
 SOURCE = Path(tominpmp.__file__).parent
 ADD_ONS = ("app", "cell", "exact", "physics")
-# Quick tests that plan, write and read files, judge motions and show the help.
+# Quick tests that plan, write and read files, verify motions and show the help.
 SELECTION = (
     "unit/test_options.py",
     "unit/test_trajectory.py",
@@ -33,12 +33,12 @@ def core(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     shutil.copytree(SOURCE, folder / "tominpmp", ignore=ignored)
     robots = SOURCE.parents[1] / "robots"
-    if robots.is_dir():  # of a checkout; an installed package has them inside
+    if robots.is_dir():  # of a checkout; an installed package contains the robots
         (folder.parent / "robots").symlink_to(robots)
     return folder
 
 
-def python(core: Path, *words: str) -> subprocess.CompletedProcess[str]:
+def run_python(core: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """Run Python with the copy in place of the package."""
     return subprocess.run(
         [sys.executable, *words],
@@ -49,7 +49,7 @@ def python(core: Path, *words: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_every_module_of_the_core_is_imported_alone(core: Path) -> None:
+def test_every_module_of_the_core_imports_without_add_ons(core: Path) -> None:
     program = (
         "import importlib, pkgutil, sys, tominpmp\n"
         "for item in pkgutil.walk_packages(tominpmp.__path__, 'tominpmp.'):\n"
@@ -57,27 +57,27 @@ def test_every_module_of_the_core_is_imported_alone(core: Path) -> None:
         "        importlib.import_module(item.name)\n"
         "print(tominpmp.__file__, len([n for n in sys.modules if 'tominpmp.' in n]))"
     )
-    done = python(core, "-c", program)
+    done = run_python(core, "-c", program)
     assert done.returncode == 0, done.stderr
     file, count = done.stdout.split()
     assert Path(file).is_relative_to(core) and int(count) > 200
 
 
-def test_commands_of_add_ons_are_missing_and_the_others_are_there(core: Path) -> None:
-    shown = python(core, "-m", "tominpmp", "--help")
+def test_commands_of_missing_add_ons_are_named_in_the_error(core: Path) -> None:
+    shown = run_python(core, "-m", "tominpmp", "--help")
     assert shown.returncode == 0, shown.stderr
     names = {line.split()[0] for line in shown.stdout.splitlines() if line[:2] == "  "}
     assert {"plan", "verify", "play", "info", "robots"} <= names
     assert not {"batch", "replay", "app", "tour"} & names
-    lacking = python(core, "-m", "tominpmp", "tour", "cell.toml")
+    lacking = run_python(core, "-m", "tominpmp", "tour", "cell.toml")
     assert lacking.returncode == 2
     assert (
         "tour is a command of the add-on cell, which is not installed" in lacking.stderr
     )
-    assert python(core, "-m", "tominpmp", "plan", "--help").returncode == 0
+    assert run_python(core, "-m", "tominpmp", "plan", "--help").returncode == 0
 
 
 def test_tests_of_the_core_pass_without_add_ons(core: Path) -> None:
     words = ("-m", "pytest", "-q", "-x", "-p", "no:cacheprovider")
-    done = python(core, *words, *SELECTION)
+    done = run_python(core, *words, *SELECTION)
     assert done.returncode == 0, done.stdout[-3000:]

@@ -1,8 +1,8 @@
-"""Derivatives of programs: every transcription with every constraint and kind of goal.
+"""Derivatives of programs: every transcription with every constraint and type of goal.
 
-All of them against central differences, whichever instants a constraint is looked at;
-weighted sums of rows against the Jacobian; and programs that are asked other things in
-between against fresh ones.
+Jacobians against central differences, whatever the instants of a constraint; weighted
+sums of rows against the Jacobian; and programs with earlier evaluations against fresh
+programs.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ EXACT = 1e-10
 STEP = 1e-6
 # Links that touch or cross have distances that cannot be differentiated.
 APART = -5e-3
-# What Newton's iteration leaves, which begins with another motion.
+# The residual of Newton's iteration that begins from another motion.
 NEWTON = 1e-8
 
 INTERVALS = 6
@@ -148,18 +148,18 @@ def torques(
     system: ProblemFunctions, rng: np.random.Generator, intervals: int
 ) -> Array:
     limits = system.problem.robot.limits
-    # Small ones: a wrist at full torque turns many times in an interval.
+    # Small torques: a wrist at full torque turns many times in an interval.
     share = rng.uniform(0.45, 0.55, (intervals, system.n))
     return limits.effort_lower + share * (limits.effort_upper - limits.effort_lower)
 
 
 def middle(system: ProblemFunctions) -> Array:
-    """Configuration near which the arm is clear of everything."""
+    """A configuration near which the arm is clear of every obstacle."""
     return WRIST if system.n == 6 else MIDDLE
 
 
 def near(system: ProblemFunctions, count: int, rng: np.random.Generator) -> Array:
-    """Configurations from the start to clear ones, shape (count, n)."""
+    """Configurations from the start to a clear configuration, shape (count, n)."""
     start, end = system.problem.q_start, middle(system)
     way = np.linspace(0.0, 1.0, count)[:, None]
     return start + way * (end - start) + 0.1 * rng.normal(size=(count, system.n))
@@ -201,19 +201,19 @@ BUILDERS = {
 } | {name: (smooth(bspline.DEGREES[name]), GRIDS[""]) for name in LINEAR}
 
 
-def possible(method: str, name: str) -> bool:
-    """Jerks and torque rates ask for continuous accelerations."""
+def has_rows(method: str, name: str) -> bool:
+    """Jerks and torque rates need continuous accelerations."""
     continuous = "an acceleration at the start", "limits of jerks and torque rates"
     return method in LINEAR or name not in continuous
 
 
 CASES = [
-    (method, name) for method in BUILDERS for name in PROBLEMS if possible(method, name)
+    (method, name) for method in BUILDERS for name in PROBLEMS if has_rows(method, name)
 ]
 
 
-def with_more(program: NonlinearProgram) -> NonlinearProgram:
-    """The program with all path constraints at more instants, between the nodes."""
+def with_more_instants(program: NonlinearProgram) -> NonlinearProgram:
+    """The program with all path constraints at further instants, between the nodes."""
     last = program.transcription.intervals - 1
     more = Instants(np.array([0, 2, last]), np.array([0.3, 0.7, 0.2]))
     blocks = tuple(
@@ -237,15 +237,15 @@ def everything(monkeypatch: pytest.MonkeyPatch) -> None:
 def build(
     method: str, name: str, seed: int = 3
 ) -> tuple[NonlinearProgram, Array, Transcription]:
-    """A program, a random motion of it, and the transcription it began with."""
+    """A program, a random iterate of it, and the transcription before centring."""
     make, shares = BUILDERS[method]
     system, rng = ProblemFunctions.of(problem_of(name)), np.random.default_rng(seed)
     of, z = make(system, shares(), rng)
-    return with_more(NonlinearProgram.of(of)).at(z), z, of
+    return with_more_instants(NonlinearProgram.of(of)).at(z), z, of
 
 
 def differentiable(program: NonlinearProgram, values: Array) -> Array:
-    """Rows that can be differentiated: not distances of what touches."""
+    """The rows that can be differentiated: all except distances of touching bodies."""
     return ~rows_of(program, "clearance") | (values < APART)
 
 
@@ -256,8 +256,8 @@ def rows_of(program: NonlinearProgram, name: str) -> Array:
     return program.rows.kind == kinds.index(name)
 
 
-# What must be among the rows, so that no case checks less than it is there for.
-ASKED = {
+# Rows that a case must have, so that it checks the constraints it is meant for.
+REQUIRED_ROWS = {
     "position, obstacle": {"clearance", "goal"},
     "tip velocity": {"velocity", "goal"},
     "pose": {"goal"},
@@ -275,12 +275,12 @@ ASKED = {
 
 @pytest.mark.usefixtures("everything")
 @pytest.mark.parametrize(("method", "name"), CASES)
-def test_rows_against_differences(method: str, name: str) -> None:
+def test_jacobian_matches_differences(method: str, name: str) -> None:
     program, z, _ = build(method, name)
     values, steps = program.evaluate(z), program.step_bounds(z, 10.0)
     linearization = program.linearize(z, values, steps)
     kinds = program.rows.kinds
-    assert ASKED.get(name, set()) <= set(kinds)
+    assert REQUIRED_ROWS.get(name, set()) <= set(kinds)
     np.testing.assert_array_equal(linearization.rows, np.arange(program.rows.size))
     distances = rows_of(program, "clearance")
     smooth = differentiable(program, values)
@@ -319,8 +319,8 @@ def test_gradient_is_the_transposed_jacobian(method: str, name: str) -> None:
     assert not program.gradient(z, np.zeros(weights.size)).any()
 
 
-def asked(program: NonlinearProgram, z: Array) -> dict[str, Array]:
-    """All that a program tells of an iterate."""
+def evaluations(program: NonlinearProgram, z: Array) -> dict[str, Array]:
+    """The results of all evaluations of a program at an iterate."""
     values, steps = program.evaluate(z), program.step_bounds(z, 0.3)
     variation, motion = program.variation(z), program.trajectory(z)
     linear = program.linearize(z, values, steps)
@@ -345,7 +345,7 @@ def identical(found: dict[str, Array], expected: dict[str, Array]) -> None:
 
 
 @pytest.mark.parametrize(("method", "name"), CASES)
-def test_programs_tell_the_same_whatever_they_were_asked_before(
+def test_program_results_do_not_depend_on_earlier_evaluations(
     method: str, name: str
 ) -> None:
     program, z, began = build(method, name)
@@ -353,19 +353,19 @@ def test_programs_tell_the_same_whatever_they_were_asked_before(
     rng = np.random.default_rng(11)
     others = [make(program.system, shares(), rng)[1] for _ in range(2)]
     others += [z + 1e-3 * rng.normal(size=z.size), z + 1e-9]
-    fresh = asked(program, z)
+    fresh = evaluations(program, z)
     used, _, _ = build(method, name)
     for other in others:
-        asked(used, other)
+        evaluations(used, other)
         used.linearize(other, used.evaluate(other), used.step_bounds(other, 10.0))
-    identical(asked(used, z), fresh)
-    # Nor does it matter what was made of it: a program of another motion is another.
+    identical(evaluations(used, z), fresh)
+    # Programs derived for other motions do not change this program either.
     blocks, transcription = used.blocks, used.transcription
     NonlinearProgram.of(began).at(others[0])
     used.at(others[0]).centred_at(others[1]).evaluate(z)
     assert used.blocks is blocks and used.transcription is transcription
-    identical(asked(used, z), fresh)
-    # The Jacobian may be asked for first, of values that are known.
+    identical(evaluations(used, z), fresh)
+    # The Jacobian may be evaluated first, at known values.
     again, _, _ = build(method, name)
     linear = again.linearize(z, fresh["values"], again.step_bounds(z, 0.3))
     expected = fresh["jacobian"][fresh["rows"]]
@@ -374,7 +374,7 @@ def test_programs_tell_the_same_whatever_they_were_asked_before(
 
 
 @pytest.mark.parametrize("name", ["position, obstacle", "dry friction", "ur5"])
-def test_integrations_that_begin_near_by_differ_by_rounding(name: str) -> None:
+def test_integration_from_a_nearby_motion_differs_by_rounding(name: str) -> None:
     program, z, _ = build("adjoint", name)
     other = z + 1e-3 * np.random.default_rng(11).normal(size=z.size)
     found, expected = program.centred_at(other).evaluate(z), program.evaluate(z)
@@ -382,8 +382,8 @@ def test_integrations_that_begin_near_by_differ_by_rounding(name: str) -> None:
 
 
 @pytest.mark.parametrize("method", BUILDERS)
-def test_rates_are_how_positions_between_the_nodes_pass(method: str) -> None:
-    """A row at a fixed time shifts along its interval by them."""
+def test_rates_match_differences_of_positions_between_nodes(method: str) -> None:
+    """A row at a fixed time shifts along its interval with these rates."""
     _, z, of = build(method, "tip velocity")
     motion, intervals = of.motion(z), np.arange(of.intervals)
     h = motion.h[:, None]
@@ -411,7 +411,7 @@ def test_adjoint_sweep_equals_forward_sensitivities(rng, name):
     seeds = rng.normal(size=(nodes.size, 2 * n))
     by_control, by_length = sweep_adjoint(by, nodes, seeds, np.arange(6))
     for j in range(intervals):
-        # Forward: how the states at all later nodes follow from interval j.
+        # Forward sensitivities: states at all later nodes by unknowns of interval j.
         carried = np.column_stack([by.B[j], by.c[j]])
         for node in range(j + 1, intervals + 1):
             for row in np.flatnonzero(nodes == node):
@@ -421,6 +421,6 @@ def test_adjoint_sweep_equals_forward_sensitivities(rng, name):
                 np.testing.assert_allclose(got, expected, atol=EXACT * scale)
             if node < intervals:
                 carried = by.A[node] @ carried
-        # What happens after a node does not change it.
+        # Later intervals do not change a node.
         early = nodes <= j
         assert not by_control[early, j].any() and not by_length[early, j].any()

@@ -1,4 +1,6 @@
-"""Every analytic derivative of the problem layer against central differences."""
+"""Analytic derivatives of dynamics, kinematics, goals and distances against
+differences.
+"""
 
 from __future__ import annotations
 
@@ -26,13 +28,13 @@ Array = NDArray[np.float64]
 
 # Largest difference, as a share of the largest entry or of 1.
 SMOOTH = 1e-6
-# Distances come from iterations: with this step their noise is a millionth in the
-# differences where the bodies are apart, but a hundredth in the depth of curved bodies.
+# Distances come from iterations: with this step, their noise is a millionth in the
+# differences if the bodies are apart, but a hundredth in the depth of curved bodies.
 STEP = 1e-4  # [rad or m]
 APART = 1e-5
 DEEP = {"ball": 5e-4, "pill": 5e-4, "crate": 1e-5, "can": 2e-2}
-# One-sided differences that differ by more than this have a kink between them, as
-# where another edge of a box becomes the nearest: the gradient is between them then.
+# One-sided differences that differ by more than this have a kink between them, for
+# example where another edge of a box becomes the nearest; the gradient is between them.
 KINK = 0.02
 
 ARMS = ("planar3r", "ur5", "panda", "tree")
@@ -47,7 +49,9 @@ MIDDLES = {
 
 
 def random_tree(rng: np.random.Generator) -> str:
-    """Two branches with turning and sliding joints; one of them follows another."""
+    """Two branches with revolute and prismatic joints, one of which is a
+    mimic joint.
+    """
     parents = {1: 0, 2: 1, 3: 2, 4: 1, 5: 4, 6: 4}
     parts = ['<link name="l0"/>']
     for child, parent in parents.items():
@@ -111,7 +115,7 @@ def assert_derivative(
     np.testing.assert_allclose(analytic, numeric, rtol=0.0, atol=SMOOTH * scale)
 
 
-def test_arms_are_as_meant() -> None:
+def test_panda_has_a_mimic_joint() -> None:
     panda = load_robot("panda", limits="urdf")
     assert panda.n == 8
     assert panda.model.nv == 9
@@ -120,7 +124,9 @@ def test_arms_are_as_meant() -> None:
 # Dynamics
 
 
-def test_forward_dynamics(arm: Robot, rng: np.random.Generator) -> None:
+def test_forward_dynamics_derivatives_match_differences(
+    arm: Robot, rng: np.random.Generator
+) -> None:
     dynamics, n = RobotDynamics(arm), arm.n
     for _ in range(3):
         x = np.concatenate(state(arm, rng))
@@ -142,7 +148,9 @@ def test_forward_dynamics(arm: Robot, rng: np.random.Generator) -> None:
         )
 
 
-def test_inverse_dynamics(arm: Robot, rng: np.random.Generator) -> None:
+def test_inverse_dynamics_derivatives_match_differences(
+    arm: Robot, rng: np.random.Generator
+) -> None:
     dynamics = RobotDynamics(arm)
 
     def torque(q: Array, v: Array, a: Array) -> Array:
@@ -160,7 +168,9 @@ def test_inverse_dynamics(arm: Robot, rng: np.random.Generator) -> None:
 # Kinematics and goals
 
 
-def test_jacobian_of_a_frame(arm: Robot, rng: np.random.Generator) -> None:
+def test_frame_jacobian_matches_differences(
+    arm: Robot, rng: np.random.Generator
+) -> None:
     kinematics, frame = RobotKinematics(arm), TIPS[arm.name]
     q, _ = state(arm, rng)
     place = kinematics.placement(q, frame)
@@ -174,7 +184,9 @@ def test_jacobian_of_a_frame(arm: Robot, rng: np.random.Generator) -> None:
     np.testing.assert_allclose(kinematics.jacobian(q, frame), turned, atol=1e-12)
 
 
-def test_motion_of_a_frame(arm: Robot, rng: np.random.Generator) -> None:
+def test_frame_velocity_derivatives_match_differences(
+    arm: Robot, rng: np.random.Generator
+) -> None:
     kinematics, frame = RobotKinematics(arm), TIPS[arm.name]
     motions = FrameMotions(arm, frame)
 
@@ -196,7 +208,7 @@ def test_motion_of_a_frame(arm: Robot, rng: np.random.Generator) -> None:
 
 
 def goals(arm: Robot, rng: np.random.Generator) -> list[Goal]:
-    """Goals of all kinds, at rest and moving, that the arm is not at."""
+    """Goals of all types, at rest and moving, that the arm does not satisfy."""
     frame, velocity = TIPS[arm.name], rng.normal(size=3)
     pose = pin.SE3.Random()
     pose.translation, turn = rng.normal(size=3), rng.normal(size=4)
@@ -212,7 +224,9 @@ def goals(arm: Robot, rng: np.random.Generator) -> list[Goal]:
 
 
 @pytest.mark.parametrize("kind", range(6))
-def test_goal(arm: Robot, kind: int, rng: np.random.Generator) -> None:
+def test_goal_derivatives_match_differences(
+    arm: Robot, kind: int, rng: np.random.Generator
+) -> None:
     goal, kinematics = goals(arm, rng)[kind], RobotKinematics(arm)
     for _ in range(3):
         q, v = state(arm, rng)
@@ -233,7 +247,7 @@ def test_goal(arm: Robot, kind: int, rng: np.random.Generator) -> None:
 
 
 def obstacles_at(point: Array, size: float, rng: np.random.Generator) -> list[Obstacle]:
-    """One obstacle of each kind in the same place, each turned its own way."""
+    """One obstacle of each type at the same place, each with another rotation."""
     turns = rng.normal(size=(3, 4))
     return [
         Sphere("ball", radius=0.5 * size, position=point),
@@ -277,7 +291,9 @@ def compared(checker: CollisionChecker, q: Array) -> tuple[Array, Array, Array]:
     return here, error, bend
 
 
-def test_distances_of_bodies_apart(arm: Robot, rng: np.random.Generator) -> None:
+def test_gradients_of_positive_distances_match_differences(
+    arm: Robot, rng: np.random.Generator
+) -> None:
     errors, bends = [], []
     for _ in range(8):
         q, _ = state(arm, rng)
@@ -292,7 +308,9 @@ def test_distances_of_bodies_apart(arm: Robot, rng: np.random.Generator) -> None
     assert np.quantile(errors, 0.9) < APART
 
 
-def test_distances_of_overlapping_bodies(arm: Robot, rng: np.random.Generator) -> None:
+def test_gradients_of_penetration_depths_match_differences(
+    arm: Robot, rng: np.random.Generator
+) -> None:
     size = 0.3 if arm.name != "planar3r" else 1.5
     errors, bends = [], []
     for _ in range(12):
@@ -311,7 +329,9 @@ def test_distances_of_overlapping_bodies(arm: Robot, rng: np.random.Generator) -
     assert np.quantile(errors, 0.9) < 1.0
 
 
-def test_gradient_leads_out_of_an_overlap(arm: Robot, rng: np.random.Generator) -> None:
+def test_distance_gradient_leads_out_of_an_overlap(
+    arm: Robot, rng: np.random.Generator
+) -> None:
     size = 0.3 if arm.name != "planar3r" else 1.5
     found = 0
     for _ in range(6):
@@ -323,7 +343,7 @@ def test_gradient_leads_out_of_an_overlap(arm: Robot, rng: np.random.Generator) 
         for i, way in zip(overlapping, gradients(checker, q, overlapping), strict=True):
             slope = np.linalg.norm(way)
             if slope < 0.02:
-                continue  # this link hardly moves, or out of the plane is the way out
+                continue  # the link hardly moves, or the way out leaves the plane
             found += 1
             after = checker.distances((q + 1e-4 * way / slope)[None])[0, i]
             assert after > distance[i] + 0.5e-4 * slope
@@ -331,10 +351,10 @@ def test_gradient_leads_out_of_an_overlap(arm: Robot, rng: np.random.Generator) 
 
 
 @pytest.mark.parametrize("depth", [0.0, 1e-9, 1e-4, 0.05])
-def test_gradient_at_contact(
+def test_distance_gradient_is_continuous_through_contact(
     arm: Robot, depth: float, rng: np.random.Generator
 ) -> None:
-    """The radius of a ball changes the distance to it, but not the gradient."""
+    """The radius of a ball changes the distance to the ball, but not its gradient."""
     q, _ = state(arm, rng)
     index = np.zeros(1, dtype=np.int64)
     for _ in range(4):
@@ -357,7 +377,9 @@ def test_gradient_at_contact(
         np.testing.assert_allclose(gradients(checker, q, index), apart, atol=1e-5)
 
 
-def test_clearance_constraint(arm: Robot, rng: np.random.Generator) -> None:
+def test_clearance_constraint_derivatives_match_differences(
+    arm: Robot, rng: np.random.Generator
+) -> None:
     q, _ = state(arm, rng)
     scene = Scene(obstacles_at(rng.normal(size=3), 0.2, rng)[:2])
     checker = CollisionChecker(arm, scene)

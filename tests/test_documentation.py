@@ -1,4 +1,4 @@
-"""What the documentation shows runs, and what it names is there."""
+"""The code blocks of the documentation run, and the names in it exist."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ def label(page: Path) -> str:
 
 @pytest.mark.skipif("panda" not in robot_names(), reason="needs example-robot-data")
 @pytest.mark.parametrize("page", WITH_CODE, ids=label)
-def test_blocks_run(page: Path, tmp_path: Path) -> None:
+def test_code_blocks_of_a_page_run(page: Path, tmp_path: Path) -> None:
     with warnings.catch_warnings():
-        # TOPP-RA has strings that the compiler complains of.
+        # TOPP-RA has strings with invalid escape sequences.
         warnings.filterwarnings("ignore", "invalid escape sequence")
         names = doc_blocks.run_page(page, tmp_path)
     left_out = all(block.left_out(slow=False) for block in doc_blocks.blocks(page))
     assert left_out or len(names) > 2
 
 
-def test_what_fails_in_a_page_is_told_by_its_line(tmp_path: Path) -> None:
+def test_error_in_a_code_block_has_its_line_of_the_page(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text("# A page\n\n```python\na = 1\nb = missing\n```\n", "utf-8")
     with pytest.raises(NameError, match="missing") as caught:
@@ -52,7 +52,7 @@ def test_what_fails_in_a_page_is_told_by_its_line(tmp_path: Path) -> None:
     assert (page, 5) in [(Path(str(path)), line) for path, line in lines]
 
 
-def test_rules_of_blocks(tmp_path: Path) -> None:
+def test_comments_mark_blocks_slow_needing_modules_or_left_out(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text(
         "<!-- before\nfound = [0]\n-->\n\n```python\nfound.append(1)\n```\n"
@@ -87,7 +87,7 @@ def has(owner: Any, name: str) -> bool:
     return hasattr(owner, name) or name in {item.name for item in fields(owner)}
 
 
-def test_names_are_public() -> None:
+def test_attributes_named_in_pages_are_public() -> None:
     wrong = [
         f"{label(page)}: {owner}.{name}"
         for page in PAGES
@@ -98,7 +98,7 @@ def test_names_are_public() -> None:
     assert wrong == []
 
 
-def test_options_of_plans_are_there() -> None:
+def test_options_of_plans_in_pages_exist() -> None:
     known = {*tm.Options.names(), "start"}
     wrong = [
         f"{label(page)}: {arguments}"
@@ -109,7 +109,7 @@ def test_options_of_plans_are_there() -> None:
     assert wrong == []
 
 
-def test_flags_of_commands_are_there() -> None:
+def test_flags_of_commands_in_pages_exist() -> None:
     from tominpmp.cli.front import COMMANDS
     from tominpmp.cli.parser import new_app
 
@@ -133,8 +133,8 @@ def test_flags_of_commands_are_there() -> None:
     assert wrong == []
 
 
-def test_wrong_names_are_found() -> None:
-    """The patterns above see what they are to see."""
+def test_patterns_find_wrong_names() -> None:
+    """The previous tests would find wrong names."""
     assert not has(tm, "plam")
     assert not has(tm.Solution, "gapp")
     assert ATTRIBUTE.findall("a `solution.gapp` of tm.plam()") == [
@@ -146,7 +146,7 @@ def test_wrong_names_are_found() -> None:
     ]
 
 
-def test_reference_is_made_from_the_code() -> None:
+def test_generated_reference_is_complete() -> None:
     contents = {name: make() for name, make in from_the_code.CONTENTS.items()}
     assert [name for name, lines in contents.items() if len(lines) <= 4] == []
     # A row whose last cell is empty is a field without a text in its docstring.
@@ -160,7 +160,7 @@ def test_reference_is_made_from_the_code() -> None:
     ids=lambda item: getattr(item, "__name__", item),
 )
 @pytest.mark.skipif("panda" not in robot_names(), reason="needs example-robot-data")
-def test_examples_of_files_are_read(name: str, load: Any, tmp_path: Path) -> None:
+def test_generated_example_files_are_read(name: str, load: Any, tmp_path: Path) -> None:
     text = "\n".join(from_the_code.CONTENTS[name]())
     path = tmp_path / "example.toml"
     path.write_text(text.partition("```toml\n")[2].partition("```")[0])
@@ -169,16 +169,16 @@ def test_examples_of_files_are_read(name: str, load: Any, tmp_path: Path) -> Non
     assert f'name = "{robot.name}"' in text
 
 
-def test_pages_ask_for_what_the_code_gives() -> None:
-    asked = {
+def test_pages_include_every_generated_part() -> None:
+    included = {
         name
         for page in PAGES
         for name in from_the_code.PLACE.findall(page.read_text("utf-8"))
     }
-    assert asked == set(from_the_code.CONTENTS)
+    assert included == set(from_the_code.CONTENTS)
 
 
-def test_every_exception_tells_of_its_cure() -> None:
+def test_every_exception_documents_its_cure() -> None:
     for name in (item for item in tm.__all__ if hasattr(exceptions, item)):
         kind = getattr(exceptions, name)
         if kind not in (tm.TominpmpError, tm.TominpmpWarning):
@@ -196,7 +196,7 @@ def test_every_public_name_is_used_in_an_example() -> None:
     assert unused == []
 
 
-def test_the_reference_has_every_public_name_once() -> None:
+def test_reference_lists_every_public_name_once() -> None:
     found = [
         name for page in from_the_code.PARTS for name in from_the_code.names_of(page)
     ]
@@ -204,49 +204,49 @@ def test_the_reference_has_every_public_name_once() -> None:
     assert sorted(found) == sorted(set(tm.__all__) - raised)
 
 
-def test_public_functions_tell_of_their_arguments() -> None:
-    unsaid = []
+def test_public_functions_document_their_arguments() -> None:
+    undocumented = []
     for name in tm.__all__:
         function = getattr(tm, name)
         if inspect.isfunction(function):
-            said = from_the_code.entries(function.__doc__, "Args")
+            documented = from_the_code.entries(function.__doc__, "Args")
             parameters = inspect.signature(function).parameters.values()
-            unsaid += [
+            undocumented += [
                 f"{name}: {item.name}"
                 for item in parameters
-                if item.kind is not item.VAR_KEYWORD and item.name not in said
+                if item.kind is not item.VAR_KEYWORD and item.name not in documented
             ]
-    assert unsaid == []
+    assert undocumented == []
 
 
-def kept(kind: type, item: Field[Any]) -> str:
-    """The type of a field as it is kept."""
+def stored_type(kind: type, item: Field[Any]) -> str:
+    """The type in which a field is stored."""
     converted = getattr(field_type(kind, item.name), "__origin__", None)
     if get_origin(converted) is not Converted:
         return str(item.type)
     return str(get_args(converted)[1]).replace("ndarray", "Array")
 
 
-def test_arrays_of_public_classes_tell_of_their_shapes() -> None:
-    unsaid = []
+def test_array_fields_of_public_classes_document_their_shapes() -> None:
+    undocumented = []
     for name in tm.__all__:
         kind = getattr(tm, name)
         if not is_dataclass(kind):
             continue
-        said: dict[str, str] = {}
+        documented: dict[str, str] = {}
         for base in reversed(kind.__mro__):
-            said |= from_the_code.entries(base.__doc__, "Attributes")
+            documented |= from_the_code.entries(base.__doc__, "Attributes")
         head = kind.__doc__.partition("Attributes:")[0]
-        unsaid += [
+        undocumented += [
             f"{name}.{item.name}"
             for item in fields(kind)
-            if "Array" in kept(kind, item)
-            and "shape" not in f"{head} {said[item.name]}"
+            if "Array" in stored_type(kind, item)
+            and "shape" not in f"{head} {documented[item.name]}"
         ]
-    assert unsaid == []
+    assert undocumented == []
 
 
-def test_pages_stand_in_one_table_of_contents_each() -> None:
+def test_each_page_is_in_one_table_of_contents() -> None:
     text = (ROOT / "docs" / "index.md").read_text("utf-8")
     bodies = re.findall(r"```\{toctree\}\n(.*?)```", text, re.DOTALL)
     listed = [line for body in bodies for line in body.split("\n")]
@@ -254,7 +254,7 @@ def test_pages_stand_in_one_table_of_contents_each() -> None:
     assert sorted(set(listed)) == sorted(listed)
 
 
-def test_options_of_directives_have_a_line_each() -> None:
+def test_directive_options_are_on_separate_lines() -> None:
     several = re.compile(r"^:[\w-]+: .* :[\w-]+: ", re.MULTILINE)
     assert several.search(":link: start :link-type: doc From a file")
     assert [p for p in PAGES if several.search(p.read_text("utf-8"))] == []

@@ -25,7 +25,7 @@ needs_meshcat = pytest.mark.skipif(
 
 
 def output_of(name: str, *arguments: str | Path) -> str:
-    """What an example prints."""
+    """The output that an example prints."""
     command = [sys.executable, EXAMPLES / f"{name}.py", *arguments]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     return done.stdout
@@ -33,7 +33,7 @@ def output_of(name: str, *arguments: str | Path) -> str:
 
 @needs_robots
 @needs_meshcat
-def test_ur5_post(tmp_path: Path) -> None:
+def test_ur5_post_example_proves_its_clearance(tmp_path: Path) -> None:
     assert "Proved: " in output_of("ur5_post", "--out", tmp_path)
     problem = tm.load_scenario(EXAMPLES / "scenarios" / "ur5_post.toml").problem
     motion = tm.load_motion(tmp_path / "ur5_post.csv")
@@ -44,7 +44,7 @@ def test_ur5_post(tmp_path: Path) -> None:
 
 @needs_robots
 @needs_meshcat
-def test_pick_and_place(tmp_path: Path) -> None:
+def test_pick_and_place_example_writes_a_verified_motion(tmp_path: Path) -> None:
     assert "segment 7: " in output_of("pick_and_place", "--out", tmp_path)
     problem = tm.load_scenario(EXAMPLES / "scenarios" / "pick_and_place.toml").problem
     motion = tm.load_motion(tmp_path / "pick_and_place.csv")
@@ -56,27 +56,29 @@ def test_pick_and_place(tmp_path: Path) -> None:
 @needs_robots
 @needs_meshcat
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "printed"),
     [("seam", "speed on the seam"), ("handing_over", "both at the bar after")],
 )
-def test_examples_of_segments(name: str, said: str, tmp_path: Path) -> None:
-    assert said in output_of(name, "--out", tmp_path)
+def test_segment_examples_print_their_results(
+    name: str, printed: str, tmp_path: Path
+) -> None:
+    assert printed in output_of(name, "--out", tmp_path)
     for ending in ("png", "html"):
         assert (tmp_path / f"{name}.{ending}").stat().st_size > 10_000
 
 
 @needs_robots
 @needs_meshcat
-def test_spot_weld(tmp_path: Path) -> None:
-    said = output_of("spot_weld", "--out", tmp_path, "--spots", "3")
-    assert "cycle " in said and "of which welding 1.05 s" in said
-    assert all(f"weld {number}" in said for number in (1, 2, 3))
+def test_spot_weld_example_writes_a_cycle(tmp_path: Path) -> None:
+    printed = output_of("spot_weld", "--out", tmp_path, "--spots", "3")
+    assert "cycle " in printed and "of which welding 1.05 s" in printed
+    assert all(f"weld {number}" in printed for number in (1, 2, 3))
     for ending in ("png", "html", "csv"):
         assert (tmp_path / f"spot_weld.{ending}").stat().st_size > 10_000
 
 
 @needs_meshcat
-def test_certificate(tmp_path: Path) -> None:
+def test_certificate_example_accepts_and_rejects_motions(tmp_path: Path) -> None:
     output = output_of("certificate", "--out", tmp_path)
     assert "The motion satisfies the first-order conditions" in output
     assert "does not satisfy the first-order conditions" in output
@@ -98,8 +100,10 @@ for path in paths:
 """
 
 
-def test_help_is_to_the_point() -> None:
-    """In one process: to start one takes longer than to show the help."""
+def test_every_example_has_a_help_text() -> None:
+    """All examples run in one process: starting a process takes longer than showing the
+    help.
+    """
     paths = sorted(str(path) for path in EXAMPLES.glob("*.py"))
     done = subprocess.run(
         [sys.executable, "-c", HELP, *paths],
@@ -118,14 +122,14 @@ def test_help_is_to_the_point() -> None:
 @pytest.mark.parametrize(
     "path", sorted((EXAMPLES / "scenarios").glob("*.toml")), ids=lambda path: path.stem
 )
-def test_scenarios_load(path: Path) -> None:
+def test_example_scenarios_load(path: Path) -> None:
     scenario = tm.load_scenario(path)
     assert scenario.problem.robot.n > 0
 
 
 @needs_robots
 @pytest.mark.parametrize("name", ["ur5_post", "swinging_gate", "pick_and_place"])
-def test_script_and_scenario_are_the_same_problem(
+def test_example_script_and_scenario_are_the_same_problem(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.syspath_prepend(str(EXAMPLES))

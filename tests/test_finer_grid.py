@@ -1,4 +1,4 @@
-"""The grid follows the motion: T is that of the continuum, by default."""
+"""Grid refinement: T is close to that of a continuous motion by default."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.transcription.rows import Rows
 
 START, GOAL = (0.5, 1.7, -1.7), (0.5, 1.0, 1.0)
-# T on a grid four times finer may be less by this share of it.
+# T on a grid four times finer may be smaller by this share.
 CONTINUUM = 5e-3
 MODES = {
     "auto": {},
@@ -64,7 +64,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("mode", "limits"), CASES)
-def test_a_grid_four_times_finer_brings_little(mode, limits):
+def test_grid_four_times_finer_gains_little_time(mode, limits):
     solution = planned(mode, limits, "auto")
     assert solution.success
     N = 4 * solution.options.intervals
@@ -75,7 +75,7 @@ def test_a_grid_four_times_finer_brings_little(mode, limits):
 
 
 @pytest.mark.parametrize(("mode", "limits"), CASES)
-def test_it_is_never_slower_than_on_the_grid_of_the_search(mode, limits):
+def test_refined_motion_is_never_slower_than_on_the_first_grid(mode, limits):
     search, solution = planned(mode, limits, None), planned(mode, limits, "auto")
     assert solution.T <= search.T
     assert solution.verification.ok
@@ -94,7 +94,7 @@ LAYOUTS = {
 
 
 @pytest.mark.parametrize("name", LAYOUTS)
-def test_a_motion_is_taken_up_and_split_as_it_is(name, rng):
+def test_representing_and_splitting_an_iterate_keeps_its_motion(name, rng):
     degree, shares, eta, ends = LAYOUTS[name]
     problem = planar(v_start=(0.1, -0.2, 0.3))
     system = ProblemFunctions.of(problem)
@@ -103,10 +103,10 @@ def test_a_motion_is_taken_up_and_split_as_it_is(name, rng):
     if degree == 0:
         way = np.subtract(GOAL, START)
         z = of.start(lambda t: START + t[:, None] * way, 1.0, np.array(eta))
-    same_motion(of, z, system)
+    split_keeps_motion(of, z, system)
 
 
-def test_a_motion_of_segments_is_taken_up_and_split_as_it_is(rng):
+def test_representing_and_splitting_segments_keeps_their_motion(rng):
     middle = tm.Segment(tm.JointGoal((0.5, 1.2, 0.0)), stop=False)
     last = tm.Segment(tm.JointGoal(GOAL))
     problem = tm.Problem(tm.load_robot("planar3r"), START, segments=[middle, last])
@@ -117,7 +117,7 @@ def test_a_motion_of_segments_is_taken_up_and_split_as_it_is(rng):
         layout = Layout(degree, shares, np.array([1.2, 1.5]), (9, 18))
         of = layout.transcription(system)
         z = np.append(rng.normal(size=of.size - 2), layout.eta)
-        finer = same_motion(of, z, system)
+        finer = split_keeps_motion(of, z, system)
         first = finer.trajectory(split_intervals(of, z, every_third(of))[1])
         assert finer.segment_ends == (12, 24)
         np.testing.assert_allclose(
@@ -129,8 +129,8 @@ def every_third(of):
     return np.arange(of.intervals) % 3 == 1
 
 
-def same_motion(of, z, system):
-    """Take up and split an iterate; its motion is the same."""
+def split_keeps_motion(of, z, system):
+    """Represent an iterate again and split its intervals, which keeps its motion."""
     motion = of.trajectory(z)
     again, start = Layout.of(of, z).represented(system, motion)
     np.testing.assert_allclose(start, z, atol=1e-9)
@@ -146,7 +146,7 @@ def same_motion(of, z, system):
     return finer
 
 
-def test_rides_at_a_speed_limit_are_left_as_they_are():
+def test_intervals_at_the_speed_limit_are_not_halved():
     rail = make_arm(slide(1.0), effort=10.0, velocity=0.5)
     problem = tm.Problem(rail, [0.0], tm.JointGoal([1.0]))
     solution = tm.plan(problem, refine=None)
@@ -159,7 +159,7 @@ def test_rides_at_a_speed_limit_are_left_as_they_are():
     assert not split[rides].any()
 
 
-def test_knots_stay_on_the_ticks_of_a_controller():
+def test_refined_knots_stay_on_the_control_period():
     solution = tm.plan(planar(), control_period=0.01)
     ticks = solution.trajectory.t / 0.01
     assert solution.success
@@ -167,7 +167,7 @@ def test_knots_stay_on_the_ticks_of_a_controller():
     assert solution.T <= planned("auto", None, "auto").T + 0.02
 
 
-def test_a_motion_of_segments_becomes_no_slower():
+def test_refined_motion_of_segments_is_faster():
     middle = tm.Segment(tm.JointGoal((0.5, 1.2, 0.0)), stop=False)
     last = tm.Segment(tm.JointGoal(GOAL))
     problem = tm.Problem(tm.load_robot("planar3r"), START, segments=[middle, last])
@@ -181,7 +181,7 @@ WAYS = {"passed": ((0.9, 0.6, -0.4), False), "stopped at": ((0.9, 1.2, -0.4), Tr
 
 
 @pytest.mark.parametrize("name", WAYS)
-def test_a_grid_four_times_finer_brings_little_to_segments(name):
+def test_grid_four_times_finer_gains_little_time_with_segments(name):
     way, stop = WAYS[name]
     ways = [tm.Segment(tm.JointGoal(way), stop=stop), tm.Segment(tm.JointGoal(GOAL))]
     problem = tm.Problem(tm.load_robot("planar3r"), START, segments=ways)
@@ -191,13 +191,13 @@ def test_a_grid_four_times_finer_brings_little_to_segments(name):
     assert solution.T <= finer.T * (1.0 + CONTINUUM)
 
 
-def test_intervals_are_halved_where_constant_accelerations_leave_torque():
+def test_intervals_with_unused_torque_are_halved():
     solution = planned("constant", None, None)
     motion, problem = solution.trajectory, solution.problem
     system = ProblemFunctions.of(problem)
     of, z = Layout.of_motion(motion).represented(system, motion)
     split, h = intervals_to_halve(of, z), np.diff(motion.t)
-    # Torques where intervals begin and end, by the dynamics of the robot alone.
+    # Torques at the ends of the intervals, by the dynamics of the robot alone.
     ends = (slice(0, -1), slice(1, None))
     limit = problem.robot.limits.effort_upper
     first, last = (
@@ -207,7 +207,7 @@ def test_intervals_are_halved_where_constant_accelerations_leave_torque():
     at_limit = np.maximum(np.abs(first), np.abs(last)) > 0.98
     lost = h * np.max(np.where(at_limit, 0.5 * np.abs(last - first), 0.0), axis=1)
     assert lost[split].sum() >= HALVED_SHARE * lost.sum()
-    # Where a torque jumps around an interval, the loss is of second order in length.
+    # If a torque jumps around an interval, the loss is of second order in its length.
     mean = 0.5 * (first + last)
     around = np.vstack([mean[:1], mean, mean[-1:]])
     jump = 0.5 * np.max(np.abs(around[2:] - around[:-2]), axis=1)
@@ -215,8 +215,8 @@ def test_intervals_are_halved_where_constant_accelerations_leave_torque():
     assert lost[split].min() >= lost[~split].max()
 
 
-class Slow:
-    """A program of one row, which slowing down cures or not."""
+class OneRow:
+    """A program of one row, which a slower motion satisfies or not."""
 
     def __init__(self, curable: bool) -> None:
         one = np.ones(1)
@@ -236,8 +236,10 @@ class Slow:
         return np.array([1e-4 - (z[0] - 1.0 if self.curable else 0.0)])
 
 
-def how_it_ends(program, iterations=ITERATIONS, **values):
-    """How a round ends whose least gain is 0.003 s, after a number of iterations."""
+def status_of_round(program, iterations=ITERATIONS, **values):
+    """The status of a round with a least gain of 0.003 s, after a number of
+    iterations.
+    """
     first = Iterate.of(program, np.ones(1), 1.0)
     loop = Loop(program, MinimumTime.of(tm.Options()), first)
     values = dict.fromkeys(IterationRecord.__dataclass_fields__, 0) | values
@@ -245,36 +247,38 @@ def how_it_ends(program, iterations=ITERATIONS, **values):
     return round_ends(3e-3)(loop)
 
 
-def test_a_round_ends_after_its_iterations():
+def test_refinement_round_ends_after_its_iterations():
     values = {"predicted": 1e-2, "violation": 1e-4}
-    assert how_it_ends(Slow(True), ITERATIONS - 1, **values) is None
-    assert how_it_ends(Slow(True), ITERATIONS, **values) is Status.CONVERGED
+    assert status_of_round(OneRow(True), ITERATIONS - 1, **values) is None
+    assert status_of_round(OneRow(True), ITERATIONS, **values) is Status.CONVERGED
 
 
-def test_a_round_ends_at_once_if_it_predicts_next_to_no_gain():
+def test_refinement_round_ends_at_once_without_predicted_gain():
     values = {"predicted": 1e-3, "violation": 1e-4}
-    assert how_it_ends(Slow(False), 1, **values) is Status.CONVERGED
-    assert how_it_ends(Slow(True), 1, predicted=1e-2, violation=0.0) is None
+    assert status_of_round(OneRow(False), 1, **values) is Status.CONVERGED
+    assert status_of_round(OneRow(True), 1, predicted=1e-2, violation=0.0) is None
 
 
-def test_slowing_down_by_little_more_than_has_to_be_takes_few_looks():
-    """It took eight looks, each at all distances."""
-    program, z = Slow(True), np.ones(1)
+def test_restoration_by_slowing_down_needs_few_evaluations():
+    """Regression: the restoration took eight evaluations, each of all distances."""
+    program, z = OneRow(True), np.ones(1)
     iterate = Iterate.of(program, z, 1.0)
-    looks = []
+    evaluations = []
     evaluate = program.evaluate
-    program.evaluate = lambda z: looks.append(z) or evaluate(z)
+    program.evaluate = lambda z: evaluations.append(z) or evaluate(z)
     slower = MinimumTime.of(tm.Options()).restored(program, iterate)
     assert slower.violation <= 1e-6
     assert 1.0 < slower.duration <= 1.0 + 1.05e-4
-    assert len(looks) <= 3
+    assert len(evaluations) <= 3
 
 
-# -- rows of distances that a motion rests on ------------------------------------------
+# -- active rows of distances ----------------------------------------------------------
 
 
-def test_a_finer_grid_has_the_rows_of_distances_that_the_motion_rests_on():
-    """Without them it passed through what is between the nodes, and found them anew."""
+def test_finer_grid_keeps_the_active_rows_of_distances():
+    """Without these rows, the motion passed through obstacles between the nodes, and
+    found the rows anew.
+    """
     box = tm.Box("box", size=(0.3, 0.3, 1.0), position=(-2.0, -2.0, 0.0))
     problem = planar(scene=tm.Scene([box]))
     motion = tm.plan(problem, control="constant", refine=None, starts=1).trajectory
@@ -295,17 +299,17 @@ def test_a_finer_grid_has_the_rows_of_distances_that_the_motion_rests_on():
     regular = NonlinearProgram.of(finer).at(there)
     found = with_rows_at(regular, there, times)
     count = found.blocks[index].fixed.size - regular.blocks[index].fixed.size
-    assert count == between.size  # those of the grid are rows already
+    assert count == between.size  # the instants of the grid have rows already
     own = found.blocks[index].fixed.times(finer.motion(there).h)
     for time in wanted:
         assert np.min(np.abs(own - time)) < 1e-9
     assert with_rows_at(found, there, times).rows.size == found.rows.size
 
 
-# -- one replay ------------------------------------------------------------------------
+# -- transcriptions and replays --------------------------------------------------------
 
 
-def test_a_transcription_without_a_grid_to_refine_is_planned_with(monkeypatch):
+def test_transcription_without_refinement_is_planned(monkeypatch):
     def own_program(system, options, guess):
         shares = interval_shares("uniform", options.intervals)
         of = AdjointTranscription(system, shares, guess.duration, substeps=4)
@@ -318,7 +322,7 @@ def test_a_transcription_without_a_grid_to_refine_is_planned_with(monkeypatch):
     assert solution.trajectory.t.size == 21
 
 
-def test_a_descent_is_replayed_once_for_all_its_grids(monkeypatch):
+def test_descent_is_replayed_once_for_all_its_grids(monkeypatch):
     usual, replays = candidate.verify, []
 
     def counted(problem, trajectory, *arguments, **named):

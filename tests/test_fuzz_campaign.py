@@ -1,4 +1,4 @@
-"""The campaign of wrong inputs: a short one, and that it notices what it is to find."""
+"""The fuzzing campaign: a short run, and the detection of failures."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from tominpmp.exceptions import ProblemError
 from tools.fuzz.campaign import Tally, attempt, campaign, inputs_of, judge
 
 
-def test_a_short_campaign_finds_nothing() -> None:
+def test_short_fuzzing_campaign_finds_no_failure() -> None:
     shares = {"files": 40, "arguments": 30, "signals": 1}
     assert not campaign(shares, seed=1, out=None)
 
 
-# The samples of the readers are no arms to plan for.
+# The sample robots of the readers are incomplete and cause warnings.
 @pytest.mark.filterwarnings("ignore::tominpmp.exceptions.TominpmpWarning")
-def test_inputs_are_those_of_seed_and_number(tmp_path: Path) -> None:
+def test_fuzzed_inputs_are_determined_by_seed_and_number(tmp_path: Path) -> None:
     for family in ("files", "arguments", "options", "signals"):
         inputs = inputs_of(family, tmp_path)
         for number in range(5):
@@ -46,7 +46,7 @@ def endless() -> None:
         pass
 
 
-def test_the_judge() -> None:
+def test_judge_distinguishes_success_rejection_and_failure() -> None:
     assert judge(lambda: None, 5.0) == ("taken", "")
     assert judge(refused, 5.0) == ("refused", "")
     for call, word in (
@@ -59,7 +59,7 @@ def test_the_judge() -> None:
         assert word in why
 
 
-def test_an_input_that_ends_the_process_is_blamed(
+def test_input_that_kills_the_process_is_a_failure(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     import subprocess

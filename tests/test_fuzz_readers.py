@@ -1,8 +1,8 @@
-"""Files that are damaged, swapped or hostile: a clear error, in bounded time and space.
+"""Damaged, swapped or hostile files: a clear error, in bounded time and memory.
 
 Every reader gets a sound file that was damaged in its bytes, in its values and in its
-structure, and the files of the other readers. It reads them or raises the library's
-error that names the file; nothing else, and no warning of NumPy either.
+structure, and the files of the other readers. It either reads the file, or raises the
+library's error that names the file: no other exception, and no warning of NumPy.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ from tominpmp.robot.robot import Robot, load_robot
 
 pytestmark = pytest.mark.filterwarnings("ignore::tominpmp.TominpmpWarning")
 
-# What a reader may take while it refuses a small file [bytes].
+# Largest memory of a reader while it rejects a small file [bytes].
 MEMORY = 64 * 2**20
-# And of processor time; what they are refused for takes far longer.
+# Largest processor time; reading a hostile file to its end would take far longer [s].
 SECONDS = 20.0
-# Messages are for reading.
+# Largest length of a message.
 LONGEST = 4000
 
-# Words that are put in the place of numbers and names.
+# Words that replace numbers and names.
 WORDS = (
     b"", b"nan", b"inf", b"-inf", b"1e999", b"-1", b"0", b"1e308", b"1e-320", b"0x10",
     b"1e9", b"-1e9", b"9" * 5000, b"1 2 3 4", b"\xd9\xa1", b"\xff\xfe", b"\x00", b"\n",
@@ -280,8 +280,8 @@ class Reader:
     Attributes:
         name: Name of the file.
         content: The file.
-        read: Reads the file of a path.
-        errors: What it may raise.
+        read: Function that reads the file of a path.
+        errors: The errors that it may raise.
     """
 
     name: str
@@ -300,7 +300,7 @@ def planar() -> Robot:
 
 
 def make_readers(folder: Path, planar: Robot) -> dict[str, Reader]:
-    """All readers; files that theirs refer to are put into the folder."""
+    """All readers; files that their samples refer to are put into the folder."""
     from tominpmp.files import ros, tables
 
     good = folder / "good"
@@ -371,14 +371,14 @@ NAMES = (
     "motion.npz", "motion.json", "motion.yaml", "mesh.stl", "mesh.obj",
     *(("arm.xacro",) if find_spec("xacrodoc") is not None else ()),
 )  # fmt: skip
-# What reads robots reads all of these.
+# A reader of robots reads all of these formats.
 ROBOTS = {"urdf.urdf", "arm.xml", "arm.xacro"}
-# Formats of which most damages leave a sound file.
+# Formats in which most damages leave a sound file: the least share of rejections.
 FORGIVING = {"motion.csv": 0.2, "mesh.stl": 0.05, "mesh.obj": 0.1, "srdf.srdf": 0.1}
 
 
 def refused(reader: Reader, path: Path, content: bytes) -> bool:
-    """Whether a reader refuses a file; anything but its own error is a failure."""
+    """Whether a reader rejects a file; any error other than its own is a failure."""
     path.write_bytes(content)
     try:
         reader.read(path)
@@ -391,9 +391,9 @@ def refused(reader: Reader, path: Path, content: bytes) -> bool:
 
 
 def damages(content: bytes, rng: np.random.Generator, count: int) -> Iterator[bytes]:
-    """Versions of a file that are cut, spoilt, shuffled, or have odd words in them."""
+    """Versions of a file that are cut, damaged, shuffled, or have odd words."""
     words = [m.span() for m in re.finditer(rb"[-+.\w]+", content)]
-    # A binary file may have none.
+    # A binary file may have no words.
     words = words or [(i, i + 4) for i in range(0, len(content) - 4, 4)]
     for case in range(count):
         kind = case % 5
@@ -425,7 +425,7 @@ COUNT = 120
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_damaged_files(
+def test_damaged_files_raise_only_errors_of_the_library(
     name: str, readers: tuple[Path, dict[str, Reader]], rng: np.random.Generator
 ) -> None:
     folder, table = readers
@@ -438,26 +438,26 @@ def test_damaged_files(
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_files_of_other_readers(
+def test_files_of_other_readers_are_rejected(
     name: str, readers: tuple[Path, dict[str, Reader]]
 ) -> None:
     folder, table = readers
     for other in table.values():
         if other.name == name:
             continue
-        # A description says nothing of joints that it does not know; JSON is YAML.
+        # Readers of robots ignore unknown joints; JSON is YAML.
         alike = {name, other.name} <= {*ROBOTS, "srdf.srdf"} or (
             (name, other.name) == ("motion.yaml", "motion.json")
         )
         assert refused(table[name], folder / name, other.content) or alike
     for content in (b"", b"\n", b"\0", b"\xff" * 100, b"null", b"[]", b"{}", b"<a/>"):
-        # A description that says nothing is one.
+        # An empty semantic description is valid.
         harmless = name == "srdf.srdf"
         assert refused(table[name], folder / name, content) or harmless
 
 
-def laughs(root: str) -> bytes:
-    """A billion words by entities that expand into each other."""
+def expanding_entities(root: str) -> bytes:
+    """A billion words by XML entities that expand into each other."""
     entities = ['<!ENTITY a0 "ha">']
     entities += [f'<!ENTITY a{i} "{f"&a{i - 1};" * 10}">' for i in range(1, 10)]
     return (
@@ -465,15 +465,15 @@ def laughs(root: str) -> bytes:
     ).encode()
 
 
-def aliases() -> bytes:
-    """The same by aliases of YAML."""
+def expanding_aliases() -> bytes:
+    """A billion words by YAML aliases that expand into each other."""
     rows = ["a0: &a0 [ha, ha]"]
     rows += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]" for i in range(1, 10)]
     return "\n".join(rows).encode()
 
 
 def npz_that_grows(true_size: bool) -> bytes:
-    """An archive of a few bytes with an array of gigabytes in it."""
+    """An archive of a few bytes with an array of gigabytes."""
     file, count = io.BytesIO(), 2**27
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         for name in ("t", "q", "v", "a", "u", "joint_names"):
@@ -493,21 +493,21 @@ def stl_of(count: int) -> bytes:
 
 
 HOSTILE: dict[str, tuple[str, bytes | Callable[[], bytes]]] = {
-    "expanding entities in a URDF": ("urdf.urdf", laughs("robot")),
-    "expanding entities in an SRDF": ("srdf.srdf", laughs("robot")),
+    "expanding entities in a URDF": ("urdf.urdf", expanding_entities("robot")),
+    "expanding entities in an SRDF": ("srdf.srdf", expanding_entities("robot")),
     "external entity": (
         "urdf.urdf",
         b'<!DOCTYPE r [<!ENTITY x SYSTEM "file:///etc/passwd">]><robot name="&x;"/>',
     ),
     "deep XML": ("urdf.urdf", b"<robot>" + b"<a>" * 100_000),
-    "expanding aliases in a scene": ("moveit_scene.yaml", aliases()),
-    "expanding aliases in limits": ("motion_limits.yaml", aliases()),
+    "expanding aliases in a scene": ("moveit_scene.yaml", expanding_aliases()),
+    "expanding aliases in limits": ("motion_limits.yaml", expanding_aliases()),
     "deep YAML": ("limits.yaml", b"[" * 100_000),
     "deep TOML": ("scenario.toml", b"a = " + b"[" * 100_000),
     "deep JSON": ("motion.json", b"[" * 100_000),
     "long number": ("scenario.toml", b"margin = " + b"9" * 1_000_000),
     "long number in JSON": ("motion.json", b"[" + b"9" * 1_000_000 + b"]"),
-    # Made when they are wanted: gigabytes of zeros take seconds to compress.
+    # Made only when needed: gigabytes of zeros take seconds to compress.
     "archive that grows": ("motion.npz", partial(npz_that_grows, True)),
     "archive that says it grows": ("motion.npz", partial(npz_that_grows, False)),
     "pickle": ("motion.npz", written(lambda _, f: np.savez(f, t=np.array([{}])))),
@@ -517,7 +517,7 @@ HOSTILE: dict[str, tuple[str, bytes | Callable[[], bytes]]] = {
 
 
 @pytest.mark.parametrize("case", HOSTILE)
-def test_hostile_files_cost_nothing(
+def test_hostile_files_are_rejected_in_bounded_time_and_memory(
     case: str, readers: tuple[Path, dict[str, Reader]]
 ) -> None:
     folder, table = readers
@@ -533,7 +533,7 @@ def test_hostile_files_cost_nothing(
     finally:
         tracemalloc.stop()
     assert peak < MEMORY + len(content)
-    # Some orders of magnitude from what it would take to expand them.
+    # To expand the files would take longer by orders of magnitude.
     assert seconds < SECONDS
 
 
@@ -554,10 +554,12 @@ def test_hostile_files_cost_nothing(
     ],
     ids=range(11),
 )
-def test_meshes_out_of_reach(
+def test_mesh_paths_outside_the_package_are_rejected(
     mesh: str, readers: tuple[Path, dict[str, Reader]]
 ) -> None:
-    """Neither descriptions nor scenes read devices or leave the folder of a package."""
+    """Neither robot descriptions nor scenes read devices, or leave the folder of a
+    package.
+    """
     folder, table = readers
     (folder.parent / "secret.stl").write_bytes(stl())
     urdf = URDF.replace("part.stl", mesh.replace("\0", "&#0;")).encode()

@@ -1,4 +1,4 @@
-"""Where joints are at their speed limits, grids still follow what else moves."""
+"""Grid refinement if some joints are at their speed limits."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import tominpmp as tm
 
 START = (-1.68, -1.73, -2.69, 0.67, -2.17, -0.81)
 GOAL = (1.16, -2.36, -1.85, -2.6, -2.56, -0.56)
-# T of the default may be above that of four times the intervals by this share, and that
-# of a grid that was refined as far as it pays.
+# Largest relative excess of T over that of four times the intervals: for the default,
+# and for a grid that was refined as far as it pays.
 USUALLY, EXACTLY = 3e-3, 2e-4
 
 
 def problem():
-    """A base that turns as fast as it may, and a wrist whose swing helps it."""
+    """A base that turns at its speed limit, and a wrist whose swing helps the base."""
     robot = tm.load_robot("ur10", limits="urdf", friction=0.0)
     robot = robot.with_changes(velocity=4.0 * robot.limits.velocity)
     return tm.Problem(robot, START, tm.JointGoal(GOAL), self_collision=False)
@@ -27,12 +27,12 @@ def planned(**options):
     return solution
 
 
-def test_a_wrist_at_its_speed_limit_does_not_hide_what_the_base_gains():
+def test_default_refinement_gains_time_beside_speed_limits():
     finer = planned(intervals=160, refine=None)
     assert planned().T < (1.0 + USUALLY) * finer.T
 
 
-def test_thorough_plans_follow_the_motion_to_the_last_digits(monkeypatch):
+def test_thorough_refinement_reaches_the_finest_grid(monkeypatch):
     monkeypatch.setattr("tominpmp.planner.thorough.WAVES", 0)
     exact = planned(effort="thorough")
     assert len(exact.trajectory.t) > len(planned().trajectory.t)

@@ -1,4 +1,6 @@
-"""The best motion rather than the nearest one, by starts on coarse grids."""
+"""The search for the best motion, not only the nearest motion, by starts on coarse
+grids.
+"""
 
 from __future__ import annotations
 
@@ -30,10 +32,10 @@ NEAREST_IS_NOT_BEST = [
     "vertical rods, payload, friction",
     "vertical rods, payload, moving ends",
 ]
-# What the grid costs.
+# T on the grid over the minimum, at most.
 ABOVE = 1.012
 START, END = (0.5, 1.7, -1.7), (2.0, -1.0, 0.5)
-# Searches are compared by the motions that they leave on their own grid.
+# Searches are compared by their motions on the first grid.
 UNREFINED = {"refine": None}
 
 
@@ -43,20 +45,20 @@ def reach(**changes):
 
 
 @pytest.mark.parametrize("name", NEAREST_IS_NOT_BEST)
-def test_the_best_motion_is_found_where_the_nearest_is_slower(name):
+def test_global_optimum_is_found_beside_a_slower_local_optimum(name):
     case = all_cases()[name]
     solution = tm.plan(case.problem())
     assert solution.success
     assert solution.T < ABOVE * case.minimum
 
 
-def test_two_swings_are_found_where_one_descent_ends_elsewhere():
+def test_swing_up_with_two_swings_is_found():
     case = all_cases()["pendulum, two swings"]
     assert tm.plan(case.problem(), **UNREFINED).T < ABOVE * case.minimum
 
 
 @pytest.mark.parametrize("name", [NEAREST_IS_NOT_BEST[1], NEAREST_IS_NOT_BEST[-2]])
-def test_more_effort_is_never_worse(name):
+def test_more_effort_is_never_slower(name):
     problem = all_cases()[name].problem()
     quick, standard = (
         tm.plan(problem, effort=e, **UNREFINED) for e in ("quick", "standard")
@@ -74,24 +76,24 @@ def search_of(problem):
     return CoarseSearch(system, state, torques=torques), guess
 
 
-def rough_of(coarse, guess):
+def coarse_motion(coarse, guess):
     return carried_out(coarse.state, coarse.solve_coarse(guess))
 
 
-def test_a_start_that_leads_to_a_known_motion_is_let_go_early():
+def test_start_that_leads_to_a_known_motion_is_abandoned_early():
     coarse, guess = search_of(reach())
-    first = rough_of(coarse, guess)
+    first = coarse_motion(coarse, guess)
     assert first is not None
     count = len(coarse.state.records)
     near = bumped(coarse.system, guess, np.full((1, 3), 1e-3))
-    assert rough_of(coarse, near) is None
+    assert coarse_motion(coarse, near) is None
     assert len(coarse.state.records) <= count
     assert coarse.known == [first]
 
 
-def test_a_coarse_motion_promises_what_the_finished_one_keeps():
+def test_coarse_motion_predicts_the_duration_of_the_finished_motion():
     coarse, guess = search_of(reach())
-    rough = rough_of(coarse, guess)
+    rough = coarse_motion(coarse, guess)
     assert rough is not None
     finished = carried_out(coarse.state, coarse.finish(rough))
     assert finished is not None
@@ -100,7 +102,7 @@ def test_a_coarse_motion_promises_what_the_finished_one_keeps():
     assert finished.trajectory.t.size - 1 >= 40
 
 
-def test_detours_begin_and_end_where_the_guess_does_and_keep_the_limits():
+def test_detours_keep_the_ends_of_the_guess_and_position_limits():
     coarse, guess = search_of(reach())
     detours = bumps(coarse.system, guess, np.random.default_rng(0))
     limits = coarse.system.problem.robot.limits
@@ -112,14 +114,14 @@ def test_detours_begin_and_end_where_the_guess_does_and_keep_the_limits():
         assert np.max(np.abs(detour.q - guess.q)) > 0.05
 
 
-def test_a_detour_of_one_joint_is_as_high_as_it_is_said_to_be():
+def test_detour_of_one_joint_has_its_stated_height():
     coarse, guess = search_of(reach())
     detour = next(bumps(coarse.system, guess, np.random.default_rng(0)))
     away = np.abs(detour.q - guess.q).max(axis=0)
     np.testing.assert_allclose(away, [0.0, 0.0, HEIGHT], rtol=1e-3)
 
 
-def test_detours_from_the_base_begin_with_its_joint():
+def test_detours_from_the_base_begin_with_the_first_joint():
     coarse, guess = search_of(reach())
     rng = np.random.default_rng(0)
     detour = next(bumps(coarse.system, guess, rng, from_base=True))
@@ -128,8 +130,10 @@ def test_detours_from_the_base_begin_with_its_joint():
     np.testing.assert_array_equal(away[1:], 0.0)
 
 
-def test_detours_are_slow_enough_for_the_motors():
-    """On long rails they took 100 programs each, as they were far too fast."""
+def test_detours_keep_torque_limits():
+    """Regression: on long rails, each detour took 100 programs, as it was far
+    too fast.
+    """
     rails = make_arm(slide(1.0), slide(1.0, (0.0, 1.0, 0.0)), effort=(9.0, 8.0))
     problem = tm.Problem(rails, [0.0, 0.0], tm.JointGoal([0.3, 0.2]))
     coarse, guess = search_of(problem)
@@ -140,16 +144,16 @@ def test_detours_are_slow_enough_for_the_motors():
         v = np.gradient(detour.q, detour.t, axis=0)
         a = np.gradient(v, detour.t, axis=0)
         assert np.max(np.abs(coarse.system.torque(detour.q, v, a))) <= 14.0
-        rough = rough_of(coarse, detour)
+        rough = coarse_motion(coarse, detour)
         assert rough is None or rough.duration < 2.0
     assert len(coarse.state.history) < 80
 
 
-def test_starts_are_compared_by_what_the_finished_one_gained():
+def test_coarse_starts_are_compared_by_the_gain_of_finishing():
     far = tm.Scene([tm.Sphere("far", radius=0.1, position=(9.0, 9.0, 0.0))])
     coarse, guess = search_of(reach(scene=far))
     assumed = coarse.loss
-    rough = rough_of(coarse, guess)
+    rough = coarse_motion(coarse, guess)
     assert coarse.loss == assumed
     finished = carried_out(coarse.state, coarse.finish(rough))
     assert 0.0 < coarse.loss < assumed
@@ -157,28 +161,28 @@ def test_starts_are_compared_by_what_the_finished_one_gained():
     assert coarse.loss == pytest.approx(gain)
 
 
-def test_among_obstacles_further_starts_are_judged_by_what_the_first_gained(
+def test_coarse_starts_among_obstacles_are_compared_by_that_gain(
     monkeypatch,
 ):
-    """A second start that led to the same motion was finished, too."""
+    """Regression: a second start that led to the same motion was finished, too."""
     post = tm.Sphere("post", radius=0.05, position=(-9.0, -9.0, 0.0))
-    judged, finish = [], CoarseSearch.finish
+    finished_losses, finish = [], CoarseSearch.finish
 
     def finished(coarse, rough):
         assumed = coarse.loss
         candidate = yield from finish(coarse, rough)
-        judged.append((assumed, coarse.loss, coarse.state.best_duration))
+        finished_losses.append((assumed, coarse.loss, coarse.state.best_duration))
         return candidate
 
     monkeypatch.setattr(CoarseSearch, "finish", finished)
     solution = tm.plan(reach(scene=tm.Scene([post])), **UNREFINED)
     assert solution.success
-    [(assumed, loss, best)] = judged
+    [(assumed, loss, best)] = finished_losses
     assert loss < assumed
     assert best < np.inf
 
 
-def test_an_arm_of_many_joints_far_above_its_bound_is_searched_on_from():
+def test_motion_far_above_its_lower_bound_is_followed_by_starts():
     # The straight line leads to 1.219 s, which is 2.8 times the lower bound.
     arm = tm.load_robot("xarm7", limits="urdf", friction=0.0)
     fast = arm.with_changes(velocity=4.0 * np.array(arm.limits.velocity))
@@ -189,16 +193,16 @@ def test_an_arm_of_many_joints_far_above_its_bound_is_searched_on_from():
     assert solution.T < 1.19
 
 
-def test_a_motion_at_its_lower_bound_is_not_searched_on_from(monkeypatch):
+def test_motion_at_its_lower_bound_ends_the_search(monkeypatch):
     def none(*_):
-        pytest.fail("nothing can be much faster")
+        pytest.fail("no motion can be much faster")
 
     monkeypatch.setattr(coarse_search, "bumps", none)
     case = all_cases()["rail"]
     assert tm.plan(case.problem()).T < 1.002 * case.minimum
 
 
-def test_a_thorough_search_is_exact_on_two_links_and_keeps_to_its_time():
+def test_thorough_search_finds_the_optimum_within_its_time_limit():
     case = all_cases()["vertical rods, friction"]
     solution = tm.plan(case.problem(), effort="thorough", max_planning_time=30.0)
     assert solution.success
@@ -206,7 +210,7 @@ def test_a_thorough_search_is_exact_on_two_links_and_keeps_to_its_time():
     assert solution.planning_time < 1.1 * 30.0 + 0.2
 
 
-def test_among_obstacles_a_sampled_path_comes_before_the_straight_line():
+def test_sampled_path_comes_before_the_line_among_obstacles():
     line, path, other = (SimpleNamespace(name=name) for name in ("line", SAMPLED, "x"))
     for alone, wanted, guesses, order in (
         (False, 1, [line, path, other], [path, line, other]),
@@ -220,8 +224,10 @@ def test_among_obstacles_a_sampled_path_comes_before_the_straight_line():
         assert list(coarse_search._paths_first(system, cached, wanted)) == order
 
 
-def test_among_moving_obstacles_other_ways_are_tried():
-    """Three starts, improved in full, ended 100 % slower than one on a coarse grid."""
+def test_further_starts_are_tried_among_moving_obstacles():
+    """Regression: three starts, each refined completely, ended 100 % slower than a
+    start on a coarse grid.
+    """
     box = tm.Box(
         "box",
         size=(0.0486, 0.0504, 0.0577),
@@ -245,8 +251,10 @@ def test_among_moving_obstacles_other_ways_are_tried():
     assert solution.T < 1.4
 
 
-def test_a_door_that_opens_late_is_passed_by_the_way_around_it():
-    """With a door at rest T was 1.520 s, with one that opens after 2 s 1.726 s."""
+def test_arm_goes_around_a_door_that_opens_late():
+    """Regression: with a door at rest T was 1.520 s, with a door that opens after 2 s
+    1.726 s.
+    """
     door = tm.Box(
         "door",
         size=(0.9, 0.04, 1.4),
@@ -264,8 +272,10 @@ def test_a_door_that_opens_late_is_passed_by_the_way_around_it():
     assert tm.plan(problem, **UNREFINED).T < 1.53
 
 
-def test_a_thorough_search_begins_with_no_guess_of_the_search_before(monkeypatch):
-    """All detours of its waves were those of the search before, on a small arm."""
+def test_thorough_search_repeats_no_earlier_guess(monkeypatch):
+    """Regression: on a small arm, all detours of the waves were those of the standard
+    search.
+    """
     begun = []
 
     def seen(self, guess, solve=CoarseSearch.solve_coarse):
@@ -283,7 +293,7 @@ def test_a_thorough_search_begins_with_no_guess_of_the_search_before(monkeypatch
 
 
 def recorded_waves(monkeypatch):
-    """The waves of thorough searches to come, each of which has one without a limit."""
+    """The waves of the following thorough searches: one each, without a time limit."""
     waves = []
 
     def seen(*sources, wave=thorough._wave):
@@ -295,7 +305,7 @@ def recorded_waves(monkeypatch):
     return waves
 
 
-def test_a_thorough_search_goes_on_among_moving_obstacles(monkeypatch):
+def test_thorough_search_has_waves_among_moving_obstacles(monkeypatch):
     waves = recorded_waves(monkeypatch)
     ball = tm.Sphere(
         "ball",
@@ -310,8 +320,10 @@ def test_a_thorough_search_goes_on_among_moving_obstacles(monkeypatch):
     assert lavish.T <= standard.T
 
 
-def test_a_thorough_search_makes_further_descents_of_several_segments():
-    """It ended with the motion of the first guess: 2.593 s, another takes 2.540 s."""
+def test_thorough_search_makes_further_descents_of_segments():
+    """Regression: the search ended with the motion of the first guess: 2.593 s; another
+    guess leads to 2.540 s.
+    """
     places = [(0.32, -0.2, 0.33), (0.42, 0.19, 0.41), (0.28, -0.52, 0.38)]
     problem = tm.Problem(
         tm.load_robot("ur5"),
@@ -322,8 +334,10 @@ def test_a_thorough_search_makes_further_descents_of_several_segments():
     assert lavish.T < 0.99 * standard.T
 
 
-def test_a_thorough_search_leaves_out_segments_whose_goal_is_out_of_reach(monkeypatch):
-    """The error of the alternative goal ended the plan after its motion was found."""
+def test_thorough_search_leaves_out_unreachable_alternatives(monkeypatch):
+    """Regression: the error of the alternative goal ended the plan after its motion was
+    found.
+    """
     monkeypatch.setattr(thorough, "WAVES", 1)
     arm = tm.load_robot("planar3r")
     turned = pin.SE3(pin.utils.rotate("x", 1.0), np.array([4.0, 1.0, 0.0]))
@@ -336,8 +350,10 @@ def test_a_thorough_search_leaves_out_segments_whose_goal_is_out_of_reach(monkey
     assert tm.plan(problem, **few).success
 
 
-def test_a_clock_does_not_prolong_a_thorough_search(monkeypatch):
-    """It went on for as long as the time limit, as if the caller had set one."""
+def test_control_period_does_not_prolong_a_thorough_search(monkeypatch):
+    """Regression: the search went on until the time limit, as if the caller had set a
+    limit.
+    """
     waves = recorded_waves(monkeypatch)
     monkeypatch.setattr(thorough, "MOST_WAVES", 2)
     few = {"effort": "thorough", "intervals": 24, "refine": None}

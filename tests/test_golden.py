@@ -44,7 +44,7 @@ def row(name: str, **columns: object) -> Row:
 
 
 def compared(before: list[Row], after: list[Row]) -> Comparison:
-    """Two runs beside each other."""
+    """The comparison of two runs."""
     first, second = ({(r["group"], r["name"]): r for r in x} for x in (before, after))
     return Comparison(first, second)
 
@@ -53,13 +53,13 @@ def compared(before: list[Row], after: list[Row]) -> Comparison:
 
 
 @pytest.mark.parametrize("part", ["tuned", "fresh"])
-def test_names_are_unique_and_cheap_to_list(part: str) -> None:
+def test_names_of_golden_problems_are_unique(part: str) -> None:
     names = [(item.group, item.name) for item in items(part, seed=3)]
     assert len(set(names)) == len(names)
     assert {group for group, _ in names} == set(groups_of(part)) - {"clutter", "fetch"}
 
 
-def test_the_tuned_part_has_all_that_a_user_can_ask_for() -> None:
+def test_tuned_part_has_every_group_and_constraint() -> None:
     counts = {group: 0 for group in golden_cases.GROUPS}
     for item in items("tuned"):
         counts[item.group] += 1
@@ -75,7 +75,7 @@ def _rules() -> list[tuple[str, ...]]:
     return [(*name.split(" "), "", "")[:3] for name in names]
 
 
-def test_a_problem_is_the_same_whenever_it_is_made() -> None:
+def test_fingerprint_identifies_a_problem() -> None:
     one, other = (golden_cases.goal_task("planar3r", 0) for _ in range(2))
     assert one.fingerprint == other.fingerprint
     assert golden_cases.goal_task("planar3r", 1).fingerprint != one.fingerprint
@@ -83,26 +83,26 @@ def test_a_problem_is_the_same_whenever_it_is_made() -> None:
     assert faster.fingerprint != one.fingerprint
 
 
-def test_fresh_problems_are_drawn_from_the_seed() -> None:
+def test_fresh_problems_are_determined_by_the_seed() -> None:
     prints = [
         golden_fresh.scene_task(seed, "iiwa14", 0).fingerprint for seed in (1, 1, 2)
     ]
     assert prints[0] == prints[1] != prints[2]
 
 
-def test_a_combination_has_a_motion() -> None:
+def test_combined_problem_has_a_motion_without_faults() -> None:
     made = golden_fresh.combined_task(1, 3)
     solution = tm.plan(made.problem, **SOON)
     assert solution.success, solution.message
     assert made.judged(solution).faults == ()
 
 
-def test_a_combination_begins_where_links_are_apart() -> None:
-    # Its first configuration was once one of links that touch, from which no way leads.
+def test_combined_problem_starts_without_self_collision() -> None:
+    # Regression: links touched at the first configuration, from which no path leads.
     assert golden_fresh.combined_task(20261126, 5).problem.checker.pairs
 
 
-def test_the_slow_motion_of_a_combination_keeps_accelerations() -> None:
+def test_slow_motion_of_a_combined_problem_keeps_accelerations() -> None:
     case, slow = golden_fresh.combined_case(20261126, 16)
     goals = [case["q_start"], *(leg["goal"]["q"] for leg in case["legs"])]
     # The peak of a polynomial of degree five from rest to rest.
@@ -113,7 +113,7 @@ def test_the_slow_motion_of_a_combination_keeps_accelerations() -> None:
 # -- the judge -------------------------------------------------------------------------
 
 
-def test_joints_without_limits_are_angles() -> None:
+def test_judge_compares_continuous_joints_modulo_a_turn() -> None:
     own = arm("kinova")
     start = np.array([0.0, 2.9, 1.3, -2.1, 1.4, 0.0])
     goal = start + np.array([6.0, 0.0, 0.0, 0.2, 0.0, 0.0])
@@ -126,7 +126,7 @@ def test_joints_without_limits_are_angles() -> None:
 
 
 def plain(**more: object) -> dict[str, object]:
-    """A goal of the planar arm."""
+    """A joint goal of the planar arm."""
     return asked(arm("planar3r"), START, joint(END)) | more
 
 
@@ -136,7 +136,7 @@ def solution() -> tm.Solution:
     return tm.plan(task(plain()).problem, **SOON)
 
 
-def test_a_right_motion_is_not_refuted(solution: tm.Solution) -> None:
+def test_judge_accepts_a_planned_motion(solution: tm.Solution) -> None:
     verdict = task(plain()).judged(solution)
     assert verdict.faults == ()
     assert -0.01 < verdict.excess < 5e-3
@@ -151,7 +151,7 @@ def test_a_right_motion_is_not_refuted(solution: tm.Solution) -> None:
         ({"friction": 0.05}, "torque"),
     ],
 )
-def test_the_judge_holds_a_motion_against_the_arm_that_was_asked_for(
+def test_judge_refutes_a_motion_for_another_arm(
     solution: tm.Solution, change: dict[str, float], word: str
 ) -> None:
     case = plain()
@@ -198,14 +198,14 @@ def test_the_judge_holds_a_motion_against_the_arm_that_was_asked_for(
         ),
     ],
 )
-def test_the_judge_refutes_what_was_not_asked_for(
+def test_judge_refutes_a_motion_for_another_problem(
     solution: tm.Solution, more: dict[str, object], word: str
 ) -> None:
     found = judge(plain(**more), solution).faults
     assert any(word in fault for fault in found), found
 
 
-def test_a_joint_that_turns_by_rounding_takes_no_jump_of_its_motor() -> None:
+def test_judge_ignores_reversals_by_rounding() -> None:
     case = asked(arm("planar3r", friction=0.1), START, joint(END))
     case |= {"v_start": [0.1] * 3, "effort_rate": [500.0] * 3}
     t, v = np.array([0.0, 0.1]), np.array([case["v_start"], [-5e-7] * 3])
@@ -221,7 +221,7 @@ def test_a_joint_that_turns_by_rounding_takes_no_jump_of_its_motor() -> None:
     assert leg.faults == []
 
 
-def test_a_known_optimum_is_judged_by_hand() -> None:
+def test_judge_refutes_motions_faster_than_a_known_optimum() -> None:
     made = golden_cases.optimum("rail", "rail")
     found = measure(made)
     assert found["success"] and found["faults"] == ""
@@ -237,7 +237,7 @@ def test_a_known_optimum_is_judged_by_hand() -> None:
 # -- runs ------------------------------------------------------------------------------
 
 
-def test_rows_are_written_as_they_come_and_not_made_twice(tmp_path: Path) -> None:
+def test_run_writes_each_row_once_and_repeats_dead_rows(tmp_path: Path) -> None:
     path = tmp_path / "golden.csv"
     wanted = [x for x in items("tuned", ["optima"]) if x.name in ("rail", "two rails")]
     shown: list[Row] = []
@@ -259,7 +259,7 @@ def test_rows_are_written_as_they_come_and_not_made_twice(tmp_path: Path) -> Non
     assert len(Rows(path, "abc").rows) == 1
 
 
-def test_a_problem_that_takes_too_long_is_ended(tmp_path: Path) -> None:
+def test_problem_beyond_the_time_limit_is_ended(tmp_path: Path) -> None:
     (wanted, *_) = items("tuned", ["goals"])
     rows = Rows(tmp_path / "golden.csv", "abc")
     run([wanted], rows, "abc", limit=0.2)
@@ -270,7 +270,7 @@ def test_a_problem_that_takes_too_long_is_ended(tmp_path: Path) -> None:
 # -- comparisons -----------------------------------------------------------------------
 
 
-def test_what_agrees_is_not_beyond_any_limit() -> None:
+def test_equal_runs_are_within_every_limit() -> None:
     rows = [row("a"), row("b", T=2)]
     limits = Allowed(t_median=0.0, t_max=0.0, programs=1.0, seconds=1.0, promise=0.0)
     comparison = compared(rows, rows)
@@ -293,7 +293,7 @@ def test_what_agrees_is_not_beyond_any_limit() -> None:
         ({"objective": 2.0}, {"objective_max": 0.5}, "objective"),
     ],
 )
-def test_what_is_worse_is_beyond_its_limit(
+def test_worse_run_is_beyond_its_limit(
     after: dict[str, object], limits: dict[str, float], word: str
 ) -> None:
     before = [row("a", objective=1.0), row("b")]
@@ -305,7 +305,7 @@ def test_what_is_worse_is_beyond_its_limit(
     assert len(beyond) == 1 and word in beyond[0]
 
 
-def test_the_command_tells_and_exits_with_one(
+def test_compare_command_reports_and_exits_with_one(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     paths = [tmp_path / "a.csv", tmp_path / "b.csv"]
@@ -325,13 +325,13 @@ def test_the_command_tells_and_exits_with_one(
 
 
 @pytest.mark.parametrize("name", ablation.VARIANTS)
-def test_every_part_that_is_switched_off_is_there(name: str) -> None:
+def test_every_ablation_variant_switches_an_existing_part(name: str) -> None:
     made = golden_cases.optimum("rail", "rail")
     with ablation.switched(name, made) as changed:
         assert changed.options == {**made.options, **ablation.VARIANTS[name].options}
 
 
-def test_a_part_that_is_switched_off_comes_back() -> None:
+def test_ablation_restores_the_planner() -> None:
     made = golden_cases.optimum("rail", "rail")
     before = measure(made, judged=False)
     with ablation.switched("one descent", made) as changed:
@@ -340,7 +340,7 @@ def test_a_part_that_is_switched_off_comes_back() -> None:
     assert after["T"] == before["T"] and after["programs"] == before["programs"]
 
 
-def test_a_table_has_every_variant_beside_the_planner_as_it_is() -> None:
+def test_ablation_table_has_every_variant_beside_the_planner() -> None:
     rows = [row("a"), row("b")]
     rows += [row("a", variant="quick", T=1.02, programs=5), row("b", variant="quick")]
     assert "| quick | +1.00 (2.0) / 0.75 | +1.00 (2.0) / 0.75 |" in ablation.table(rows)

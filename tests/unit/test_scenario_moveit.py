@@ -369,7 +369,9 @@ def test_start_velocity_and_velocity_scaling_are_read(
 def test_joints_without_a_goal_stay_at_the_start_or_are_locked(
     planar3r: Robot, tmp_path: Path
 ) -> None:
-    """They stay where they start, or are locked if the robot is given by its name."""
+    """The joints stay where they start, or are locked if the robot is given by its
+    name.
+    """
     constraints = REQUEST["goal_constraints"][0]["joint_constraints"][:2]
     request = changed(REQUEST, "goal_constraints", [{"joint_constraints": constraints}])
     paths = write(tmp_path, request=request)

@@ -54,8 +54,8 @@ def test_payload_is_drawn_before_during_and_after_its_segment(solution):
 
 
 def test_equal_payloads_at_two_places_are_two_bodies():
-    """Regression: they were drawn as one body, which jumped from one place to the
-    other.
+    """Regression: both payloads were drawn as one body, which jumped from one place to
+    the other.
     """
     shape = tm.Box("crate", size=(0.1, 0.1, 0.1))
     crate = tm.Payload(1.0, "tip", geometry=[shape], name="crate")

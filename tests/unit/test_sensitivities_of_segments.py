@@ -94,8 +94,8 @@ def test_sensitivity_of_clearance_is_that_of_its_segment() -> None:
     arm = tm.load_robot("planar3r").with_changes(gravity=(0, 0, 0))
     first, second = (0.9, 1.5, -1.5), (0.5, 1.7, -1.7)
     ball = tm.Sphere("O", radius=0.1, position=(4.12, 2.336, 0))
-    # Coarser grids end where small changes still promise one to three per cent of T,
-    # and multipliers of such a motion are not unique.
+    # On coarser grids, motions end with predicted gains of one to three per cent of T,
+    # and their multipliers are not unique.
     goal, options = tm.PositionGoal("tip", (4, 1, 0)), {**FINE, "intervals": 100}
     segments = [
         tm.Segment(tm.JointGoal(second), scene=[], stop=True),

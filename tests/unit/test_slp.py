@@ -219,7 +219,7 @@ def test_elastic_variables_have_room_for_interior_points():
 
 def test_trust_region_radius_follows_the_model_error():
     assert next_radius(1.0, 1.0, 1.0) > 2.0  # a perfect model
-    assert next_radius(1.0, 0.5, 1.0) == pytest.approx(1.0)  # half is lost: stay
+    assert next_radius(1.0, 0.5, 1.0) == pytest.approx(1.0)  # half is lost: unchanged
     assert next_radius(1.0, -3.0, 1.0) == pytest.approx(0.5)
     assert next_radius(1.0, -3.0, 0.4) == pytest.approx(0.4)
     assert next_radius(1.0, -3.0, 0.1) == pytest.approx(0.3)  # the smallest factor
@@ -227,7 +227,7 @@ def test_trust_region_radius_follows_the_model_error():
 
 
 def test_unknowns_without_influence_on_the_duration_stay_in_place():
-    """A linear program may leave such an unknown anywhere in the trust region."""
+    """A linear program may leave these unknowns anywhere in the trust region."""
     program = Program(
         [("torque", [1.0], [np.inf], [0])],
         lambda z: [z[2] - 0.5 * z[1]],
