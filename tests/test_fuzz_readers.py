@@ -425,7 +425,7 @@ COUNT = 120
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_damaged_files_raise_only_errors_of_the_library(
+def test_damaged_files_raise_errors_of_the_library(
     name: str, readers: tuple[Path, dict[str, Reader]], rng: np.random.Generator
 ) -> None:
     folder, table = readers
