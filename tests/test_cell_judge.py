@@ -167,9 +167,7 @@ def test_judge_does_not_interpolate_over_an_instant_beside_a_node(
 
 @pytest.fixture(scope="module")
 def gentle(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
-    """The motion of an xArm 7, which has dry friction, with a bounded jerk at
-    its end.
-    """
+    """An xArm 7, which has dry friction, comes to rest with a bounded jerk."""
     arm = cell_cases.draw_arm(np.random.default_rng(0), "xarm7", "free")
     arm.pop("velocity", None)
     q_start = np.array([0.2, -0.4, 0.1, 0.9, -0.3, 0.7, 0.4])

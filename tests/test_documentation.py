@@ -134,7 +134,7 @@ def test_flags_of_commands_in_pages_exist() -> None:
 
 
 def test_patterns_find_wrong_names() -> None:
-    """The previous tests would find wrong names."""
+    """The patterns of the previous tests match wrong names."""
     assert not has(tm, "plam")
     assert not has(tm.Solution, "gapp")
     assert ATTRIBUTE.findall("a `solution.gapp` of tm.plam()") == [

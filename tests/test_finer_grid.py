@@ -1,4 +1,4 @@
-"""Grid refinement: T is close to that of a continuous motion by default."""
+"""Grid refinement: by default, T is close to that of the continuous-time problem."""
 
 from __future__ import annotations
 

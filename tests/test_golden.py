@@ -237,7 +237,7 @@ def test_judge_refutes_motions_faster_than_a_known_optimum() -> None:
 # -- runs ------------------------------------------------------------------------------
 
 
-def test_run_writes_each_row_once_and_repeats_dead_rows(tmp_path: Path) -> None:
+def test_run_writes_each_row_once_and_repeats_crashed_problems(tmp_path: Path) -> None:
     path = tmp_path / "golden.csv"
     wanted = [x for x in items("tuned", ["optima"]) if x.name in ("rail", "two rails")]
     shown: list[Row] = []

@@ -155,7 +155,7 @@ def test_rows_of_time_windows_match_differences(number, item):
     assert smooth.sum() > 15
 
 
-def test_time_windows_in_scenario_files_and_on_the_command_line(tmp_path):
+def test_time_windows_are_read_from_files_and_the_command_line(tmp_path):
     item = tm.KeepAway("tip", (5.0, 0.0, 0.0), 0.3, during=(0.25, math.inf))
     robot = tm.load_robot("planar3r", gravity=(0, 0, 0))
     goal = tm.JointGoal([0.6, 0.5, 0.4])

@@ -181,7 +181,7 @@ def test_tour_may_end_at_its_last_station_and_keeps_precedence(
     assert bound.lower_bound <= bound.cycle_time
 
 
-def test_station_then_decides_the_next_station_and_the_payload(
+def test_then_of_a_station_restricts_the_next_station(
     arm: Robot, goals: list[tm.PositionGoal]
 ) -> None:
     load = tm.Payload(5.0, tip(arm), name="part")

@@ -137,7 +137,7 @@ def test_distant_robots_take_as_long_as_the_slower_robot(cell: Workcell) -> None
             np.testing.assert_allclose(own, whole[:, columns], atol=1e-9)
 
 
-def test_a_robot_without_a_goal_ends_at_rest(cell: Workcell) -> None:
+def test_robot_without_a_goal_ends_at_rest(cell: Workcell) -> None:
     problem = cell.problem(
         dict.fromkeys(ENDS, START),
         {"b": PositionGoal("tip", (1.0, 4.0, 0.0)), "a": None},
