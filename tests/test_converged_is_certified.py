@@ -240,13 +240,13 @@ def test_exhausted_row_exchange_is_no_convergence(around, monkeypatch):
     of, z = Layout.of_motion(around.trajectory).represented(
         ProblemFunctions.of(around.problem), around.trajectory
     )
-    looks = exchange.RowExchange(revise=lambda program, z: (program, z))
+    row_exchange = exchange.RowExchange(revise=lambda program, z: (program, z))
     result = solve(
         NonlinearProgram.of(of).at(z),
         MinimumTime.of(options, 1e-4),
         z,
         *trust_regions(options),
-        exchange=looks,
+        exchange=row_exchange,
     )
     assert result.status is tm.Status.ITERATION_LIMIT
 

@@ -290,8 +290,8 @@ def test_finer_grid_keeps_the_active_rows_of_distances():
     blocks = list(plain.blocks)
     blocks[index] = replace(block, fixed=block.fixed.joined(between))
     times = times_of_rows(replace(plain, blocks=tuple(blocks)), z)
-    wanted = between.times(of.motion(z).h)
-    assert np.all(np.isin(np.round(wanted, 12), np.round(times["clearance"], 12)))
+    required = between.times(of.motion(z).h)
+    assert np.all(np.isin(np.round(required, 12), np.round(times["clearance"], 12)))
 
     split = np.zeros(of.intervals, dtype=bool)
     split[[3, 19, 20]] = True
@@ -301,7 +301,7 @@ def test_finer_grid_keeps_the_active_rows_of_distances():
     count = found.blocks[index].fixed.size - regular.blocks[index].fixed.size
     assert count == between.size  # the instants of the grid have rows already
     own = found.blocks[index].fixed.times(finer.motion(there).h)
-    for time in wanted:
+    for time in required:
         assert np.min(np.abs(own - time)) < 1e-9
     assert with_rows_at(found, there, times).rows.size == found.rows.size
 

@@ -91,10 +91,10 @@ def test_fresh_problems_are_determined_by_the_seed() -> None:
 
 
 def test_combined_problem_has_a_motion_without_faults() -> None:
-    made = golden_fresh.combined_task(1, 3)
-    solution = tm.plan(made.problem, **SOON)
+    golden_task = golden_fresh.combined_task(1, 3)
+    solution = tm.plan(golden_task.problem, **SOON)
     assert solution.success, solution.message
-    assert made.judged(solution).faults == ()
+    assert golden_task.judged(solution).faults == ()
 
 
 def test_combined_problem_starts_without_self_collision() -> None:
@@ -222,14 +222,14 @@ def test_judge_ignores_reversals_by_rounding() -> None:
 
 
 def test_judge_refutes_motions_faster_than_a_known_optimum() -> None:
-    made = golden_cases.optimum("rail", "rail")
-    found = measure(made)
+    golden_task = golden_cases.optimum("rail", "rail")
+    found = measure(golden_task)
     assert found["success"] and found["faults"] == ""
-    solution = tm.plan(made.problem)
+    solution = tm.plan(golden_task.problem)
     motion = solution.trajectory
     assert motion is not None
     quicker = dataclasses.replace(motion, t=0.9 * motion.t)
-    refuted = made.judged(dataclasses.replace(solution, trajectory=quicker))
+    refuted = golden_task.judged(dataclasses.replace(solution, trajectory=quicker))
     assert any("minimum" in fault for fault in refuted.faults)
     assert any("limits off" in fault for fault in refuted.faults)
 
@@ -239,10 +239,12 @@ def test_judge_refutes_motions_faster_than_a_known_optimum() -> None:
 
 def test_run_writes_each_row_once_and_repeats_crashed_problems(tmp_path: Path) -> None:
     path = tmp_path / "golden.csv"
-    wanted = [x for x in items("tuned", ["optima"]) if x.name in ("rail", "two rails")]
+    selected = [
+        x for x in items("tuned", ["optima"]) if x.name in ("rail", "two rails")
+    ]
     shown: list[Row] = []
     for _ in range(2):
-        run(wanted, Rows(path, "abc"), "abc", jobs=2, show=shown.append)
+        run(selected, Rows(path, "abc"), "abc", jobs=2, show=shown.append)
     known = read_rows(path)
     assert len(shown) == len(known) == 2
     assert {one["name"]: one["status"] for one in known.values()} == {
@@ -260,9 +262,9 @@ def test_run_writes_each_row_once_and_repeats_crashed_problems(tmp_path: Path) -
 
 
 def test_problem_beyond_the_time_limit_is_ended(tmp_path: Path) -> None:
-    (wanted, *_) = items("tuned", ["goals"])
+    (selected, *_) = items("tuned", ["goals"])
     rows = Rows(tmp_path / "golden.csv", "abc")
-    run([wanted], rows, "abc", limit=0.2)
+    run([selected], rows, "abc", limit=0.2)
     (found,) = rows.rows.values()
     assert found["status"] == OVER and found["success"] == "False"
 
@@ -326,17 +328,20 @@ def test_compare_command_reports_and_exits_with_one(
 
 @pytest.mark.parametrize("name", ablation.VARIANTS)
 def test_every_ablation_variant_switches_an_existing_part(name: str) -> None:
-    made = golden_cases.optimum("rail", "rail")
-    with ablation.switched(name, made) as changed:
-        assert changed.options == {**made.options, **ablation.VARIANTS[name].options}
+    golden_task = golden_cases.optimum("rail", "rail")
+    with ablation.switched(name, golden_task) as changed:
+        assert changed.options == {
+            **golden_task.options,
+            **ablation.VARIANTS[name].options,
+        }
 
 
 def test_ablation_restores_the_planner() -> None:
-    made = golden_cases.optimum("rail", "rail")
-    before = measure(made, judged=False)
-    with ablation.switched("one descent", made) as changed:
+    golden_task = golden_cases.optimum("rail", "rail")
+    before = measure(golden_task, judged=False)
+    with ablation.switched("one descent", golden_task) as changed:
         measure(changed, judged=False)
-    after = measure(made, judged=False)
+    after = measure(golden_task, judged=False)
     assert after["T"] == before["T"] and after["programs"] == before["programs"]
 
 

@@ -518,15 +518,15 @@ def test_command_line_plans_and_verifies_segments(
     planned = invoke(["plan", str(scenario), "-o", str(motion), "--json"])
     assert planned.exit_code == 0, planned.output
     assert len(json.loads(planned.stdout)["segments"]) == 3
-    judged = invoke(["verify", str(scenario), str(motion)])
-    assert judged.exit_code == 0, judged.output
+    verified = invoke(["verify", str(scenario), str(motion)])
+    assert verified.exit_code == 0, verified.output
     # The same motion fails with another via point, and with a longer dwell.
     text = scenario.read_text(encoding="utf-8")
     for before, after in (("[1.2, 0.6, -0.6]", "[1.2, 0.7, -0.6]"), ("0.1", "0.3")):
         other = tmp_path / "other.toml"
         other.write_text(text.replace(before, after, 1), encoding="utf-8")
-        judged = invoke(["verify", str(other), str(motion)])
-        assert judged.exit_code == 1, judged.output
+        verified = invoke(["verify", str(other), str(motion)])
+        assert verified.exit_code == 1, verified.output
 
 
 # -- pictures --------------------------------------------------------------------------

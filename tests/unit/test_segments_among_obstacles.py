@@ -107,12 +107,12 @@ def test_callback_interrupts_the_plan_of_a_segment(arm: tm.Robot, count: int) ->
     assert len(seen) == count
 
 
-@pytest.mark.parametrize("looks", [50.0, 200.0])
+@pytest.mark.parametrize("readings", [50.0, 200.0])
 def test_planning_time_limit_holds_for_segments(
-    arm: tm.Robot, clock: Clock, looks: float
+    arm: tm.Robot, clock: Clock, readings: float
 ) -> None:
     """The clock advances with each reading; a plan reads it thousands of times."""
     clock.tick = 1.0
-    solution = tm.plan(problem(arm, THERE, BACK), max_planning_time=looks, **QUICK)
+    solution = tm.plan(problem(arm, THERE, BACK), max_planning_time=readings, **QUICK)
     assert solution.status is tm.Status.TIME_LIMIT
-    assert solution.planning_time <= 1.1 * looks + 10.0
+    assert solution.planning_time <= 1.1 * readings + 10.0

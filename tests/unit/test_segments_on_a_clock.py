@@ -63,13 +63,13 @@ def ticks(solution: tm.Solution) -> list[tuple[int, int, int]]:
 
 def check_dwells(solution: tm.Solution) -> None:
     """The arm is at rest at the goals of its dwells, from the stated arrivals on."""
-    for part, asked in zip(solution.segments, solution.problem.segments, strict=True):
-        if not asked.dwell:
+    for part, segment in zip(solution.segments, solution.problem.segments, strict=True):
+        if not segment.dwell:
             assert part.arrival == part.end
             continue
-        assert asked.dwell - 1e-9 <= part.stay < asked.dwell + PERIOD - 1e-9
+        assert segment.dwell - 1e-9 <= part.stay < segment.dwell + PERIOD - 1e-9
         during = solution.trajectory(np.linspace(part.arrival, part.end, 20)[:-1])
-        np.testing.assert_allclose(during.q, asked.goal.q[0], atol=1e-6)
+        np.testing.assert_allclose(during.q, segment.goal.q[0], atol=1e-6)
         np.testing.assert_allclose(during.v, 0.0, atol=1e-6)
         before = solution.trajectory(part.arrival - 0.5 * PERIOD)
         assert np.any(np.abs(before.v) > 1e-6)

@@ -176,14 +176,14 @@ def test_keyboard_interrupt_keeps_a_feasible_iterate(monkeypatch):
         return evaluate(z, *room)
 
     program.evaluate = interrupted
-    kept = []
+    iterates = []
 
     def keep(_, iterate):
-        kept.append(iterate)
+        iterates.append(iterate)
 
     with pytest.raises(KeyboardInterrupt):
         least_time(program, [3.0, 3.0, 10.0], keep=keep)
-    assert kept[-1].violation <= 1e-6
+    assert iterates[-1].violation <= 1e-6
 
 
 def test_rows_that_a_step_cannot_violate_are_dropped():

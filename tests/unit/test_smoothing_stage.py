@@ -118,12 +118,12 @@ def test_mean_speeds_match_differences_of_positions_at_nodes(problem, options):
     solution = plan_quickly(problem, tm.Options(starts=1, **options))
     seen = []
 
-    def kept(nlp, z):
+    def recording_mean_speeds(nlp, z):
         seen.append((nlp, z, mean_speeds(nlp, z)))
         return seen[-1][-1]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(quiet_torques, "mean_speeds", kept)
+        patch.setattr(quiet_torques, "mean_speeds", recording_mean_speeds)
         tm.smooth(solution, 0.02)
     nlp, z, speeds = seen[0]
     limits = nlp.system.problem.robot.limits.velocity

@@ -69,8 +69,8 @@ def test_loss_by_the_control_period_is_never_reported_as_negative(
         trajectory=motion, verification=free.verification, remark=""
     )
     state: Any = SimpleNamespace(seconds=0.0)
-    told = _with_clock(longer, free.T / 100, clocked, state).message
-    assert " 0.00 % above the motion without such a clock" in told
+    message = _with_clock(longer, free.T / 100, clocked, state).message
+    assert " 0.00 % above the motion without such a clock" in message
 
 
 def test_clock_share_is_the_period_over_the_duration(free: tm.Solution) -> None:
@@ -87,9 +87,9 @@ def test_lower_bound_overrules_a_predicted_gain(free: tm.Solution) -> None:
     refuted = replace(found, ok=False, stationarity=0.02, message="Refuted.")
     T = free.T
     assert not with_bound(refuted, T, 0.98 * T, "speed").ok
-    told = with_bound(refuted, T, 0.995 * T, "speed")
-    assert told.ok
-    assert "No motion takes less" in told.message
+    accepted = with_bound(refuted, T, 0.995 * T, "speed")
+    assert accepted.ok
+    assert "No motion takes less" in accepted.message
 
 
 @pytest.mark.parametrize("period", [0.0, -1.0, np.nan, np.inf, "a"])

@@ -58,8 +58,8 @@ def from_rest_to_rest(degree: int, robot: tm.Robot) -> tm.Trajectory:
     inverse = RobotDynamics(robot).inverse
     at_nodes = a if len(a) == len(t) else np.vstack([a, a[-1:]])
     u = inverse(q, v, at_nodes)
-    kept = None if degree == 3 else a
-    return tm.Trajectory(robot.joint_names, t, q, v, u, kept, inverse)
+    accelerations = None if degree == 3 else a
+    return tm.Trajectory(robot.joint_names, t, q, v, u, accelerations, inverse)
 
 
 @pytest.mark.parametrize("degree", [2, 3, 5])

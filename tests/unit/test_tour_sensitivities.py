@@ -56,13 +56,13 @@ def test_sensitivities_to_station_places_match_differences(tour: tm.Tour) -> Non
     for name in PLACES:
         (record,) = tour.sensitivities.of("goal", name)
         assert record.vector is not None
-        wanted = [
+        expected = [
             (cycle(tour, name, STEP * axis) - cycle(tour, name, -STEP * axis))
             / (2.0 * STEP * tour.cycle_time)
             for axis in np.eye(2)
         ]
-        assert np.max(np.abs(wanted)) > 0.01
-        assert record.vector[:2] == pytest.approx(wanted, rel=0.05, abs=5e-3)
+        assert np.max(np.abs(expected)) > 0.01
+        assert record.vector[:2] == pytest.approx(expected, rel=0.05, abs=5e-3)
 
 
 def test_sensitivities_of_limits_add_up_to_the_moving_time(tour: tm.Tour) -> None:

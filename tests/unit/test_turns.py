@@ -53,8 +53,8 @@ def motion_of(
     steps = np.diff(v, axis=0) / h
     if a is None:
         a = np.repeat(steps[1:2], len(t), axis=0)
-    kept = {2: steps, 3: None, 5: a}[degree]
-    draft = tm.Trajectory(robot.joint_names, t, q, v, 0.0 * q, kept)
+    accelerations = {2: steps, 3: None, 5: a}[degree]
+    draft = tm.Trajectory(robot.joint_names, t, q, v, 0.0 * q, accelerations)
     return draft.with_torques(RobotDynamics(robot).inverse)
 
 
