@@ -8,7 +8,7 @@ import pytest
 
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
-from tests.unit.test_time_windows import with_a_slow_beginning
+from tests.unit.test_time_windows import duration_with_a_slow_beginning
 
 OPTIONS = {"intervals": 40, "effort": "quick"}
 ARM = make_arm(slide(1.0), effort=1.0)
@@ -72,7 +72,9 @@ def test_accelerations_are_zero_where_an_arm_stays():
 
 def test_what_ends_to_hold_lets_the_hamiltonian_jump():
     solution = certified(in_windows(tm.ToolSpeed("tip", 0.3, during=(0.0, 0.8))))
-    assert pytest.approx(with_a_slow_beginning(0.3, 0.8), rel=3e-3) == solution.T
+    assert (
+        pytest.approx(duration_with_a_slow_beginning(0.3, 0.8), rel=3e-3) == solution.T
+    )
     assert "Limits depend on time" in solution.certificate.message
     slower = certified(in_windows(tm.ToolSpeed("tip", 0.1, during=(0.0, 0.8))))
     problem = in_windows(tm.ToolSpeed("tip", 0.3, during=(0.0, 0.8)))
