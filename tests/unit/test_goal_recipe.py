@@ -1,4 +1,4 @@
-"""A new kind of goal is one class: planning, bounds and verification take it."""
+"""A new kind of goal is one class, which plans, lower bounds and replays use."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Q_START = np.array([0.3, 0.5, -0.4])
 
 @dataclass(frozen=True, eq=False)
 class HeightGoal(Record, Goal):
-    """Bring a frame to a height, wherever it is else.
+    """Bring a frame to a height; its other coordinates and its orientation are free.
 
     Attributes:
         frame: Name of the frame.
@@ -33,7 +33,7 @@ class HeightGoal(Record, Goal):
         robot.frame_id(self.frame)
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
-        """Height above the one asked for [m]."""
+        """Height of the frame above the goal [m]."""
         value = kinematics.placement(q, self.frame).translation[1:2] - self.height
         by_q = kinematics.jacobian(q, self.frame)[1:2]
         zero = np.zeros(1)
@@ -51,7 +51,7 @@ class HeightGoal(Record, Goal):
 
 @pytest.mark.parametrize("method", ["inverse", "collocation", "adjoint"])
 @pytest.mark.parametrize("control", ["constant", "linear"])
-def test_a_goal_made_elsewhere_is_planned_for(
+def test_goal_class_of_a_caller_is_planned_and_bounded(
     planar3r: tm.Robot, method: str, control: str
 ) -> None:
     if control == "linear" and method != "inverse":
@@ -66,7 +66,9 @@ def test_a_goal_made_elsewhere_is_planned_for(
     assert 0.0 < tm.lower_bound(problem).T <= solution.T
 
 
-def test_a_goal_made_elsewhere_is_explained_and_combined(planar3r: tm.Robot) -> None:
+def test_errors_on_a_goal_class_of_a_caller_name_frame_and_type(
+    planar3r: tm.Robot,
+) -> None:
     high = tm.Problem(planar3r, Q_START, HeightGoal("tip", 50.0))
     with pytest.raises(tm.ProblemError, match="brings frame 'tip' there"):
         tm.plan(high, intervals=10)

@@ -1,4 +1,7 @@
-"""Tests of goals; their derivatives are tested in test_derivatives_problem.py."""
+"""Goals on joints and frames: residuals, checks of arguments, equality.
+
+Their derivatives are tested in test_derivatives_problem.py.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,7 @@ def pose_of_tip(arm: Robot) -> pin.SE3:
 
 
 def every_goal(arm: Robot) -> dict[str, Goal]:
-    """Goals that the state (Q, ...) reaches, but for the velocity."""
+    """A goal of each kind that Q reaches; the final velocities of "moving" differ."""
     pose = pose_of_tip(arm)
     return {
         "joint": JointGoal(Q),
@@ -62,7 +65,9 @@ def test_residual_is_zero_where_the_goal_is_reached(kind: str, planar3r: Robot) 
 
 
 @kinds
-def test_final_velocity(kind: str, planar3r: Robot) -> None:
+def test_final_velocity_is_fixed_unless_a_frame_moves(
+    kind: str, planar3r: Robot
+) -> None:
     goal = every_goal(planar3r)[kind]
     assert goal.fixes_velocity == (kind not in ("position moving", "pose moving"))
     expected = V if kind == "joint moving" else np.zeros(3)
@@ -80,14 +85,16 @@ def test_residual_of_position_goal_is_in_the_world(planar3r: Robot) -> None:
     np.testing.assert_allclose(value, [2, -1, -0.5, *V])
 
 
-def test_residual_of_pose_goal_tells_the_angle(planar3r: Robot) -> None:
+def test_residual_of_pose_goal_contains_the_rotation_angle(planar3r: Robot) -> None:
     goal = PoseGoal("tip", pose_of_tip(planar3r))
     turned = Q + np.array([0.0, 0.0, 0.7])  # the tip turns, and moves on a circle
     value = goal.residual(RobotKinematics(planar3r), turned, np.zeros(3)).value
     np.testing.assert_allclose(value[3:6], [0, 0, 0.7], atol=1e-12)
 
 
-def test_frame_at_given_speed_leaves_the_joints_free(planar3r: Robot) -> None:
+def test_frame_velocity_leaves_joint_velocities_in_its_null_space_free(
+    planar3r: Robot,
+) -> None:
     kinematics = RobotKinematics(planar3r)
     goal = PositionGoal("tip", pose_of_tip(planar3r).translation, SPEED)
     jacobian = kinematics.jacobian(Q, "tip")[:2]
@@ -103,7 +110,7 @@ def test_frame_at_given_speed_leaves_the_joints_free(planar3r: Robot) -> None:
 
 
 @kinds
-def test_goals_fit_their_robot(kind: str, planar3r: Robot) -> None:
+def test_goals_are_valid_for_their_robot(kind: str, planar3r: Robot) -> None:
     every_goal(planar3r)[kind].validate(planar3r)
 
 
@@ -121,13 +128,17 @@ def test_goals_fit_their_robot(kind: str, planar3r: Robot) -> None:
         ),
     ],
 )
-def test_number_of_joints(goal: JointGoal, message: str, planar3r: Robot) -> None:
+def test_wrong_number_of_joint_values_is_refused(
+    goal: JointGoal, message: str, planar3r: Robot
+) -> None:
     with pytest.raises(ProblemError, match=message):
         goal.validate(planar3r)
 
 
 @pytest.mark.parametrize("make", [PositionGoal, PoseGoal])
-def test_unknown_frame_lists_those_there_are(make: type, planar3r: Robot) -> None:
+def test_error_on_an_unknown_frame_lists_the_frames_of_the_robot(
+    make: type, planar3r: Robot
+) -> None:
     place = (1, 1, 0) if make is PositionGoal else pin.SE3.Identity()
     with pytest.raises(FrameNotFound, match=r"no frame 'hand'.* has: .*tip") as caught:
         make("hand", place).validate(planar3r)
@@ -155,7 +166,7 @@ BAD_TRIPLES = [
 
 
 @pytest.mark.parametrize("position", BAD_TRIPLES)
-def test_bad_positions(position: object) -> None:
+def test_bad_positions_are_refused(position: object) -> None:
     with pytest.raises(
         ProblemError, match=r"^goal\.position .*three coordin.* \[m\]"
     ) as e:
@@ -164,7 +175,7 @@ def test_bad_positions(position: object) -> None:
 
 
 @pytest.mark.parametrize("v", [v for v in BAD_TRIPLES if v is not None])
-def test_bad_speeds_of_frames(v: object) -> None:
+def test_bad_frame_velocities_are_refused(v: object) -> None:
     for make, place in ((PositionGoal, (1, 1, 1)), (PoseGoal, pin.SE3.Identity())):
         with pytest.raises(ProblemError, match=r"^goal\.v .*three comp.* \[m/s\]") as e:
             make("tip", place, v)  # type: ignore[operator]
@@ -174,7 +185,7 @@ def test_bad_speeds_of_frames(v: object) -> None:
 @pytest.mark.parametrize(
     "value", ["123", 5.0, [[1, 2], [3]], [[1, 2, 3]], (1, 2, None), {}, [1j], object()]
 )
-def test_bad_joint_values(value: object) -> None:
+def test_bad_joint_values_are_refused(value: object) -> None:
     with pytest.raises(
         ProblemError, match=r"^goal\.q .*one number for each .*\[rad"
     ) as e:
@@ -190,7 +201,7 @@ def test_joint_goal_needs_positions() -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_numbers_are_finite(bad: float) -> None:
+def test_numbers_that_are_not_finite_are_refused(bad: float) -> None:
     values = [0.0, bad, 0.0]
     makers = {
         "goal.q": lambda: JointGoal(values),
@@ -205,7 +216,7 @@ def test_numbers_are_finite(bad: float) -> None:
 
 
 @pytest.mark.parametrize("frame", [None, "", 3, ["tip"]])
-def test_bad_frame_names(frame: object) -> None:
+def test_bad_frame_names_are_refused(frame: object) -> None:
     for make, place in ((PositionGoal, (1, 1, 1)), (PoseGoal, pin.SE3.Identity())):
         with pytest.raises(
             ProblemError, match=r"goal\.frame is .*name of a frame"
@@ -223,7 +234,7 @@ def test_bad_frame_names(frame: object) -> None:
         (pin.SE3(np.diag([1.0, 1.0, -1.0]), np.zeros(3)), "not a rotation matrix"),
     ],
 )
-def test_bad_poses(pose: object, message: str) -> None:
+def test_bad_poses_are_refused(pose: object, message: str) -> None:
     with pytest.raises(ProblemError, match=message) as caught:
         PoseGoal("tip", pose)
     assert caught.value.field == "goal.pose"
@@ -242,7 +253,7 @@ def test_goals_are_equal_by_value(kind: str, planar3r: Robot) -> None:
     assert [other for other in goals.values() if other == goal] == [goal]
 
 
-def test_goals_that_differ(planar3r: Robot) -> None:
+def test_goals_of_different_values_are_unequal(planar3r: Robot) -> None:
     assert JointGoal([1, 2, 3]) != JointGoal([1, 2, 4])
     assert JointGoal([1, 2, 3]) != JointGoal([1, 2, 3], [0, 0, 0])
     assert JointGoal([1, 2, 3]) == JointGoal(np.array([1.0, 2.0, 3.0]))
@@ -265,7 +276,7 @@ def test_goals_are_frozen(kind: str, planar3r: Robot) -> None:
                     value[0] = 5.0
 
 
-def test_pose_is_a_copy(planar3r: Robot) -> None:
+def test_goal_stores_a_copy_of_its_pose(planar3r: Robot) -> None:
     pose = pose_of_tip(planar3r)
     goal = PoseGoal("tip", pose)
     pose.translation = np.array([9.0, 9.0, 9.0])

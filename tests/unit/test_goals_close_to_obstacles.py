@@ -1,4 +1,4 @@
-"""Goals closer to an obstacle than the padding: a gripper at a part, a tool at work."""
+"""Plans to goals closer to an obstacle than the padding, as of a gripper at a part."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ RAIL = """<robot name="rail"><link name="base"/><link name="cube"><inertial>
 <joint name="slide" type="prismatic"><parent link="base"/><child link="cube"/>
 <axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="10" velocity="5"/></joint>
 </robot>"""
-# Room that is left at the goal [m].
+# Clearance at the goal [m].
 GAPS = (3e-4, 1e-3)
-# Whether a goal is reached is asked, not how soon.
+# The tests check that a goal is reached; the motion time does not matter.
 QUICK = {"effort": "quick", "refine": None, "max_planning_time": 300.0}
 
 
@@ -34,7 +34,7 @@ def tip_of(robot: Robot) -> pin.SE3:
 
 
 def ball_near(robot: Robot, gap: float) -> tm.Scene:
-    """A ball so far from the tip of the arm at the close configuration."""
+    """A ball ahead of the tip, with a clearance of `gap` at the close configuration."""
     tip = tip_of(robot)
     ahead = np.array(tip.rotation)[:, 0]
 
@@ -52,7 +52,7 @@ def ball_near(robot: Robot, gap: float) -> tm.Scene:
 
 
 def goals(robot: Robot) -> dict[str, tm.Goal]:
-    """Goals that are only met at places as close to the ball."""
+    """Goals that the arm reaches only where it is as close to the ball."""
     tip = tip_of(robot)
     return {
         "joints": tm.JointGoal(CLOSE),
@@ -63,7 +63,9 @@ def goals(robot: Robot) -> dict[str, tm.Goal]:
 
 @pytest.mark.parametrize("gap", GAPS)
 @pytest.mark.parametrize("kind", ["joints", "position", "pose"])
-def test_goal_is_reached(planar3r: Robot, kind: str, gap: float) -> None:
+def test_goal_closer_than_the_padding_is_reached(
+    planar3r: Robot, kind: str, gap: float
+) -> None:
     problem = tm.Problem(
         planar3r, START, goals(planar3r)[kind], ball_near(planar3r, gap)
     )
@@ -74,7 +76,7 @@ def test_goal_is_reached(planar3r: Robot, kind: str, gap: float) -> None:
 
 @pytest.mark.parametrize("kind", ["joints", "pose"])
 def test_goal_exactly_at_the_margin_is_reached(planar3r: Robot, kind: str) -> None:
-    """Of a pose it was refused: it lacks -5.56e-16 m of room."""
+    """Regression: a pose goal was refused, as its clearance lacked -5.56e-16 m."""
     scene, margin = ball_near(planar3r, 0.01), 0.01
     goal = goals(planar3r)[kind]
     problem = tm.Problem(planar3r, START, goal, scene, margin=margin)
@@ -83,8 +85,8 @@ def test_goal_exactly_at_the_margin_is_reached(planar3r: Robot, kind: str) -> No
 
 
 @pytest.mark.parametrize("room", [1.5e-3, 1e-4])
-def test_passage_narrower_than_the_padding(room: float) -> None:
-    """Neither start nor goal is near: the least time is that without the walls."""
+def test_passage_narrower_than_the_padding_costs_no_motion_time(room: float) -> None:
+    """Start and goal are far from the walls: T is that of a plan without walls."""
     arm = tm.load_robot(RAIL)
     walls = [
         tm.Box(name, size=(0.1, 0.2, 1.0), position=(0.0, side * (0.15 + room), 0.0))
@@ -98,8 +100,8 @@ def test_passage_narrower_than_the_padding(room: float) -> None:
     assert solution.T < 1.001 * tm.plan(replace(problem, scene=tm.Scene()), **few).T
 
 
-def test_a_stop_in_a_narrow_passage_returns_the_motion_through_it() -> None:
-    """It keeps all limits of the problem, but was not replayed: it lacks padding."""
+def test_plan_interrupted_in_a_narrow_passage_returns_its_motion() -> None:
+    """Regression: a motion within all limits was not replayed, as it lacked padding."""
     arm = tm.load_robot(RAIL)
     walls = [
         tm.Box(name, size=(0.1, 0.2, 1.0), position=(0.0, side * 0.1505, 0.0))
@@ -112,8 +114,8 @@ def test_a_stop_in_a_narrow_passage_returns_the_motion_through_it() -> None:
     assert solution.success and solution.verification.ok
 
 
-def test_start_with_a_velocity_towards_a_wall() -> None:
-    """It can just stop, a millimetre before the wall."""
+def test_start_with_a_velocity_towards_a_wall_is_planned() -> None:
+    """The cube can just stop, a millimetre before the wall."""
     arm = tm.load_robot(RAIL)
     ahead, v = 0.05, np.sqrt(2.0 * 10.0 * (0.05 - 1e-3))
     wall = tm.Box("wall", size=(0.1, 1.0, 1.0), position=(0.1 + ahead, 0.0, 0.0))
@@ -128,7 +130,9 @@ def test_start_with_a_velocity_towards_a_wall() -> None:
 
 @pytest.mark.parametrize("kind", ["joints", "pose"])
 @pytest.mark.parametrize("stop", [True, False])
-def test_goal_on_the_way_is_reached(planar3r: Robot, kind: str, stop: bool) -> None:
+def test_intermediate_goal_closer_than_the_padding_is_reached(
+    planar3r: Robot, kind: str, stop: bool
+) -> None:
     scene, goal = ball_near(planar3r, 1e-3), goals(planar3r)[kind]
     segments = [tm.Segment(goal, stop=stop), tm.Segment(tm.JointGoal(START))]
     problem = tm.Problem(planar3r, START, segments=segments, scene=scene)
@@ -136,7 +140,7 @@ def test_goal_on_the_way_is_reached(planar3r: Robot, kind: str, stop: bool) -> N
     assert solution.success, solution.message
 
 
-def test_padding_is_half_the_room_where_a_guess_ends(planar3r: Robot) -> None:
+def test_padding_is_half_the_clearance_at_the_end_of_a_guess(planar3r: Robot) -> None:
     problem = tm.Problem(
         planar3r, START, goals(planar3r)["pose"], ball_near(planar3r, 1e-3)
     )
@@ -146,7 +150,7 @@ def test_padding_is_half_the_room_where_a_guess_ends(planar3r: Robot) -> None:
     assert full is not None and close is not None
     assert full.padding.max() == PADDING
     assert close.padding.min() == pytest.approx(0.5e-3, rel=1e-3)
-    # Known configurations change nothing, and no goal lies in an obstacle.
+    # The start changes no padding, nor does a configuration in collision.
     assert full.passing(np.array([START])) is full
     inside = CLOSE + np.array([0.1, 0.0, 0.0])
     room = problem.checker.distances(inside[None], 10.0)[0]

@@ -1,7 +1,7 @@
-"""Goals on long rails and of tiny arms: the search for configurations has their scale.
+"""Goals on long rails and of tiny arms: inverse kinematics has the robot's scale.
 
-Steps of at most half a metre did not get farther than 30 m, and errors of a micrometre
-were none, also for arms that are no longer than that.
+Regressions: steps of at most half a metre did not get farther than 30 m, and an error
+of a micrometre counted as zero, also for arms no longer than a micrometre.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ FAR = np.array([0.45, 0.53, 1.05, 0.09])
 
 
 def machine(axes: str, travel: float, length: float = 1.0) -> tm.Robot:
-    """Joints that slide along x, y, z, and with capitals turn about them."""
+    """A robot with a joint per letter: x slides along the x axis, X turns about it."""
     parts = ['<link name="l0"/>']
     for number, axis in enumerate(axes, 1):
         kind, most, offset = "prismatic", travel, 0.0
@@ -46,7 +46,9 @@ def machine(axes: str, travel: float, length: float = 1.0) -> tm.Robot:
 
 @pytest.mark.parametrize("distance", [1.0, 30.0, 1000.0])
 @pytest.mark.parametrize("travel", [5000.0, np.inf])
-def test_ranges_of_joints_on_long_axes(distance: float, travel: float) -> None:
+def test_joint_ranges_far_along_an_axis_are_reached_at_full_speed(
+    distance: float, travel: float
+) -> None:
     robot, there = machine("xyzx", travel), distance * FAR
     goal = tm.JointRegionGoal(there, 0.05 * there)
     solution = tm.plan(tm.Problem(robot, np.zeros(4), goal), QUICK)
@@ -80,7 +82,9 @@ POSE = (np.array([60.0, -50.0, 20.0]), np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0
         ),
     ],
 )
-def test_frames_on_rails_and_gantries(axes: str, goal: tm.Goal) -> None:
+def test_frame_goals_on_rails_and_gantries_are_reached(
+    axes: str, goal: tm.Goal
+) -> None:
     robot = machine(axes, 100.0)
     solution = tm.plan(tm.Problem(robot, np.zeros(robot.n), goal), QUICK)
     assert solution.success
@@ -90,8 +94,8 @@ def test_frames_on_rails_and_gantries(axes: str, goal: tm.Goal) -> None:
     assert solution.T < 35.0
 
 
-def test_endless_rails_among_obstacles() -> None:
-    """Their length is no scale: paths could not be sampled."""
+def test_plan_on_endless_rails_avoids_obstacles() -> None:
+    """Regression: paths were not sampled, as the scale was the infinite rail length."""
     robot = machine("xyz", np.inf)
     load = tm.Payload(1.0, "l3", geometry=[tm.Sphere("ball", radius=0.1)])
     wall = tm.Box("wall", size=(0.2, 3.0, 1.0), position=(1.5, 0.05, 0.02))
@@ -108,7 +112,7 @@ def test_endless_rails_among_obstacles() -> None:
 
 
 @pytest.mark.parametrize("length", [1e-6, 1e-4])
-def test_tiny_arms_reach_goals_as_large_ones_do(length: float) -> None:
+def test_tiny_arms_reach_goals_to_a_hundredth_of_their_length(length: float) -> None:
     robot = machine("ZYxYXY", 0.5 * length, length)
     robot = robot.with_changes(velocity={"j3": 2.0 * length})
     kinematics = RobotKinematics(robot)
@@ -128,7 +132,7 @@ def test_tiny_arms_reach_goals_as_large_ones_do(length: float) -> None:
         assert np.abs(lack).max() < 1e-2
 
 
-def test_tours_of_a_gantry() -> None:
+def test_tour_of_a_gantry_reaches_its_stations() -> None:
     robot = machine("xyzx", 100.0)
     places = {"a": (60, 40, 10), "b": (-40, 20, 5), "c": (5, 1, 0)}
     stations = {key: tm.PositionGoal("l4", place) for key, place in places.items()}

@@ -1,4 +1,7 @@
-"""Goals on a frame whose configurations collide: led out of it, or told of soon."""
+"""Goals on a frame whose configurations collide.
+
+Inverse kinematics moves them out of the collision, or the plan ends early.
+"""
 
 from __future__ import annotations
 
@@ -18,12 +21,13 @@ from tominpmp.initial_guess.inverse_kinematics import (
 from tominpmp.initial_guess.rrt import is_free
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Two links of 3 m, or of 3, 2 and 1 m, turn from upright to a place beside it.
+# An arm with two links of 3 m, or with three links of 3, 2 and 1 m, turns from upright
+# to a place on one side.
 UPRIGHT = np.pi / 2
 PLACE = (4.0, 2.0, 0.0)
-# The elbows of two links there.
+# The positions of the elbow with which the arm of two links is at the place.
 ELBOWS = (1.108, 2.789), (2.894, -0.789)
-# Spheres around the place, which leave no way in, whatever the freedom.
+# Spheres around the place, which also keep the redundant arm of three links out.
 RING = [
     (PLACE[0] + z.real, PLACE[1] + z.imag)
     for z in 0.5 * np.exp(2j * np.pi * np.arange(10) / 10)
@@ -33,7 +37,7 @@ RING = [
 def turning(
     two: bool, *spheres: tuple[float, float], lower: float = -6.0
 ) -> tm.Problem:
-    """To the place, with spheres in the way, from a lower limit of positions on."""
+    """Turn to the place among spheres, with a lower limit of the joint positions."""
     arm = tm.load_robot("planar3r", position_lower=lower, velocity=3.0)
     if two:
         arm = arm.with_locked({"joint3": 0.0})
@@ -47,36 +51,37 @@ def turning(
     return tm.Problem(arm, start, tm.PositionGoal("tip", PLACE), scene)
 
 
-def found(problem: tm.Problem) -> tuple[ProblemFunctions, GoalSearch]:
+def search_goal(problem: tm.Problem) -> tuple[ProblemFunctions, GoalSearch]:
     system = ProblemFunctions.of(problem)
     rng = np.random.default_rng(0)
     return system, find_configurations(Target(system, problem.goal), 20, rng)
 
 
 @pytest.mark.parametrize("two", [True, False])
-def test_configurations_that_leave_no_freedom_are_isolated(two: bool) -> None:
-    system, search = found(turning(two))
+def test_configurations_of_a_nonredundant_arm_are_isolated(two: bool) -> None:
+    system, search = search_goal(turning(two))
     assert search.free
     alone = [isolated(Target(system, system.problem.goal), q) for q in search.free]
     assert alone == [two] * len(alone)
 
 
-def test_a_goal_that_is_reached_in_collision_only_is_refused_at_once() -> None:
+def test_goal_whose_configurations_all_collide_is_refused_at_once() -> None:
     words = r"goal: all 3 configurations found to reach it are in collision.*'S\d' lack"
     with pytest.raises(ProblemError, match=words) as refused:
         tm.plan(turning(True, *ELBOWS))
     assert refused.value.field == "goal"
 
 
-def test_one_that_is_clear_with_the_other_elbow_is_planned() -> None:
+def test_goal_that_is_clear_with_the_other_elbow_is_planned() -> None:
     few = {"effort": "quick", "refine": None, "intervals": 24}
-    # A turn less would be clear as well, but the sphere is in the way there.
+    # The lower limit excludes the same elbow a full turn below, which is clear as well,
+    # but with the sphere on the way.
     solution = tm.plan(turning(True, ELBOWS[1], lower=-3.0), **few)
     assert solution.success, solution.message
     assert solution.trajectory.q[-1, 1] < 0.0
 
 
-def test_freedom_leads_out_of_a_collision() -> None:
+def test_null_space_motion_leads_out_of_a_collision() -> None:
     problem = turning(False, (2.06, 2.478))
     system = ProblemFunctions.of(problem)
     blocked = np.array([1.19337527, -1.45945531, 0.0])
@@ -88,18 +93,20 @@ def test_freedom_leads_out_of_a_collision() -> None:
     assert there == pytest.approx(PLACE, abs=1e-5)
 
 
-def test_its_residual_against_differences() -> None:
+def test_jacobian_of_clear_target_matches_finite_differences() -> None:
     system = ProblemFunctions.of(turning(False, *ELBOWS))
-    asked = Target(system, system.problem.goal, keep_clear=True)
+    clear_target = Target(system, system.problem.goal, keep_clear=True)
     q = np.array([1.19, -1.45, 0.01])
-    (value,), (by_q,) = asked.residual(q[None])
+    (value,), (by_q,) = clear_target.residual(q[None])
     assert value.size > 3
     steps = 1e-6 * np.eye(3)
-    slopes = (asked.residual(q + steps)[0] - asked.residual(q - steps)[0]) / 2e-6
+    slopes = (
+        clear_target.residual(q + steps)[0] - clear_target.residual(q - steps)[0]
+    ) / 2e-6
     assert by_q.T == pytest.approx(slopes, abs=1e-4)
 
 
-def test_guesses_that_end_in_collision_say_so() -> None:
+def test_guesses_that_end_in_collision_are_marked_as_blocked() -> None:
     def first(problem: tm.Problem) -> bool:
         system = ProblemFunctions.of(problem)
         return next(

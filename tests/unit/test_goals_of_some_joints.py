@@ -1,4 +1,7 @@
-"""Goals that name some joints: Python, scenario files and the command line agree."""
+"""Joint goals that give positions of some of the joints only, by name.
+
+They are the same in Python, in scenario files and on the command line.
+"""
 
 from __future__ import annotations
 
@@ -25,31 +28,35 @@ def goal_of(problem: tm.Problem) -> list[float]:
     return q.tolist()
 
 
-def test_the_others_stay_at_the_start(robot: tm.Robot, tmp_path: Path) -> None:
-    made = tm.Problem(robot, START, tm.JointGoal({"joint2": 1.2}))
-    assert goal_of(made) == [0.5, 1.2, -1.7]
+def test_joints_not_in_the_goal_stay_at_the_start(
+    robot: tm.Robot, tmp_path: Path
+) -> None:
+    partial = tm.Problem(robot, START, tm.JointGoal({"joint2": 1.2}))
+    assert goal_of(partial) == [0.5, 1.2, -1.7]
     path = tmp_path / "scenario.toml"
     path.write_text(
         'goal = {type = "joint", q = {joint2 = 1.2}}\n'
         'robot = {name = "planar3r"}\nstart = {q = [0.5, 1.7, -1.7]}\n'
     )
-    assert goal_of(tm.load_scenario(path).problem) == goal_of(made)
-    typed = ProblemOptions(start="0.5 1.7 -1.7", goal="joint2=1.2")
-    found, _ = load_problem("planar3r", typed)
-    assert goal_of(found) == goal_of(made)
+    assert goal_of(tm.load_scenario(path).problem) == goal_of(partial)
+    options = ProblemOptions(start="0.5 1.7 -1.7", goal="joint2=1.2")
+    from_options, _ = load_problem("planar3r", options)
+    assert goal_of(from_options) == goal_of(partial)
 
 
-def test_speeds_beside_them_are_zero(robot: tm.Robot) -> None:
+def test_velocities_of_joints_not_in_the_goal_are_zero(robot: tm.Robot) -> None:
     goal = tm.JointGoal({"joint2": 1.2, "joint1": 0.6}, v={"joint2": 0.1})
-    made = tm.Problem(robot, START, goal)
-    assert goal_of(made) == [0.6, 1.2, -1.7]
-    assert made.goal.final_velocity(3).tolist() == [0.0, 0.1, 0.0]
+    partial = tm.Problem(robot, START, goal)
+    assert goal_of(partial) == [0.6, 1.2, -1.7]
+    assert partial.goal.final_velocity(3).tolist() == [0.0, 0.1, 0.0]
 
 
-def test_of_segments_where_the_one_before_leaves_them(robot: tm.Robot) -> None:
+def test_joints_not_in_a_segment_goal_stay_at_the_previous_goal(
+    robot: tm.Robot,
+) -> None:
     goals = [tm.JointGoal({"joint1": 0.6}), tm.JointGoal({"joint2": 1.6})]
-    made = tm.Problem(robot, START, segments=[tm.Segment(goal) for goal in goals])
-    assert [goal_of(part) for part in made.phases] == [
+    partial = tm.Problem(robot, START, segments=[tm.Segment(goal) for goal in goals])
+    assert [goal_of(part) for part in partial.phases] == [
         [0.6, 1.7, -1.7],
         [0.6, 1.6, -1.7],
     ]
@@ -59,26 +66,28 @@ def test_of_segments_where_the_one_before_leaves_them(robot: tm.Robot) -> None:
         tm.Problem(robot, START, segments=[somewhere, last])
 
 
-def test_any_of_several_and_copies(robot: tm.Robot) -> None:
+def test_alternative_goals_leave_other_joints_at_the_start(robot: tm.Robot) -> None:
     goals = [tm.JointGoal({"joint1": 0.6}), tm.JointGoal({"joint1": 0.7})]
-    made = tm.Problem(robot, START, tm.AnyGoal(goals))
-    assert [goal_of(one) for one in made.alternatives] == [
+    partial = tm.Problem(robot, START, tm.AnyGoal(goals))
+    assert [goal_of(one) for one in partial.alternatives] == [
         [0.6, *START[1:]],
         [0.7, *START[1:]],
     ]
-    other = made.with_ends(np.array([0.4, 1.5, -1.5]), goals[0])
+    other = partial.with_ends(np.array([0.4, 1.5, -1.5]), goals[0])
     assert goal_of(other) == [0.6, 1.5, -1.5]
 
 
-def test_of_one_robot_among_several(robot: tm.Robot) -> None:
+def test_workcell_goals_leave_other_joints_of_each_robot_at_the_start(
+    robot: tm.Robot,
+) -> None:
     cell = tm.Workcell({"a": (robot, (0, 0, 0)), "b": (robot, (30.0, 0, 0))})
     start = {"a": START, "b": START}
     goals = {"a": tm.JointGoal({"joint1": 0.6}), "b": tm.JointGoal({"joint3": -1.6})}
-    found = cell.problem(start, goals)
-    assert goal_of(found) == [0.6, 1.7, -1.7, 0.5, 1.7, -1.6]
+    combined = cell.problem(start, goals)
+    assert goal_of(combined) == [0.6, 1.7, -1.7, 0.5, 1.7, -1.6]
 
 
-def test_stations_and_starts_name_all_joints(robot: tm.Robot) -> None:
+def test_stations_and_starts_must_name_all_joints(robot: tm.Robot) -> None:
     goal = tm.JointGoal({"joint1": 0.6})
     with pytest.raises(tm.ProblemError, match="nothing about joint2, joint3"):
         tm.plan_tour(robot, START, {"a": goal, "b": tm.JointGoal(START)})
@@ -86,7 +95,7 @@ def test_stations_and_starts_name_all_joints(robot: tm.Robot) -> None:
         tm.Problem(robot, {"joint1": 0.5, "joint3": -1.7}, goal)
 
 
-def test_regions_have_tolerances_by_joint_name(robot: tm.Robot) -> None:
+def test_joint_regions_have_tolerances_by_joint_name(robot: tm.Robot) -> None:
     goal = tm.JointRegionGoal(
         {"joint3": -1.6, "joint1": 0.6}, {"joint1": 0.1, "joint3": 0.2}
     )
@@ -97,7 +106,7 @@ def test_regions_have_tolerances_by_joint_name(robot: tm.Robot) -> None:
         tm.JointRegionGoal((0.6, 1.7, -1.6), {"joint1": 0.1})
 
 
-def test_joints_are_named_in_one_way(robot: tm.Robot) -> None:
+def test_joint_names_in_a_mapping_and_in_joints_are_refused(robot: tm.Robot) -> None:
     for kind in (tm.JointGoal, tm.JointRegionGoal):
         with pytest.raises(
             tm.ProblemError, match=r"joints is \('joint2',\), expected N"
@@ -105,7 +114,7 @@ def test_joints_are_named_in_one_way(robot: tm.Robot) -> None:
             kind({"joint1": 0.6}, joints=("joint2",))
 
 
-def test_goals_that_contradict_each_other_are_refused(robot: tm.Robot) -> None:
+def test_joint_ranges_that_contradict_each_other_are_refused(robot: tm.Robot) -> None:
     def goal(apart: float) -> tm.AllGoals:
         near = tm.JointRegionGoal({"joint1": 1.0, "joint3": -1.0}, 0.1)
         return tm.AllGoals([near, tm.JointRegionGoal({"joint1": 1.0 + apart}, 0.2)])

@@ -1,4 +1,4 @@
-"""Tests of goals with a tolerance, and of sets of goals."""
+"""Goals with a tolerance, and sets of goals: AnyGoal and AllGoals."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def pose(kinematics: RobotKinematics) -> pin.SE3:
 
 
 def every_goal(pose: pin.SE3) -> dict[str, Goal]:
-    """Goals that Q reaches, in the middle of what they allow."""
+    """Goals that Q reaches, each in the middle of its tolerance."""
     p, towards = np.array(pose.translation), pose.rotation @ AXIS
     return {
         "position": PositionGoal(TIP, p, tolerance=0.03),
@@ -100,7 +100,7 @@ def test_residual_is_within_bounds_where_the_goal_is_reached(
 
 
 @kinds
-def test_derivatives(
+def test_derivatives_of_residuals_match_finite_differences(
     kind: str, pose: pin.SE3, kinematics: RobotKinematics, rng: np.random.Generator
 ) -> None:
     goal = goal_of(kind, pose)
@@ -160,7 +160,9 @@ def test_tolerance_of_a_pose_is_an_angle(
         assert (np.abs(goal.excess(kinematics, Q, REST)).max() < 1e-9) == inside
 
 
-def test_axis_goal_tells_the_angle(pose: pin.SE3, kinematics: RobotKinematics) -> None:
+def test_residual_of_axis_goal_has_the_angle_as_its_norm(
+    pose: pin.SE3, kinematics: RobotKinematics
+) -> None:
     towards = pose.rotation @ np.array([0.0, 0.0, 1.0])
     other = np.cross(towards, [1.0, 0.0, 0.0])
     other /= np.linalg.norm(other)
@@ -173,7 +175,7 @@ def test_axis_goal_tells_the_angle(pose: pin.SE3, kinematics: RobotKinematics) -
         assert (np.abs(excess).max() > 0.0) == (angle > 0.5)
 
 
-def test_axis_goal_at_the_opposite_knows_a_way(
+def test_axis_goal_opposite_to_its_direction_has_a_descent_direction(
     pose: pin.SE3, kinematics: RobotKinematics
 ) -> None:
     goal = AxisGoal(TIP, (1, 0, 0), -pose.rotation[:, 0])
@@ -184,7 +186,7 @@ def test_axis_goal_at_the_opposite_knows_a_way(
     assert np.linalg.norm(goal.place_residual(kinematics, Q + step)[0]) < np.pi - 1e-3
 
 
-def test_a_turn_about_a_free_axis_counts_for_nothing(
+def test_rotation_about_a_free_axis_gives_no_excess(
     pose: pin.SE3, kinematics: RobotKinematics
 ) -> None:
     for angle in (1.0, 3.0):
@@ -219,7 +221,7 @@ def test_misses_name_joints_and_frames(
 # Sets
 
 
-def test_any_goal_is_judged_by_the_nearest(
+def test_any_goal_is_measured_by_its_nearest_alternative(
     pose: pin.SE3, kinematics: RobotKinematics
 ) -> None:
     far, near = PositionGoal(TIP, (0.1, 0.1, 0.9)), JointGoal(Q + 0.01)
@@ -233,7 +235,7 @@ def test_any_goal_is_judged_by_the_nearest(
     assert near.alternatives == (near,)
 
 
-def test_any_goal_leaves_out_what_cannot_be_reached(ur5: Robot) -> None:
+def test_any_goal_leaves_out_unreachable_alternatives(ur5: Robot) -> None:
     far = PositionGoal(TIP, (5.0, 0.0, 0.0))
     goal = AnyGoal([far, JointGoal(Q), JointGoal([9.0, 0, 0, 0, 0, 0])])
     with pytest.warns(TominpmpWarning, match=r"left out") as found:
@@ -274,12 +276,14 @@ def test_all_goals_need_goals_at_rest(pose: pin.SE3) -> None:
         ([Q], "holds a ndarray"),
     ],
 )
-def test_bad_sets(make: type, goals: object, message: str) -> None:
+def test_bad_sets_of_goals_are_refused(make: type, goals: object, message: str) -> None:
     with pytest.raises(ProblemError, match=message):
         make(goals)
 
 
-def test_any_goal_of_unlike_velocities(pose: pin.SE3) -> None:
+def test_any_goal_refuses_alternatives_of_unlike_final_velocities(
+    pose: pin.SE3,
+) -> None:
     goals = [PositionGoal(TIP, pose.translation, (1, 0, 0)), JointGoal(Q)]
     with pytest.raises(
         ProblemError, match="some of the goals fix the final joint velocity"
@@ -291,7 +295,7 @@ def test_any_goal_of_unlike_velocities(pose: pin.SE3) -> None:
 
 
 @kinds
-def test_goals_are_values(kind: str, pose: pin.SE3, ur5: Robot) -> None:
+def test_goals_are_equal_by_value(kind: str, pose: pin.SE3, ur5: Robot) -> None:
     goal = goal_of(kind, pose)
     goal.validate(ur5)
     assert goal == goal_of(kind, pose)
@@ -337,13 +341,13 @@ BAD: dict[str, tuple[Callable[[], Goal], str]] = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_bad_values(case: str) -> None:
+def test_bad_values_are_refused(case: str) -> None:
     make, message = BAD[case]
     with pytest.raises(ProblemError, match=message):
         make()
 
 
-def test_checks_against_the_robot(ur5: Robot) -> None:
+def test_goals_that_do_not_fit_the_robot_are_refused(ur5: Robot) -> None:
     with pytest.raises(JointNotFound, match="there is no joint 'elbow'"):
         JointRegionGoal([1.0], 0.0, ["elbow"]).validate(ur5)
     with pytest.raises(ProblemError, match="1 numbers, expected 6"):
@@ -360,7 +364,9 @@ def test_checks_against_the_robot(ur5: Robot) -> None:
         Problem(ur5, Q, AllGoals([replace(far, tolerance=0.5)]))
 
 
-def test_range_beyond_a_limit_ends_at_the_limit(kinematics: RobotKinematics) -> None:
+def test_joint_range_beyond_a_limit_ends_at_the_limit(
+    kinematics: RobotKinematics,
+) -> None:
     top = float(kinematics.robot.limits.position_upper[2])
     goal = JointRegionGoal([top + 0.05], 0.2, ["elbow_joint"])
     place = goal.place(kinematics, np.full(6, top))
@@ -372,8 +378,8 @@ def test_range_beyond_a_limit_ends_at_the_limit(kinematics: RobotKinematics) -> 
 
 
 @pytest.mark.parametrize("method", ["inverse", "collocation", "adjoint"])
-def test_a_tolerance_is_used(method: str, planar3r: Robot) -> None:
-    """The tip stops where it enters the ball; every transcription knows the bounds."""
+def test_plan_uses_the_tolerance_of_its_goal(method: str, planar3r: Robot) -> None:
+    """The tip stops where it enters the ball of the tolerance, in each method."""
     q = np.array([0.5, 1.7, -1.7])
     kinematics = RobotKinematics(planar3r)
     centre = kinematics.placement(q + 0.2, "tip").translation

@@ -1,6 +1,7 @@
-"""A goal is refused only after configurations that reach it were looked for in earnest.
+"""Goals whose configurations are hard to find by inverse kinematics.
 
-A pose within a narrow cone was missed from twenty starts, though there is one.
+Regression: the search from twenty starts missed the configuration of a pose that an
+upright constraint restricts to a narrow cone.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ def panda() -> tm.Robot:
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_a_pose_within_a_narrow_cone_is_found(seed: int) -> None:
+def test_guess_reaches_a_pose_within_a_narrow_cone(seed: int) -> None:
     robot = panda()
     pose = RobotKinematics(robot).placement(np.array(END), FRAME)
     problem = tm.Problem(
@@ -48,14 +49,17 @@ def test_a_pose_within_a_narrow_cone_is_found(seed: int) -> None:
         self_collision=False,
     )
     system = ProblemFunctions.of(problem)
-    # The first one stays at the start.
+    # The first guess stays at the start.
     _, guess = initial_guesses(system, GuessRequest(2, np.random.default_rng(seed)))
     reached = system.kinematics.placement(guess.q[-1], FRAME)
     assert np.allclose(reached.translation, pose.translation, atol=1e-5)
 
 
 def test_goals_far_from_a_start_next_to_the_limits_are_reached() -> None:
-    """Starts of the search were within half a turn, all on one side: it was refused."""
+    """Regression: the goal was refused, as all starts of the search lay on one side.
+
+    The starts were within half a turn of the start of the motion.
+    """
     robot = tm.load_robot("planar3r")
     robot = robot.with_changes(
         position_lower=np.maximum(robot.limits.position_lower, -2.9),
@@ -70,8 +74,11 @@ def test_goals_far_from_a_start_next_to_the_limits_are_reached() -> None:
     assert np.any([np.allclose(q, end, atol=1e-5) for q in found.free])
 
 
-def test_configurations_that_are_reached_soonest_are_among_those_found() -> None:
-    """Beside many starts from all over; without any near the start they are not."""
+def test_search_finds_the_configurations_that_are_reached_soonest() -> None:
+    """Compared with sixty random starts of the search.
+
+    A search without starts near the start of the motion misses these configurations.
+    """
     robot = panda()
     kinematics, limits = RobotKinematics(robot), robot.limits
     rng, ratios = np.random.default_rng(3), []

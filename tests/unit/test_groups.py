@@ -1,4 +1,4 @@
-"""Tests of groups: which joints move, and where the others are held."""
+"""Groups of SRDF files: which joints move, and where the other joints are locked."""
 
 from __future__ import annotations
 
@@ -47,7 +47,9 @@ def arm(folder: Path, groups: str = ALL, **arguments: object) -> object:
         ("sample_both", ("j2", "j4")),
     ],
 )
-def test_joints_of_groups(group: str, joints: tuple[str, ...], tmp_path: Path) -> None:
+def test_group_moves_its_joints_and_locks_the_others(
+    group: str, joints: tuple[str, ...], tmp_path: Path
+) -> None:
     found = arm(tmp_path, group=group)
     assert found.joint_names == joints
     rest = {"j1": -0.5, "j2": 0.0, "j3": 0.0, "j4": 0.0}
@@ -55,7 +57,9 @@ def test_joints_of_groups(group: str, joints: tuple[str, ...], tmp_path: Path) -
     assert pickle.loads(pickle.dumps(found)) == found
 
 
-def test_states_of_one_name_are_those_of_the_group_that_moves(tmp_path: Path) -> None:
+def test_group_state_of_a_shared_name_is_that_of_the_loaded_group(
+    tmp_path: Path,
+) -> None:
     both = """<group name="one"><joint name="j1"/></group>
     <group name="two"><joint name="j1"/><joint name="j2"/></group>
     <group_state name="up" group="one"><joint name="j1" value="0.1"/></group_state>
@@ -70,7 +74,9 @@ def test_states_of_one_name_are_those_of_the_group_that_moves(tmp_path: Path) ->
     assert read_robot(table) == one
 
 
-def test_positions_of_the_caller_go_before(tmp_path: Path) -> None:
+def test_locked_joints_of_the_caller_replace_positions_of_the_file(
+    tmp_path: Path,
+) -> None:
     found = arm(tmp_path, group="chain", locked_joints={"j4": 0.75, "j3": 0.5})
     assert found.joint_names == ("j2",)
     assert found.locked_joints == {"j1": -0.5, "j3": 0.5, "j4": 0.75}
@@ -78,7 +84,7 @@ def test_positions_of_the_caller_go_before(tmp_path: Path) -> None:
         arm(tmp_path, group="chain", locked_joints={"j9": 0.0})
 
 
-def test_unknown_groups(tmp_path: Path) -> None:
+def test_unknown_groups_are_refused(tmp_path: Path) -> None:
     with pytest.raises(OptionsError, match=r"'arm'; .* chain, links, names") as caught:
         arm(tmp_path, group="arm")
     assert caught.value.option == "group"
@@ -90,26 +96,26 @@ def test_unknown_groups(tmp_path: Path) -> None:
         arm(tmp_path, '<group name="a"/>', group="a")
 
 
-def test_groups_of_one_name_are_told_of(tmp_path: Path) -> None:
+def test_groups_of_the_same_name_give_a_warning(tmp_path: Path) -> None:
     two = '<group name="a"><joint name="j1"/></group>'
     two += '<group name="a"><joint name="j2"/></group>'
     with pytest.warns(TominpmpWarning, match=r"srdf: of the groups 'a' the last"):
         assert arm(tmp_path, two, group="a").joint_names == ("j2",)
 
 
-def test_limits_of_a_file_repeat_no_warning(tmp_path: Path) -> None:
+def test_joint_limits_file_repeats_no_warning(tmp_path: Path) -> None:
     limits = write(tmp_path, "joint_limits: {j1: {max_velocity: 1.0}}", "limits.yaml")
     text = '<group name="a"><joint name="j1"/><joint name="gone"/></group>'
-    with pytest.warns(TominpmpWarning) as told:
+    with pytest.warns(TominpmpWarning) as warned:
         arm(tmp_path, text)
         table = {"path": "sample.urdf", "group": "a", "joint_limits": str(limits)}
         read_robot(Field(table, tmp_path / "s.toml"))
-    assert [str(item.message).partition(" names")[0] for item in told] == [
+    assert [str(item.message).partition(" names")[0] for item in warned] == [
         "the group 'a'"
     ]
 
 
-def test_what_a_group_has_and_the_robot_lacks_is_told(tmp_path: Path) -> None:
+def test_members_of_a_group_that_the_robot_lacks_give_a_warning(tmp_path: Path) -> None:
     inside = '<joint name="j1"/><joint name="gone"/><link name="no"/>'
     text = f'<group name="a">{inside}<group name="none"/></group>'
     with pytest.warns(TominpmpWarning, match="'a' names gone, no, none, which"):
@@ -118,10 +124,10 @@ def test_what_a_group_has_and_the_robot_lacks_is_told(tmp_path: Path) -> None:
     text = f'{base}<group name="a"><joint name="v"/><joint name="j1"/></group>'
     with pytest.warns(TominpmpWarning, match="moves the base, which .* standing"):
         arm(tmp_path, text, group="a")
-    assert arm(tmp_path, text).n == 4  # a free base of no group changes nothing
+    assert arm(tmp_path, text).n == 4  # without a group, the free base is fixed
 
 
-def test_passive_joints_that_are_driven_are_told_of(tmp_path: Path) -> None:
+def test_passive_joints_with_torque_give_a_warning(tmp_path: Path) -> None:
     text = '<passive_joint name="j2"/>'
     with pytest.warns(TominpmpWarning, match=r"calls j2 passive.*effort=\{'j2': 0\}"):
         arm(tmp_path, text)
@@ -129,13 +135,15 @@ def test_passive_joints_that_are_driven_are_told_of(tmp_path: Path) -> None:
     arm(tmp_path, text, locked_joints={"j2": 0.0})
 
 
-def test_unknown_elements_of_an_srdf_file_are_told_of(tmp_path: Path) -> None:
+def test_unknown_elements_of_an_srdf_file_give_a_warning(tmp_path: Path) -> None:
     with pytest.warns(TominpmpWarning, match="not read: <disable_collision>"):
         arm(tmp_path, '<disable_collision link1="l1" link2="l2"/>')
     arm(tmp_path, '<link_sphere_approximation link="l1"/><end_effector name="e"/>')
 
 
-def test_collisions_disabled_by_default(tmp_path: Path) -> None:
+def test_disabled_default_collisions_apply_to_all_pairs_of_a_link(
+    tmp_path: Path,
+) -> None:
     text = (
         '<disable_default_collisions link="l1"/>'
         '<enable_collisions link1="l3" link2="l1"/>'
@@ -145,22 +153,22 @@ def test_collisions_disabled_by_default(tmp_path: Path) -> None:
     assert set(found.srdf.disabled_pairs) == expected
 
 
-def test_rotors_of_an_srdf_file(tmp_path: Path) -> None:
+def test_rotor_inertia_of_an_srdf_file_is_the_armature(tmp_path: Path) -> None:
     text = '<rotor_params><joint name="j2" mass="1e-4" gear_ratio="50"/></rotor_params>'
     found = arm(tmp_path, text)
     np.testing.assert_allclose(found.armature, [0.0, 0.25, 0.0, 0.0])
     assert not np.any(arm(tmp_path, text, armature=0.0).armature)
 
 
-def test_a_group_that_holds_itself(tmp_path: Path) -> None:
+def test_group_that_contains_itself_is_refused(tmp_path: Path) -> None:
     ring = [f'<group name="{a}"><group name="{b}"/></group>' for a, b in ("ab", "ba")]
     text = "".join(ring)
     with pytest.raises(Exception, match="group 'a' holds itself"):
         arm(tmp_path, text)
 
 
-def test_bundled_and_example_robots() -> None:
-    """One call each; the base of a humanoid stands still."""
+def test_groups_of_bundled_and_example_robots_load() -> None:
+    """One call loads a group; the base of a humanoid is fixed."""
     panda = load_robot("panda", limits="urdf", group="panda_arm")
     assert panda.n == 7 and panda.locked_joints["panda_finger_joint1"] == 0.001
     talos = load_robot("talos", group="left_arm")
@@ -171,7 +179,7 @@ def test_bundled_and_example_robots() -> None:
         load_robot("talos", group="tail")
 
 
-def test_groups_of_scenarios(tmp_path: Path) -> None:
+def test_groups_survive_saving_in_a_scenario_file(tmp_path: Path) -> None:
     table = {"name": "panda", "group": "arm"}
     found = read_robot(Field(table, tmp_path / "s.toml", "robot"))
     assert found == load_robot("panda", group="arm")
@@ -179,7 +187,7 @@ def test_groups_of_scenarios(tmp_path: Path) -> None:
     assert read_robot(saved) == found
 
 
-def test_locking_further_joints(tmp_path: Path) -> None:
+def test_locking_further_joints_equals_loading_with_them_locked(tmp_path: Path) -> None:
     whole = arm(tmp_path, velocity=[1, 2, 3, 4])
     part = whole.with_locked({"j1": 0.5, "j3": 0.0})
     expected = arm(
@@ -191,7 +199,7 @@ def test_locking_further_joints(tmp_path: Path) -> None:
         part.with_locked({"j2": 0.0, "j4": 0.0})
 
 
-def test_dry_friction_stays_where_joints_are_locked(tmp_path: Path) -> None:
+def test_locking_joints_keeps_the_dry_friction_of_the_others(tmp_path: Path) -> None:
     whole = arm(tmp_path, friction=[1, 2, 3, 4])
     np.testing.assert_array_equal(whole.with_locked({"j2": 0.0}).friction, [1, 3, 4])
     with pytest.raises(ProblemError, match="positions is 3, expected positions by"):

@@ -1,4 +1,4 @@
-"""Descriptions without mass or inertia behind a joint, or with that of no body."""
+"""Robot descriptions whose links have no mass or inertia, or an impossible inertia."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ import tominpmp as tm
 ARM = describe([rod(2.0, 1.0), rod(1.0, 0.8)])
 INERTIAL = ARM[ARM.rindex("<inertial>") : ARM.rindex("</inertial>") + 11]
 MOMENTS = 'ixx="{}" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"'
-NONE = MOMENTS.replace('"1"', '"0"').format(0)
+ZERO_MOMENTS = MOMENTS.replace('"1"', '"0"').format(0)
 BALL = '<visual><geometry><sphere radius="0.1"/></geometry></visual>'
 
 
-def told(tmp_path: Path, text: str, **options: object) -> list[str]:
-    """What is warned of when a description is loaded."""
+def loading_warnings(tmp_path: Path, text: str, **options: object) -> list[str]:
+    """Messages of the warnings when a description is loaded."""
     path = tmp_path / "arm.urdf"
     path.write_text(text, encoding="utf-8")
     with warnings.catch_warnings(record=True) as found:
@@ -57,10 +57,10 @@ def with_moments(mass: float, moments: str) -> str:
         (with_moments(1.0, MOMENTS.format(3)), "principal moments 1, 1 and 3"),
     ],
 )
-def test_inertia_that_is_left_out_is_told_of(
+def test_missing_or_impossible_inertia_gives_a_warning(
     tmp_path: Path, text: str, fault: str
 ) -> None:
-    messages = told(tmp_path, text, armature=0.1)
+    messages = loading_warnings(tmp_path, text, armature=0.1)
     assert len(messages) == 1
     assert fault in messages[0]
     assert "link link2" in messages[0]
@@ -68,32 +68,34 @@ def test_inertia_that_is_left_out_is_told_of(
     assert "too fast for the arm" in messages[0]
 
 
-def test_frames_without_mass_are_not(tmp_path: Path) -> None:
-    assert "tip" in ARM  # a link without mass, fixed to the second one
-    assert told(tmp_path, ARM) == []
+def test_frames_without_mass_give_no_warning(tmp_path: Path) -> None:
+    assert "tip" in ARM  # a link without mass, fixed to the second link
+    assert loading_warnings(tmp_path, ARM) == []
 
 
-def test_links_that_are_locked_are_not(tmp_path: Path) -> None:
+def test_locked_links_without_inertia_give_no_warning(tmp_path: Path) -> None:
     text = ARM.replace(INERTIAL, "")
-    assert told(tmp_path, text, locked_joints={"joint2": 0.0}) == []
+    assert loading_warnings(tmp_path, text, locked_joints={"joint2": 0.0}) == []
 
 
-def test_links_between_joints_in_one_place_are_not(tmp_path: Path) -> None:
+def test_massless_links_between_coincident_joints_give_no_warning(
+    tmp_path: Path,
+) -> None:
     # The first link becomes the middle of a universal joint.
     first = ARM[ARM.index("<inertial>") : ARM.index("</inertial>") + 11]
     text = ARM.replace(first, "").replace('<origin xyz="1.0 0 0"/><axis', "<axis")
     text = text.replace('<axis xyz="0.0 0.0 1.0"/>', '<axis xyz="0 1 0"/>', 1)
-    assert told(tmp_path, text) == []
+    assert loading_warnings(tmp_path, text) == []
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "xarm7", "kinova", "z1", "planar3r"])
-def test_arms_are_not(name: str) -> None:
+def test_complete_robots_give_no_warning(name: str) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         tm.load_robot(name)
 
 
-# Bodies that cannot be
+# Inertia that no rigid body can have
 
 
 def refusal(text: object, **options: object) -> str:
@@ -103,13 +105,15 @@ def refusal(text: object, **options: object) -> str:
 
 
 @pytest.mark.parametrize("moments", [-0.5, 3, -1e3])
-def test_moments_of_no_body_are_refused_with_a_way_out(moments: float) -> None:
+def test_error_on_impossible_moments_names_link_joint_and_remedy(
+    moments: float,
+) -> None:
     text = with_moments(1.0, MOMENTS.format(moments))
-    told = refusal(text)
-    assert "link link2 with what is fixed to it (tip) behind joint joint2" in told
-    assert f"{moments:.3g}" in told and "above the sum of the other two" in told
-    assert "armature={'joint2': ...}" in told and "correct the <inertial>" in told
-    # The other joint's rotor is no excuse, its own is.
+    message = refusal(text)
+    assert "link link2 with what is fixed to it (tip) behind joint joint2" in message
+    assert f"{moments:.3g}" in message and "above the sum of the other two" in message
+    assert "armature={'joint2': ...}" in message and "correct the <inertial>" in message
+    # A rotor of joint 2 makes the moments usable, a rotor of joint 1 does not.
     assert "principal moments" in refusal(text, armature={"joint1": 5.0})
     with pytest.warns(tm.TominpmpWarning, match="principal moments"):
         robot = tm.load_robot(text, armature={"joint2": 5.0})
@@ -117,16 +121,16 @@ def test_moments_of_no_body_are_refused_with_a_way_out(moments: float) -> None:
         robot.with_changes(armature=0.0)
 
 
-def test_a_link_with_inertia_is_not_said_to_have_none() -> None:
+def test_error_distinguishes_wrong_inertia_from_missing_inertia() -> None:
     assert "no <inertial>" in refusal(ARM.replace(INERTIAL, ""))
-    told = refusal(with_moments(1.0, NONE))
-    assert "no <inertial>" not in told and "give is 0 kg m^2" in told
-    told = refusal(with_moments(1.0, MOMENTS.format(-0.5)))
-    assert "no <inertial>" not in told and "without any inertia" not in told
-    # Its rotor is too small for the moments below zero.
+    message = refusal(with_moments(1.0, ZERO_MOMENTS))
+    assert "no <inertial>" not in message and "give is 0 kg m^2" in message
+    message = refusal(with_moments(1.0, MOMENTS.format(-0.5)))
+    assert "no <inertial>" not in message and "without any inertia" not in message
+    # The rotor of its joint is too small for the negative moment.
     text = with_moments(1.0, 'ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="-1"')
-    told = refusal(text, armature={"joint2": 0.1})
-    assert "no <inertial>" not in told and "give is -0.9 kg m^2" in told
+    message = refusal(text, armature={"joint2": 0.1})
+    assert "no <inertial>" not in message and "give is -0.9 kg m^2" in message
 
 
 def rounded(tensor: np.ndarray, digits: int = 3) -> np.ndarray:
@@ -140,10 +144,10 @@ def inertial(tensor: np.ndarray) -> str:
 
 
 @pytest.mark.parametrize("thickness", [0.0, 1e-3])
-def test_moments_in_three_digits_are_taken(
+def test_moments_rounded_to_three_digits_are_accepted(
     thickness: float, rng: np.random.Generator
 ) -> None:
-    """Those of flat and thin bodies break the rule by what is rounded."""
+    """Moments of flat and thin bodies break the triangle inequality by rounding."""
     broken = 0
     for _ in range(40):
         turn = pin.exp3(rng.normal(size=3))
@@ -159,7 +163,7 @@ def test_moments_in_three_digits_are_taken(
     assert broken > 5
 
 
-def test_payloads_are_judged_as_links_are() -> None:
+def test_payload_inertia_is_checked_by_the_rule_for_links() -> None:
     for moments in ([1.0, 1.0, 3.0], [1.0, 1.0, -0.1], [-1.0, -1.0, -1.0]):
         text = with_moments(1.0, inertial(np.diag(moments)))
         with pytest.raises(tm.ProblemError) as caught:
@@ -168,8 +172,8 @@ def test_payloads_are_judged_as_links_are() -> None:
         assert rule and rule in refusal(text)
 
 
-def test_what_is_fixed_to_a_link_is_part_of_its_body() -> None:
-    """A sensor of wrong moments does no harm on a link; nor does what never moves."""
+def test_inertia_is_checked_for_a_link_with_all_that_is_fixed_to_it() -> None:
+    """Wrong moments of a sensor fixed to a link, or of a locked link, do no harm."""
     sensor = '<inertial><mass value="0.1"/><inertia ' + inertial(-1e-6 * np.eye(3))
     text = ARM.replace(
         '<link name="tip"/>', f'<link name="tip">{sensor}/></inertial></link>'
@@ -183,9 +187,11 @@ def test_what_is_fixed_to_a_link_is_part_of_its_body() -> None:
     assert "link link2" in refusal(wrong)
 
 
-def test_a_mass_below_zero_is_refused() -> None:
-    assert "link link2: mass value=-1" in refusal(with_moments(-1.0, NONE))
+def test_negative_mass_is_refused() -> None:
+    assert "link link2: mass value=-1" in refusal(with_moments(-1.0, ZERO_MOMENTS))
     model = pin.buildModelFromXML(ARM)
     model.inertias[2] = pin.Inertia(-1.0, np.zeros(3), np.eye(3))
-    told = refusal(model, effort=10.0, velocity=1.0)
-    assert "behind joint joint2 has a mass of -1 kg" in told and "armature=" in told
+    message = refusal(model, effort=10.0, velocity=1.0)
+    assert (
+        "behind joint joint2 has a mass of -1 kg" in message and "armature=" in message
+    )

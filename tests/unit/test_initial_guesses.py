@@ -1,4 +1,4 @@
-"""Initial guesses: timing of straight lines, inverse kinematics, guesses."""
+"""Initial guesses: timing of straight lines, inverse kinematics, sampled paths."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ def slider(tmp_path, q_goal, *, velocity=100.0, damping=0.0):
 
 
 @pytest.mark.parametrize("distance", [0.3, -2.0])
-def test_timing_of_a_mass(tmp_path, distance):
+def test_timing_of_a_free_mass_is_time_optimal(tmp_path, distance):
     system = slider(tmp_path, distance)
     line = time_straight_line(system, np.zeros(1), np.array([distance]))
     # Mass 2 kg, force 8 N: T* = 2 sqrt(d m / F).
     assert line.duration == pytest.approx(2 * np.sqrt(abs(distance) / 4), rel=2e-3)
 
 
-def test_timing_with_a_speed_limit(tmp_path):
+def test_timing_keeps_a_speed_limit(tmp_path):
     system = slider(tmp_path, 3.0, velocity=2.0)
     line = time_straight_line(system, np.zeros(1), np.array([3.0]))
     assert line.duration == pytest.approx(3 / 2 + 2 / 4, rel=2e-3)
@@ -58,8 +58,8 @@ def test_timing_with_a_speed_limit(tmp_path):
     assert np.max(np.abs(np.gradient(q[:, 0], line.duration / 499))) <= 2.0 * 1.01
 
 
-def test_timing_with_friction_is_between_bounds(tmp_path):
-    """Friction 4 N s/m under 8 N: terminal speed 2 m/s, braking helped."""
+def test_timing_with_friction_matches_the_bang_bang_solution(tmp_path):
+    """Friction of 4 N s/m under 8 N: the terminal speed is 2 m/s; friction brakes."""
     free = time_straight_line(slider(tmp_path, 3.0), np.zeros(1), np.array([3.0]))
     system = slider(tmp_path, 3.0, damping=4.0)
     line = time_straight_line(system, np.zeros(1), np.array([3.0]))
@@ -79,7 +79,7 @@ def test_timing_with_friction_is_between_bounds(tmp_path):
 
 
 @pytest.mark.parametrize("share", [1.0, 0.8])
-def test_torques_hold_along_a_timed_line(share):
+def test_torques_are_saturated_along_a_timed_line(share):
     robot, limits = tm.load_robot("planar3r"), tm.MotionLimits(effort_scale=share)
     start, goal = (0.5, 1.7, -1.7), tm.JointGoal((1.5, 0.2, 0.5))
     problem = tm.Problem(robot, start, goal, motion_limits=limits)
@@ -90,12 +90,12 @@ def test_torques_hold_along_a_timed_line(share):
     q, before, after = line.position(t), line.position(t - h), line.position(t + h)
     v, a = (after - before) / (2 * h), (after - 2 * q + before) / h**2
     load = np.abs(system.torque(q, v, a))
-    # The acceleration is constant between grid points, so that a few per cent are lost.
+    # The acceleration is constant between grid points, which costs a few per cent.
     assert np.quantile(load.max(axis=1), 0.95) < 1.02
-    assert np.mean(load.max(axis=1) > 0.97) > 0.9  # at every time a limit is met
+    assert np.mean(load.max(axis=1) > 0.97) > 0.9  # a joint is always saturated
 
 
-def test_no_timing_where_the_arm_cannot_stand(tmp_path):
+def test_line_where_gravity_exceeds_the_torque_limit_has_no_timing(tmp_path):
     robot = tm.load_robot("planar3r", effort={"joint1": 2.0})
     start, goal = (np.pi / 2, 0.0, 0.0), (np.pi / 2 + 0.01, 0.0, 0.0)
     low = tm.Problem(robot, start, tm.JointGoal(goal))
@@ -134,7 +134,7 @@ def test_guesses_are_reproducible_and_end_at_the_goal():
         np.testing.assert_allclose(a.q[0], problem.q_start, atol=1e-9)
 
 
-def test_guesses_for_a_frame_are_lines_to_the_goal_then_one_at_rest():
+def test_guesses_for_a_frame_goal_are_lines_then_a_guess_at_rest():
     robot = tm.load_robot("planar3r")
     problem = tm.Problem(robot, (0.5, 1.7, -1.7), tm.PositionGoal("tip", (4, 1, 0)))
     system = ProblemFunctions.of(problem)
@@ -146,12 +146,12 @@ def test_guesses_for_a_frame_are_lines_to_the_goal_then_one_at_rest():
         assert np.linalg.norm(error) < 1e-6
 
 
-# Near the point that the tip is to reach.
+# An obstacle near the goal of the tip.
 BALL = tm.Sphere("ball", radius=0.3, position=(3.5, 1.2, 0))
 
 
-def test_guesses_along_half_a_circle_follow_it_at_the_speed_of_the_tool():
-    """The straight line between its ends passes the centre, the farthest point."""
+def test_guess_along_a_half_circle_follows_it_at_the_tool_speed():
+    """The straight line between the ends of the arc passes its centre."""
     start = np.array([-0.4, -1.6, 1.9, -1.9, -1.57, 0.0])
     robot = tm.load_robot("ur5", limits="urdf")
     begin = np.array(RobotKinematics(robot).placement(start, "tool0").translation)
@@ -166,15 +166,15 @@ def test_guesses_along_half_a_circle_follow_it_at_the_speed_of_the_tool():
     assert guess.duration == pytest.approx(0.12 * np.pi / 0.25, rel=0.05)
 
 
-def test_a_path_that_has_to_slow_down_at_once_is_timed():
-    """The largest acceleration falls steeply there with the speed ahead."""
+def test_path_that_must_slow_down_at_once_is_timed():
+    """The largest acceleration along the path falls steeply with the path speed."""
     arm = tm.load_robot("ur5", limits="urdf")
     goal = tm.JointGoal(np.full(arm.n, 0.5))
     system = ProblemFunctions.of(tm.Problem(arm, np.zeros(arm.n), goal))
     steps = np.random.default_rng(64).uniform(-0.6, 0.6, (9, arm.n))
     corners = np.cumsum(steps, axis=0)
     timing = time_path(system, RoundedPath.through(corners, arm.limits.velocity))
-    # Rounded corners save a little of the way.
+    # Rounded corners shorten the path a little.
     least = np.abs(np.diff(corners, axis=0)) / arm.limits.velocity
     assert 0.9 < timing.duration / least.max(axis=1).sum() < 1.2
 
@@ -185,7 +185,7 @@ def planar_system(scene=None, goal=(4, 1, 0)):
     return ProblemFunctions.of(tm.Problem(robot, (0.5, 1.7, -1.7), goal, scene=scene))
 
 
-def test_configurations_are_told_apart_by_collision():
+def test_configurations_are_split_into_free_and_blocked():
     open_system, system = planar_system(), planar_system(tm.Scene([BALL]))
     goal = system.problem.goal
     every = find_configurations(Target(open_system, goal), 20, np.random.default_rng(0))
@@ -198,7 +198,7 @@ def test_configurations_are_told_apart_by_collision():
     assert search.least == 0.0
 
 
-def test_configurations_in_collision_are_better_than_none():
+def test_configurations_in_collision_are_used_if_all_collide():
     # The goal lies between balls that overlap: no link gets there.
     balls = [
         tm.Sphere(f"O{i}", radius=0.3, position=(4 + x, 1 + y, 0))
@@ -212,7 +212,7 @@ def test_configurations_in_collision_are_better_than_none():
     assert search.least == 0.0
 
 
-def test_configurations_spread_before_they_crowd():
+def test_configurations_far_apart_come_before_close_configurations():
     system = planar_system()
     search = find_configurations(
         Target(system, system.problem.goal), 30, np.random.default_rng(0)
@@ -226,7 +226,7 @@ def test_configurations_spread_before_they_crowd():
     assert all(apart[i, :few].min() <= SPREAD for i in range(few, len(q)))
 
 
-def test_unreachable_goals_tell_how_near_they_come():
+def test_search_for_an_unreachable_goal_returns_its_least_error():
     system = planar_system(goal=(-3.0, -4.9, 0.0))  # joint 1 stays above the ground
     search = find_configurations(
         Target(system, system.problem.goal), 5, np.random.default_rng(0)
@@ -235,7 +235,7 @@ def test_unreachable_goals_tell_how_near_they_come():
     assert search.least > 100 * REACHED
 
 
-def test_guesses_around_obstacles_begin_straight_and_go_on_with_sampled_paths(tmp_path):
+def test_guesses_among_obstacles_are_a_line_then_sampled_paths(tmp_path):
     system = maze(tmp_path, wall("block", 0.0, -0.8, 0.8))
     guesses = list(initial_guesses(system, GuessRequest(6, np.random.default_rng(0))))
     names = [guess.name for guess in guesses]
@@ -252,7 +252,7 @@ def test_guesses_around_obstacles_begin_straight_and_go_on_with_sampled_paths(tm
 
 @pytest.fixture
 def sampled_paths(monkeypatch):
-    """Calls that sample a path, as they are made."""
+    """Arguments of each call of `sample_path` during a test."""
     calls, sample = [], sampling.sample_path
 
     def count(*arguments, **options):
@@ -263,7 +263,7 @@ def sampled_paths(monkeypatch):
     return calls
 
 
-def test_paths_are_sampled_only_when_asked_for(tmp_path, sampled_paths):
+def test_paths_are_sampled_only_when_the_next_guess_is_taken(tmp_path, sampled_paths):
     calls = sampled_paths
     system = maze(tmp_path, wall("block", 0.0, -0.8, 0.8))
     guesses = initial_guesses(system, GuessRequest(3, np.random.default_rng(0)))
@@ -280,7 +280,9 @@ def test_the_fastest_of_a_few_sampled_paths_comes_first(tmp_path):
     assert len(durations) == 2 and durations[0] < durations[1]
 
 
-def test_a_first_path_that_is_fast_enough_is_not_compared(tmp_path, sampled_paths):
+def test_first_path_that_is_fast_enough_is_not_compared_with_others(
+    tmp_path, sampled_paths
+):
     calls = sampled_paths
     system, end = maze(tmp_path, wall("block", 0.0, -0.6, 0.8)), [np.array(END)]
 
@@ -303,7 +305,7 @@ def test_no_path_is_sampled_where_the_straight_line_is_free(tmp_path):
     assert [g.name for g in guesses] == ["straight line", "via point", "via point"]
 
 
-def test_guesses_for_a_frame_among_obstacles_lead_to_several_configurations():
+def test_guesses_for_a_frame_among_obstacles_end_in_several_configurations():
     system = planar_system(tm.Scene([BALL]))
     guesses = list(initial_guesses(system, GuessRequest(5, np.random.default_rng(0))))
     names = [guess.name for guess in guesses]
@@ -316,7 +318,7 @@ def test_guesses_for_a_frame_among_obstacles_lead_to_several_configurations():
 
 
 def test_a_segment_ends_in_the_elbow_branch_that_the_next_goal_needs() -> None:
-    """The nearest configuration made the motion of both segments a quarter longer."""
+    """Regression: with the nearest configuration the motion took a quarter longer."""
     bend = np.arccos(0.7)
     segments = [
         tm.Segment(tm.PositionGoal("tip", (1.4, 0.0, 0.0))),

@@ -1,4 +1,4 @@
-"""Poses, vectors and configurations in the forms that other libraries have them in."""
+"""Arguments in the types of other libraries: SciPy, Pinocchio, pandas, ROS messages."""
 
 from __future__ import annotations
 
@@ -37,33 +37,33 @@ POSES = [
 POINTS = [POINT, list(POINT), np.array(POINT), np.float32(POINT), XYZ, Message(**XYZ)]
 
 
-def near(pose: pin.SE3) -> None:
+def assert_pose(pose: pin.SE3) -> None:
     np.testing.assert_allclose(pose.homogeneous, POSE.homogeneous, atol=1e-7)
 
 
 @pytest.mark.parametrize("pose", POSES, ids=lambda x: type(x).__name__)
-def test_poses(pose: object) -> None:
-    near(tm.PoseGoal("tip", pose).pose)
-    near(tm.RegionGoal("tip", (-1, -1, -1), (1, 1, 1), pose=pose).pose)
-    near(tm.WithinRegion("tip", (-1, -1, -1), (1, 1, 1), pose=pose).pose)
+def test_poses_are_accepted_in_every_form(pose: object) -> None:
+    assert_pose(tm.PoseGoal("tip", pose).pose)
+    assert_pose(tm.RegionGoal("tip", (-1, -1, -1), (1, 1, 1), pose=pose).pose)
+    assert_pose(tm.WithinRegion("tip", (-1, -1, -1), (1, 1, 1), pose=pose).pose)
     box = tm.Box("box", size=(1, 1, 1), position=pose)
-    near(pin.SE3(np.array(box.rotation), np.array(box.position)))
+    assert_pose(pin.SE3(np.array(box.rotation), np.array(box.position)))
     moving = tm.Box("box", size=(1, 1, 1), motion=lambda t: pose)
-    near(pin.SE3(np.array(moving.rotation), np.array(moving.position)))
+    assert_pose(pin.SE3(np.array(moving.rotation), np.array(moving.position)))
     robot = tm.load_robot(chain("", ""))
-    near(tm.Workcell({"a": (robot, pose)}, gravity=(0, 0, 0)).base("a"))
+    assert_pose(tm.Workcell({"a": (robot, pose)}, gravity=(0, 0, 0)).base("a"))
 
 
 @pytest.mark.parametrize("rotation", ROTATIONS, ids=lambda x: type(x).__name__)
-def test_rotations(rotation: object) -> None:
+def test_rotations_are_accepted_in_every_form(rotation: object) -> None:
     found = tm.Sphere("s", radius=1, rotation=rotation).rotation
     np.testing.assert_allclose(found, MATRIX, atol=1e-12)
     kept = tm.KeepOrientation("tip", rotation, tolerance=0.1)
     np.testing.assert_allclose(kept.rotation, MATRIX, atol=1e-12)
-    near(tm.PoseGoal("tip", (POINT, rotation)).pose)
+    assert_pose(tm.PoseGoal("tip", (POINT, rotation)).pose)
 
 
-def test_rows_of_rotations() -> None:
+def test_waypoints_accept_rows_of_rotations() -> None:
     turns = Rotation.from_rotvec([[0, 0, 0.1 * k] for k in range(3)])
     for given in (turns, list(turns), turns.as_quat(), [QUAT] * 3):
         path = tm.Waypoints(times=[0, 1, 2], rotations=given)
@@ -71,7 +71,7 @@ def test_rows_of_rotations() -> None:
 
 
 @pytest.mark.parametrize("point", POINTS, ids=lambda x: type(x).__name__)
-def test_points(point: object) -> None:
+def test_points_are_accepted_in_every_form(point: object) -> None:
     for found in (
         tm.PositionGoal("tip", point).position,
         tm.Sphere("s", radius=1, position=point).position,
@@ -81,7 +81,7 @@ def test_points(point: object) -> None:
         np.testing.assert_allclose(found, POINT, atol=1e-7)
 
 
-STRANGERS = [
+NOT_POSES = [
     5, None, "x", [], {}, np.zeros(3), np.eye(3), np.zeros((4, 4)), 2 * np.eye(4),
     ((0, 0), QUATERNION), (POINT, (0, 0, 0, 0)), (POINT, "x"), (POINT, None),
     {"position": POINT}, {"position": POINT, "frame": "x"}, object(), pin.SE3,
@@ -90,15 +90,15 @@ STRANGERS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("pose", STRANGERS, ids=lambda x: type(x).__name__)
-def test_what_is_no_pose(pose: object) -> None:
+@pytest.mark.parametrize("pose", NOT_POSES, ids=lambda x: type(x).__name__)
+def test_values_that_are_not_poses_are_refused(pose: object) -> None:
     with pytest.raises(tm.ProblemError, match=r"goal\.pose") as error:
         tm.PoseGoal("tip", pose)
     assert error.value.field == "goal.pose"
     assert len(str(error.value)) < 300
 
 
-def test_two_rotations_are_one_too_many() -> None:
+def test_rotation_beside_a_pose_with_a_rotation_is_refused() -> None:
     with pytest.raises(
         tm.SceneError, match="pose with a rotation, and rotation is given"
     ):
@@ -115,7 +115,7 @@ def robot() -> tm.Robot:
 
 
 class Series:
-    """As pandas has them: values with an index of names."""
+    """Values with an index of names, as in pandas."""
 
     def __init__(self, values: dict[str, float]) -> None:
         self.values, self.index = values, list(values)
@@ -133,7 +133,7 @@ NAMED = [
 
 
 @pytest.mark.parametrize("q", NAMED, ids=lambda x: type(x).__name__)
-def test_configurations_by_joint_name(q: object, robot: tm.Robot) -> None:
+def test_configurations_are_read_by_joint_name(q: object, robot: tm.Robot) -> None:
     goals = [
         tm.JointGoal(q),
         tm.AnyGoal([tm.JointGoal(q), tm.JointGoal([0.3, 0.3])]),
@@ -152,8 +152,8 @@ def test_configurations_by_joint_name(q: object, robot: tm.Robot) -> None:
     assert region.joints == ("joint3",)
 
 
-def test_limits_by_joint_name(robot: tm.Robot) -> None:
-    """Rows with names are not taken in the order of the joints."""
+def test_limits_are_read_by_joint_name(robot: tm.Robot) -> None:
+    """Values with names are assigned by name, not in the order of the joints."""
     values = {"joint3": 2.0, "joint1": 1.0}
     for given in (values, Series(values)):
         limits = robot.with_changes(velocity=given, effort=given).limits
@@ -162,8 +162,8 @@ def test_limits_by_joint_name(robot: tm.Robot) -> None:
         assert limits.by_joint("acceleration", robot.joint_names).tolist() == [1.0, 2.0]
 
 
-def test_velocities_of_messages(robot: tm.Robot) -> None:
-    """The positions of a message were taken for velocities."""
+def test_velocities_are_read_from_the_velocities_of_a_message(robot: tm.Robot) -> None:
+    """Regression: the positions of a message were taken for velocities."""
     names = ["joint3", "joint1"]
     state = Message(name=names, position=[0.2, 0.1], velocity=[0.5, 0.25])
     problem = tm.Problem(robot, state, tm.JointGoal(state, v=state), v_start=state)
@@ -174,7 +174,7 @@ def test_velocities_of_messages(robot: tm.Robot) -> None:
         tm.Problem(robot, state, tm.JointGoal(state), v_start=silent)
 
 
-def test_velocities_by_joint_name(robot: tm.Robot) -> None:
+def test_goal_velocities_are_read_by_joint_name(robot: tm.Robot) -> None:
     goal = tm.JointGoal({"joint3": 0.2, "joint1": 0.1}, v={"joint3": 1.0})
     problem = tm.Problem(robot, [0, 0], goal)
     np.testing.assert_array_equal(problem.goal.v, [0.0, 1.0])
@@ -194,17 +194,21 @@ def test_velocities_by_joint_name(robot: tm.Robot) -> None:
         ({3: 0.0}, "expected numbers|has a value for 3"),
     ],
 )
-def test_wrong_values_by_joint_name(q: object, match: str, robot: tm.Robot) -> None:
+def test_wrong_values_by_joint_name_are_refused(
+    q: object, match: str, robot: tm.Robot
+) -> None:
     with pytest.raises(tm.ProblemError, match=match):
         tm.Problem(robot, q, tm.JointGoal([0, 0]))
     if "says nothing" in match:
-        return  # of a goal they are where they start
+        return  # joints that a goal does not name stay at the start
     with pytest.raises(tm.ProblemError, match=match):
         tm.Problem(robot, [0, 0], tm.JointGoal(q))
 
 
-def test_unknown_joints_are_refused_in_the_same_words(robot: tm.Robot) -> None:
-    """The argument goes first: messages on angles and couplings had no argument."""
+def test_error_on_an_unknown_joint_names_argument_and_known_joints(
+    robot: tm.Robot,
+) -> None:
+    """Regression: messages on angles and couplings did not name the argument."""
     turning = tm.JointGoal([0, 0], wrap=["joint9"])
     region = tm.JointRegionGoal([0.0], 0.1, ["joint9"])
     coupled = tm.JointCoupling(["joint1", "joint9"], [1, 1], 1.0, -1.0)
@@ -224,7 +228,7 @@ def test_unknown_joints_are_refused_in_the_same_words(robot: tm.Robot) -> None:
             call()
 
 
-def test_values_of_several_robots(robot: tm.Robot) -> None:
+def test_workcell_stacks_values_by_joint_name(robot: tm.Robot) -> None:
     cell = tm.Workcell({"a": (robot, (0, 0, 0)), "b": (robot, (9, 0, 0))})
     found = cell.stack({"a": [1, 2], "b": {"joint3": 4, "joint1": 3}})
     np.testing.assert_array_equal(found, [1, 2, 3, 4])
@@ -234,7 +238,7 @@ def test_values_of_several_robots(robot: tm.Robot) -> None:
     np.testing.assert_allclose(low[:2], [0.1, 0.2])
 
 
-def test_lists_as_scenes() -> None:
+def test_scenes_may_be_lists_of_obstacles() -> None:
     robot, start = tm.load_robot("planar3r"), [0.5, 1.7, -1.7]
     ball = tm.Sphere("ball", radius=0.1, position=(9, 0, 0))
     goal = tm.JointGoal([1.0, 1.0, 0.0])

@@ -1,4 +1,4 @@
-"""Radau IIA: order, stiffness, agreement of its two forms, failure."""
+"""Radau IIA integrator: order, stiffness, sensitivities, divergence."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.robot.robot import Robot
 from tominpmp.transcription.integrator import SteppedMotion, rollout
 
-# A joint and a half: one swings, the other is heavily damped.
+# Two joints: one swings, the other is heavily damped.
 SWING = Pendulum([0.5, 0.2], [0.1, 2.0], [3.0, 1.0])
-# As some robot descriptions have it: time constant 0.02 ms.
+# Friction as in some robot descriptions: the time constant is 0.02 ms.
 STIFF = Pendulum([1e-3], [50.0], [0.1])
 
 
@@ -40,7 +40,7 @@ def reference(dynamics, x, u, h):
     return x
 
 
-def test_a_constant_torque_on_a_free_mass_is_exact():
+def test_motion_of_a_free_mass_under_constant_torque_is_exact():
     x, u, h = np.array([0.3, -0.2]), np.array([[2.0], [-1.0]]), np.array([0.5, 2.0])
     motion = rollout(double_integrator(), x, u, h)
     v1 = -0.2 + 2.0 * 0.5
@@ -49,7 +49,7 @@ def test_a_constant_torque_on_a_free_mass_is_exact():
     np.testing.assert_allclose(motion.x, expected, atol=1e-13)
 
 
-def test_the_error_falls_with_the_third_power_of_the_step(rng):
+def test_error_falls_with_the_third_power_of_the_step(rng):
     x, u, h = sample(SWING, rng)
     exact = reference(SWING, x, u, h)
     errors = [
@@ -61,7 +61,7 @@ def test_the_error_falls_with_the_third_power_of_the_step(rng):
         assert 6.5 < coarse / fine < 9.5
 
 
-def test_stiff_friction_does_no_harm():
+def test_velocity_under_stiff_friction_is_where_torques_balance():
     u = np.array([[5.0], [-5.0], [2.0]])
     h = np.full(3, 0.05)  # 2500 time constants
     motion = rollout(STIFF, np.array([0.2, 1.0]), u, h)
@@ -73,8 +73,8 @@ def test_stiff_friction_does_no_harm():
     np.testing.assert_allclose(moved, h[1:] * balance[1:], rtol=2e-2)
 
 
-def test_both_forms_agree(rng, planar3r: Robot):
-    """A rollout has no defects, and its inner stages are the condensed ones."""
+def test_rollout_agrees_with_the_condensed_stages(rng, planar3r: Robot):
+    """A rollout has no defects, and its inner stages are the condensed stages."""
     dynamics = RobotDynamics(planar3r)
     x, u, h = sample(dynamics, rng, 12)
     motion = rollout(dynamics, x, u, h)
@@ -85,7 +85,7 @@ def test_both_forms_agree(rng, planar3r: Robot):
 
 
 @pytest.mark.parametrize("change", [1e-6, 0.02, 0.5])
-def test_a_guess_changes_nothing_but_the_effort(rng, planar3r: Robot, change):
+def test_warm_start_does_not_change_the_rollout(rng, planar3r: Robot, change):
     dynamics = RobotDynamics(planar3r)
     x, u, h = sample(dynamics, rng, 20)
     before = rollout(dynamics, x, u, h, 2)
@@ -97,7 +97,7 @@ def test_a_guess_changes_nothing_but_the_effort(rng, planar3r: Robot, change):
 
 
 @pytest.mark.parametrize("substeps", [1, 3])
-def test_sensitivities_against_differences(rng, planar3r: Robot, substeps):
+def test_sensitivities_match_finite_differences(rng, planar3r: Robot, substeps):
     dynamics = RobotDynamics(planar3r)
     x, u, h = sample(dynamics, rng, 1)
     motion = rollout(dynamics, x, u, h, substeps)
@@ -121,8 +121,8 @@ def test_sensitivities_against_differences(rng, planar3r: Robot, substeps):
         np.testing.assert_allclose(analytic, expected, atol=1e-6 * scale)
 
 
-def test_substeps_compose(rng):
-    """Two steps an interval are two intervals of half the length."""
+def test_substeps_equal_shorter_intervals(rng):
+    """Two substeps of an interval equal two intervals of half its length."""
     x, u, h = sample(SWING, rng, 3)
     whole = rollout(SWING, x, u, h, 2)
     halves = rollout(SWING, x, np.repeat(u, 2, axis=0), np.repeat(h / 2, 2))
@@ -136,9 +136,9 @@ def test_substeps_compose(rng):
     np.testing.assert_allclose(one.c, 0.5 * (carried + two.c[1::2]), atol=1e-12)
 
 
-def test_a_motion_that_cannot_be_integrated_says_so():
-    class Blowing(Pendulum):
-        """Pushes off with the square of its speed: infinite after a finite time."""
+def test_diverging_motion_is_marked_as_not_finite():
+    class Diverging(Pendulum):
+        """Accelerates with the square of its speed: infinite after a finite time."""
 
         def forward(self, x, u):
             return np.concatenate([x[:, 1:], 1.0 + x[:, 1:] ** 2], axis=1)
@@ -149,12 +149,12 @@ def test_a_motion_that_cannot_be_integrated_says_so():
             by.f_x[:, 1, 1] = 2.0 * x[:, 1]
             return by
 
-    blowing = Blowing([1.0], [0.0], [0.0])
-    motion = rollout(blowing, np.zeros(2), np.zeros((40, 1)), np.full(40, 0.1))
+    diverging = Diverging([1.0], [0.0], [0.0])
+    motion = rollout(diverging, np.zeros(2), np.zeros((40, 1)), np.full(40, 0.1))
     assert not motion.finite
     assert np.isfinite(motion.x[:10]).all()  # up to pi / 2
     assert np.isnan(motion.x[-1]).all()
     ends = np.array([[0.0, 5.0], [1.0, 4.0]])
-    stage = SteppedMotion(blowing, ends, np.zeros((1, 1)), np.array([2.0])).stage
+    stage = SteppedMotion(diverging, ends, np.zeros((1, 1)), np.array([2.0])).stage
     assert not stage.solved.any()
     assert np.isfinite(stage.x).all()

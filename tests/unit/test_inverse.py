@@ -1,4 +1,4 @@
-"""The inverse transcription: rows, Jacobian, exactness of the spline."""
+"""The inverse transcription: rows, row exchange, exactness of the spline."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def block_of(nlp, kind):
 
 
 def added(more, nlp, kind):
-    """Instants that came on top."""
+    """Instants that a row exchange added to the rows of a kind."""
     before, after = block_of(nlp, kind).fixed, block_of(more, kind).fixed
     np.testing.assert_array_equal(after.interval[: before.size], before.interval)
     np.testing.assert_array_equal(after.share[: before.size], before.share)
@@ -74,7 +74,7 @@ def test_trajectory_is_an_exact_double_integrator(name):
     assert motion.duration == pytest.approx(nlp.cost @ z)
 
 
-def test_points_bound_the_curve():
+def test_control_points_bound_the_curve():
     """Position limits on the points hold on the whole curve (convex hull)."""
     nlp, z = build(PROBLEMS["joint goal"], np.random.default_rng(3))
     motion = nlp.trajectory(z)
@@ -97,7 +97,7 @@ def test_torque_rows_are_the_torques_of_the_motion():
     np.testing.assert_allclose(rows[1], before, atol=1e-7)
 
 
-def test_overloaded_instants_are_found_between_the_nodes():
+def test_row_exchange_finds_overloaded_instants_between_nodes():
     nlp, z = build(PROBLEMS["joint goal"], np.random.default_rng(5))
     more = exchanged(nlp, z, 1e-3)
     found = added(more, nlp, "torque")
@@ -106,7 +106,7 @@ def test_overloaded_instants_are_found_between_the_nodes():
     load = np.abs(motion(t).u) / nlp.system.problem.robot.limits.effort_upper
     assert found.interval.size > 0
     assert np.all(load.max(axis=1) > 1.0 + 1e-3)
-    # None of them is taken for another that is known.
+    # No instant is found twice.
     assert len(set(zip(found.interval, found.share, strict=True))) == found.size
     assert more.rows.size == nlp.rows.size + 3 * found.size
     rows = more.evaluate(z)[more.rows.kind == more.rows.kinds.index("torque")]
@@ -114,7 +114,7 @@ def test_overloaded_instants_are_found_between_the_nodes():
     np.testing.assert_allclose(rows[-expected.size :], expected.ravel(), atol=1e-9)
 
 
-def test_closest_instants_are_found_between_the_rows():
+def test_row_exchange_finds_small_clearances_between_rows():
     # A thin post between two instants that are rows.
     post = tm.Scene([tm.Sphere("post", radius=0.01, position=(2.0, 2.2, 0.0))])
     problem = planar(tm.JointGoal((1.5, 0.5, 0.5)), scene=post)
@@ -122,7 +122,7 @@ def test_closest_instants_are_found_between_the_rows():
     system = nlp.system
     q = np.linspace(START, (1.5, 0.5, 0.5), 6)
     z = nlp.transcription.pack(q, q[-1], z[-1:])
-    # Of torques nothing is to be found, however large they are.
+    # With an infinite tolerance the exchange adds no torque rows.
     more = exchanged(nlp, z, np.inf)
     at = added(more, nlp, "clearance")
     motion = nlp.transcription.motion(z)
@@ -141,7 +141,7 @@ def test_closest_instants_are_found_between_the_rows():
     assert again is None or added(again, more, "clearance").size < at.size
 
 
-def test_variation_is_the_jumps_of_acceleration():
+def test_variation_is_proportional_to_jumps_of_acceleration():
     nlp, z = build(PROBLEMS["joint goal"], np.random.default_rng(6))
     variation = nlp.variation(z)
     values = (variation.matrix @ z + variation.offset).reshape(-1, 3)
@@ -152,7 +152,7 @@ def test_variation_is_the_jumps_of_acceleration():
     assert np.all(ratio > 0)
 
 
-def test_stretching_keeps_the_path():
+def test_time_scaling_keeps_the_path():
     nlp, z = build(PROBLEMS["joint goal"], np.random.default_rng(7))
     slow, fast = nlp.trajectory(nlp.time_scale(z, 2.0)), nlp.trajectory(z)
     np.testing.assert_allclose(slow.q, fast.q)
@@ -162,7 +162,7 @@ def test_stretching_keeps_the_path():
 
 @pytest.mark.parametrize("intervals", [4, 7, 8, 40, 75])
 @pytest.mark.parametrize("kind", ["uniform", "cosine"])
-def test_shares_add_up(kind, intervals):
+def test_interval_shares_are_symmetric_and_sum_to_one(kind, intervals):
     shares = interval_shares(kind, intervals)
     assert shares.shape == (intervals, 1)
     assert shares.sum() == pytest.approx(1.0)
@@ -170,7 +170,7 @@ def test_shares_add_up(kind, intervals):
     np.testing.assert_allclose(shares, shares[::-1])
 
 
-def test_distances_that_do_not_matter_to_a_step_are_bounded_only():
+def test_clearances_out_of_reach_of_a_step_are_only_bounded():
     nlp, z = build(PROBLEMS["position goal, obstacle"], np.random.default_rng(3))
     mine = nlp.rows.kind == nlp.rows.kinds.index("clearance")
     exact = nlp.evaluate(z)
@@ -188,7 +188,7 @@ def test_distances_that_do_not_matter_to_a_step_are_bounded_only():
         )
 
 
-def test_where_obstacles_move_all_distances_matter():
+def test_all_clearances_are_exact_with_moving_obstacles():
     aside = tm.ConstantVelocity(velocity=(0.0, 0.3, 0.0))
     ball = tm.Sphere("O", radius=0.8, position=(4, 0, 0), motion=aside)
     problem = planar(tm.JointGoal((0.5, 1, 1)), scene=tm.Scene([ball]))

@@ -1,7 +1,7 @@
-"""Nothing that a joint_limits.yaml says is dropped without a word, by any reader.
+"""Readers of joint_limits.yaml use each entry, or name it in a warning.
 
-``--joint-limits`` of the command line once dropped accelerations and jerks: a file with
-``max_acceleration: 5`` gave 514 rad/s^2.
+Regression: ``--joint-limits`` of the command line dropped accelerations and jerks: a
+file with ``max_acceleration: 5`` gave 514 rad/s^2.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def read(reader: Callable[[Path], Problem], folder: Path, text: str) -> Problem:
 
 
 def limit(problem: Problem, name: str) -> float:
-    """Of the second joint."""
+    """A limit of the second joint."""
     if name in ("acceleration", "jerk"):
         assert problem.motion_limits is not None
         joints = problem.robot.joint_names
@@ -119,7 +119,7 @@ def test_documented_keys_are_used(
         ),
     ],
 )
-def test_what_is_not_used_is_told(
+def test_unused_entries_are_named_in_a_warning(
     reader: Callable[[Path], Problem], text: str, words: str, tmp_path: Path
 ) -> None:
     with pytest.warns(TominpmpWarning, match=words):
@@ -154,8 +154,8 @@ def test_both_readers_give_the_same_problem(tmp_path: Path) -> None:
     assert load_scenario(saved).problem == one
 
 
-def test_joints_that_do_not_move_may_be_in_the_file(tmp_path: Path) -> None:
-    """As they are in the files of a hand's arm."""
+def test_file_may_have_limits_of_locked_joints(tmp_path: Path) -> None:
+    """As in the files of an arm with a hand."""
     path = tmp_path / "limits.yaml"
     numbers = "max_velocity: 0.1, max_acceleration: 1"
     fingers = ", ".join(f"panda_finger_joint{i}: {{{numbers}}}" for i in (1, 2))
@@ -170,8 +170,8 @@ def test_joints_that_do_not_move_may_be_in_the_file(tmp_path: Path) -> None:
     assert free.limits.velocity[-1] == 0.1
 
 
-def test_limits_of_the_command_line_reach_requests_and_more(tmp_path: Path) -> None:
-    """Files of motion limits go before, and leave what they say nothing of."""
+def test_motion_limits_file_overrides_the_joint_limits_file(tmp_path: Path) -> None:
+    """Joint limits hold where the file of motion limits has no entry."""
     (tmp_path / "limits.yaml").write_text(
         "joint_limits: {joint1: {max_acceleration: 5, max_jerk: 90}}"
     )
@@ -194,7 +194,7 @@ def test_limits_of_the_command_line_reach_requests_and_more(tmp_path: Path) -> N
     )
 
 
-def test_limits_of_a_robot_hold_unless_the_problem_says_otherwise(
+def test_motion_limits_of_a_robot_hold_unless_the_problem_has_others(
     tmp_path: Path,
 ) -> None:
     from dataclasses import replace

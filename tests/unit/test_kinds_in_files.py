@@ -1,4 +1,4 @@
-"""What files know by a type is what a caller can make, and nothing in between."""
+"""Each type of constraint or obstacle in scenario files is a public class."""
 
 from __future__ import annotations
 

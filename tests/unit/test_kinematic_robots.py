@@ -40,7 +40,9 @@ def solution() -> tm.Solution:
     return planned(arm())
 
 
-def test_rest_to_rest(solution: tm.Solution) -> None:
+def test_rest_to_rest_motion_is_bang_bang_without_torques(
+    solution: tm.Solution,
+) -> None:
     assert solution.T == pytest.approx(np.sqrt(0.5), rel=1e-5)
     assert solution.lower_bound.T == pytest.approx(np.sqrt(0.5), rel=1e-6)
     motion = solution.trajectory
@@ -53,23 +55,23 @@ def test_rest_to_rest(solution: tm.Solution) -> None:
     assert copy == motion and hash(copy) == hash(motion)  # torques are undefined
 
 
-def test_speed_limits_make_trapezoids() -> None:
+def test_speed_limits_make_trapezoidal_velocities() -> None:
     assert planned(arm(velocity=1.0)).T == pytest.approx(0.75, rel=1e-4)
 
 
-def test_jerk_limits() -> None:
+def test_jerk_limit_takes_the_time_of_the_closed_form() -> None:
     robot = arm(tm.MotionLimits(acceleration=4.0, jerk=40.0))
     exact = 0.1 + np.sqrt(0.1**2 + 4.0 * 0.5 / 4.0)
     assert planned(robot).T == pytest.approx(exact, rel=1e-3)
 
 
-def test_other_limits_of_a_problem_go_before_those_of_the_robot() -> None:
+def test_limits_of_a_problem_replace_limits_of_the_robot() -> None:
     limits = tm.MotionLimits(acceleration={"j1": 1.0})
     found = planned(arm(), motion_limits=limits)
     assert found.T == pytest.approx(np.sqrt(2.0), rel=1e-5)
 
 
-def test_obstacles_are_kept_clear_of() -> None:
+def test_motion_avoids_obstacles() -> None:
     box = tm.Box("box", size=[0.06, 0.06, 0.06], position=[0.16, 0.16, 0.5])
     ends = {"q_start": [0.0, 1.2], "goal": tm.JointGoal([1.5, 1.2])}
     free = planned(arm(), **ends)
@@ -78,7 +80,7 @@ def test_obstacles_are_kept_clear_of() -> None:
     assert not tm.verify(round_it.problem, free.trajectory).ok
 
 
-def test_segments_each_with_its_limits() -> None:
+def test_segments_keep_their_own_acceleration_limits() -> None:
     back = tm.Segment(
         tm.JointGoal(START), motion_limits=tm.MotionLimits(acceleration=2.0)
     )
@@ -88,12 +90,12 @@ def test_segments_each_with_its_limits() -> None:
     assert all(np.isnan(part.trajectory.u).all() for part in found.segments)
 
 
-def test_clock_of_a_controller() -> None:
+def test_motion_time_is_a_multiple_of_the_control_period() -> None:
     found = planned(arm(), options={"control_period": 0.008})
     assert found.T == pytest.approx(0.712)
 
 
-def test_tours() -> None:
+def test_tour_takes_the_sum_of_its_motion_times() -> None:
     stations = [tm.JointGoal([0.5, 0.6]), tm.JointGoal([-0.5, 0.3])]
     tour = tm.plan_tour(arm(), START, stations)
     assert np.isnan(tour.trajectory.u).all()
@@ -102,7 +104,7 @@ def test_tours() -> None:
 
 
 @pytest.mark.parametrize("ending", ["csv", "npz", "json"])
-def test_files_have_no_torques_and_are_verified_again(
+def test_motion_files_have_no_torques_and_pass_the_replay(
     solution: tm.Solution, tmp_path: Path, ending: str
 ) -> None:
     path = solution.export(tmp_path / f"motion.{ending}")
@@ -113,7 +115,7 @@ def test_files_have_no_torques_and_are_verified_again(
         assert "u_" not in path.read_text().splitlines()[0]
 
 
-def test_a_motion_that_breaks_a_limit_is_told_of_by_its_acceleration(
+def test_replay_names_the_excess_over_an_acceleration_limit(
     solution: tm.Solution,
 ) -> None:
     strict = tm.Problem(
@@ -126,14 +128,14 @@ def test_a_motion_that_breaks_a_limit_is_told_of_by_its_acceleration(
     assert "effort" not in found.worst
 
 
-def test_former_motions_are_taken_over(solution: tm.Solution) -> None:
+def test_former_motion_is_a_warm_start(solution: tm.Solution) -> None:
     near = tm.Problem(robot=arm(), q_start=START, goal=tm.JointGoal([0.55, 0.6]))
     found = tm.plan(near, start=solution)
     assert found.T == pytest.approx(np.sqrt(0.55), rel=1e-4)
 
 
-def test_their_motions_are_judged_by_the_torques_of_a_robot_that_has_them() -> None:
-    """A start without torques was refused: "values that are no numbers"."""
+def test_kinematic_motion_is_replayed_and_used_for_a_dynamic_robot() -> None:
+    """Regression: `start` without torques was refused: "values that are no numbers"."""
     limits = tm.MotionLimits(acceleration=15.0)
     task = {"q_start": [0.5, 1.7, -1.7], "goal": tm.JointGoal([0.9, -1.2, -0.9])}
     bare, robot = (tm.load_robot("planar3r", kinematic=k) for k in (True, False))
@@ -148,17 +150,21 @@ def test_their_motions_are_judged_by_the_torques_of_a_robot_that_has_them() -> N
     assert found.T <= 1.002 * tm.plan(problem, **quick).T
 
 
-def test_what_holds_the_motion_back(solution: tm.Solution) -> None:
+def test_sensitivities_to_accelerations_sum_to_minus_one_half(
+    solution: tm.Solution,
+) -> None:
     found = {(item.kind, item.joint): item for item in solution.sensitivities}
     both = [found["acceleration", joint] for joint in ("j1", "j2")]
-    # T is the root of the way over the acceleration.
+    # T is proportional to the square root of distance over acceleration.
     assert sum(item.value for item in both) == pytest.approx(-0.5, abs=1e-3)
     assert both[0].limit == 4.0 and both[0].limit_unit == "rad/s^2"
     assert not any(kind == "effort" for kind, _ in found)
     assert found["gravity", None].value == 0.0
 
 
-def test_messages_say_accelerations(solution: tm.Solution) -> None:
+def test_certificate_messages_name_accelerations_not_torques(
+    solution: tm.Solution,
+) -> None:
     assert "accelerations obey" in solution.certificate.message
     assert "orque" not in solution.certificate.message
     rough = {"effort": "quick", "objective": "feasible", "intervals": 20}
@@ -168,26 +174,26 @@ def test_messages_say_accelerations(solution: tm.Solution) -> None:
     assert "torque" not in solution._repr_html_()
 
 
-def test_robots_made_of_it_are_kinematic() -> None:
+def test_robots_derived_from_a_kinematic_robot_are_kinematic() -> None:
     robot = arm()
-    made = [
+    derived = [
         robot.with_locked({"j2": 0.1}),
         robot.with_payload(tm.Payload(5.0, "l2")),
         robot.with_changes(velocity=1.0),
         pickle.loads(pickle.dumps(robot)),
         tm.combine_robots([("a", robot, [0, 0, 0]), ("b", robot, [2, 0, 0])]),
     ]
-    assert all(one.kinematic for one in made)
+    assert all(one.kinematic for one in derived)
     assert not tm.load_robot("planar3r").kinematic
     assert "Kinematic" in repr(robot)
 
 
-def test_loads_do_not_slow_it() -> None:
+def test_payload_does_not_slow_a_kinematic_robot() -> None:
     heavy = arm().with_payload(tm.Payload(500.0, "l2", com=[0.0, 0.0, 0.3]))
     assert planned(heavy).T == pytest.approx(np.sqrt(0.5), rel=1e-5)
 
 
-def test_scenarios_keep_it(tmp_path: Path) -> None:
+def test_scenario_file_keeps_the_kinematic_flag(tmp_path: Path) -> None:
     problem = tm.Problem(robot=arm(), q_start=START, goal=GOAL)
     tm.save_scenario(tmp_path / "task.toml", problem)
     again = tm.load_scenario(tmp_path / "task.toml").problem
@@ -195,7 +201,7 @@ def test_scenarios_keep_it(tmp_path: Path) -> None:
     assert "kinematic = true" in (tmp_path / "task.toml").read_text()
 
 
-def test_scenarios_keep_robots_whose_files_leave_efforts_out(tmp_path: Path) -> None:
+def test_scenario_file_keeps_a_robot_without_effort_attributes(tmp_path: Path) -> None:
     text = URDF.read_text().replace(' effort="0"', "")
     (tmp_path / "arm.urdf").write_text(text)
     robot = tm.load_robot(tmp_path / "arm.urdf", kinematic=True)
@@ -217,7 +223,7 @@ goal_constraints:
 """
 
 
-def test_requests_of_moveit(tmp_path: Path) -> None:
+def test_moveit_requests_need_acceleration_limits(tmp_path: Path) -> None:
     files = tmp_path / "scene.yaml", tmp_path / "request.yaml"
     for path, text in zip(files, (SCENE, REQUEST), strict=True):
         path.write_text(text)
@@ -323,13 +329,17 @@ def test_plots_and_pages_show_accelerations(
         ),
     ],
 )
-def test_what_is_refused(make: Any, error: type[Exception], says: str) -> None:
+def test_calls_that_need_torques_or_acceleration_limits_are_refused(
+    make: Any, error: type[Exception], says: str
+) -> None:
     with pytest.raises(error, match=says):
         make()
 
 
 @pytest.mark.skipif("panda" not in robot_names(), reason="no example-robot-data")
-def test_panda_of_moveit_on_its_limits(tmp_path: Path) -> None:
+def test_panda_with_moveit_limits_takes_the_time_of_its_slowest_joint(
+    tmp_path: Path,
+) -> None:
     files = find_robot("panda")
     text = re.sub(r"(?s)<inertial>.*?</inertial>", "", files.urdf.read_text())
     text = re.sub(r'effort="[^"]*"', 'effort="0"', text)
@@ -355,14 +365,14 @@ def test_panda_of_moveit_on_its_limits(tmp_path: Path) -> None:
     start = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
     goal = start + np.array([1.0, 0.5, 0.3, 0.6, 0.2, 0.4, 0.5])
     found = planned(robot, q_start=start, goal=tm.JointGoal(goal))
-    # Each joint alone: in a trapezoid, or without reaching its speed.
+    # Times of single joints, with or without a phase at the speed limit.
     way, v, a = goal - start, np.array(speeds), np.array(accelerations)
     alone = np.where(way > v**2 / a, way / v + v / a, 2.0 * np.sqrt(way / a))
     assert found.T == pytest.approx(alone.max(), rel=1e-3)
 
 
-def test_samples_of_a_motion_that_hardly_exceeds_its_last_tick(tmp_path: Path) -> None:
-    """A last interval of 87 ns made accelerations of rounded speeds."""
+def test_samples_have_no_last_interval_of_nanoseconds(tmp_path: Path) -> None:
+    """Regression: a last interval of 87 ns gave accelerations from rounded speeds."""
     found = planned(arm())
     file = found.export(tmp_path / "motion.csv", dt=found.T / (70.0 + 1e-5))
     times = tm.load_motion(file).t

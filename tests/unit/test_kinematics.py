@@ -1,4 +1,7 @@
-"""Tests of frames; their derivatives are tested in test_derivatives_problem.py."""
+"""Frames of a robot: placements, Jacobians, velocities, reach.
+
+Their derivatives are tested in test_derivatives_problem.py.
+"""
 
 from __future__ import annotations
 
@@ -31,14 +34,14 @@ def planar_jacobian(q: np.ndarray) -> np.ndarray:
     return np.vstack([tails, np.zeros((3, 3)), np.ones(3)])
 
 
-def test_placement_by_the_formula(planar3r: Robot) -> None:
+def test_placement_matches_the_closed_form(planar3r: Robot) -> None:
     place = RobotKinematics(planar3r).placement(Q, "tip")
     np.testing.assert_allclose(place.translation, planar_tip(Q), atol=1e-14)
     turn = Q.sum()
     np.testing.assert_allclose(place.rotation[0, :2], [np.cos(turn), -np.sin(turn)])
 
 
-def test_jacobian_by_the_formula(planar3r: Robot) -> None:
+def test_jacobian_matches_the_closed_form(planar3r: Robot) -> None:
     kinematics = RobotKinematics(planar3r)
     jacobian = kinematics.jacobian(Q, "tip")
     np.testing.assert_allclose(jacobian, planar_jacobian(Q), atol=1e-14)
@@ -47,20 +50,20 @@ def test_jacobian_by_the_formula(planar3r: Robot) -> None:
     np.testing.assert_allclose(R @ local[:3], jacobian[:3], atol=1e-14)
 
 
-def test_motion_by_the_formula(planar3r: Robot) -> None:
+def test_velocity_derivatives_match_the_closed_form(planar3r: Robot) -> None:
     slopes = FrameMotions(planar3r, "tip").velocity_slopes(Q[None], V[None])
     velocity, by_q, by_v = (part[0] for part in slopes)
     jacobian = planar_jacobian(Q)[:3]
     np.testing.assert_allclose(velocity, jacobian @ V, atol=1e-14)
     np.testing.assert_allclose(by_v, jacobian, atol=1e-14)
-    # d(J v)/dq: each section turns the velocities of those after it.
+    # d(J v)/dq: each link turns the velocities of the links after it.
     angles, rates = np.cumsum(Q), np.cumsum(V)
     parts = -LENGTHS * rates * np.array([np.cos(angles), np.sin(angles)])
     tails = np.cumsum(parts[:, ::-1], axis=1)[:, ::-1]
     np.testing.assert_allclose(by_q[:2], tails, atol=1e-13)
 
 
-def test_a_call_does_not_change_what_another_returned(planar3r: Robot) -> None:
+def test_calls_do_not_change_earlier_results(planar3r: Robot) -> None:
     kinematics = RobotKinematics(planar3r)
     place, jacobian = kinematics.placement(Q, "tip"), kinematics.jacobian(Q, "tip")
     motions = FrameMotions(planar3r, "tip")
@@ -76,7 +79,7 @@ def test_a_call_does_not_change_what_another_returned(planar3r: Robot) -> None:
         np.testing.assert_array_equal(before, after)
 
 
-def test_pickle(planar3r: Robot) -> None:
+def test_kinematics_can_be_pickled(planar3r: Robot) -> None:
     kinematics = RobotKinematics(planar3r)
     back = pickle.loads(pickle.dumps(kinematics))
     np.testing.assert_array_equal(
@@ -84,7 +87,7 @@ def test_pickle(planar3r: Robot) -> None:
     )
 
 
-def test_unknown_frame(planar3r: Robot) -> None:
+def test_unknown_frame_is_named_in_the_error(planar3r: Robot) -> None:
     kinematics = RobotKinematics(planar3r)
     for ask in (
         lambda: kinematics.placement(Q, "hand"),
@@ -96,10 +99,10 @@ def test_unknown_frame(planar3r: Robot) -> None:
             ask()
 
 
-# Joints that follow others
+# Mimic joints
 
 
-def test_fingers_move_together() -> None:
+def test_mimic_fingers_move_together() -> None:
     panda = load_robot("panda", limits="urdf")
     kinematics = RobotKinematics(panda)
     q = np.array([0.1, -0.5, 0.2, -2.0, 0.3, 1.5, 0.7, 0.03])
@@ -163,7 +166,9 @@ def test_reach_goes_along_each_branch(tmp_path: Path) -> None:
     assert kinematics.reach("l3") == kinematics.reach() == pytest.approx(4.0)
 
 
-def test_prismatic_joints(tmp_path: Path, planar3r: Robot) -> None:
+def test_prismatic_joints_are_detected_for_any_axis(
+    tmp_path: Path, planar3r: Robot
+) -> None:
     assert prismatic_joints(planar3r).tolist() == [False] * 3
     panda = prismatic_joints(load_robot("panda", limits="urdf"))
     assert panda.tolist() == [False] * 7 + [True]

@@ -1,4 +1,4 @@
-"""Times of motions between start and goal that are known exactly."""
+"""Motions past via points whose motion times are known in closed form."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def rail() -> tm.Robot:
 
 
 def time_past(*places: float, stop: bool = False, **options) -> float:
-    """T from 0 past places to the last one."""
+    """Motion time T from 0 past via points to the last of the places."""
     parts = [tm.Segment(tm.JointGoal([q]), stop=stop) for q in places]
     solution = tm.plan(tm.Problem(rail(), [0.0], segments=parts), **EXACT | options)
     assert solution.success, solution.message
@@ -32,7 +32,7 @@ def test_a_via_point_on_the_optimum_leaves_the_time_unchanged():
     assert time_past(0.5, 1.0) == pytest.approx(2.0, abs=1e-6)
 
 
-def test_there_and_back_takes_4_seconds():
+def test_motion_there_and_back_takes_four_seconds():
     assert time_past(1.0, 0.0) == pytest.approx(4.0, abs=1e-5)
 
 

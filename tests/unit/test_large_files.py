@@ -1,4 +1,4 @@
-"""Small files that grow, and large ones: refused early, or read in little memory."""
+"""Large files, and small files of large content, are refused or take little memory."""
 
 from __future__ import annotations
 
@@ -25,13 +25,15 @@ def read(path: Path, content: bytes) -> tm.Samples:
 
 @pytest.mark.parametrize("kind", ["<U0", "|S0", "|V0", "<U1"])
 @pytest.mark.parametrize("count", [10**9, 10**8])
-def test_names_of_no_width(kind: str, count: int, tmp_path: Path) -> None:
+def test_archive_member_with_a_false_size_is_refused_in_little_memory(
+    kind: str, count: int, tmp_path: Path
+) -> None:
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         for key in ("joint_names", "t", "q"):
             head = io.BytesIO()
-            said = {"descr": kind, "fortran_order": False, "shape": (count,)}
-            np.lib.format.write_array_header_1_0(head, said)
+            fields = {"descr": kind, "fortran_order": False, "shape": (count,)}
+            np.lib.format.write_array_header_1_0(head, fields)
             archive.writestr(f"{key}.npy", head.getvalue())
     tracemalloc.start()
     try:
@@ -43,7 +45,7 @@ def test_names_of_no_width(kind: str, count: int, tmp_path: Path) -> None:
     assert len(str(error.value)) < 500
 
 
-def test_an_archive_of_many_members(tmp_path: Path) -> None:
+def test_archive_of_many_members_is_refused(tmp_path: Path) -> None:
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w") as archive:
         for number in range(1000):
@@ -54,7 +56,7 @@ def test_an_archive_of_many_members(tmp_path: Path) -> None:
 
 def test_rows_of_a_table_take_little_more_than_their_numbers(tmp_path: Path) -> None:
     count = 50_000
-    read(tmp_path / "few.csv", HEAD + b"0,0.5\n1,0.5\n")  # what is imported is no row
+    read(tmp_path / "few.csv", HEAD + b"0,0.5\n1,0.5\n")  # imports its modules
     content = HEAD + b"".join(b"%d,0.5\n" % i for i in range(count))
     path = tmp_path / "a.csv"
     path.write_bytes(content)
@@ -66,11 +68,13 @@ def test_rows_of_a_table_take_little_more_than_their_numbers(tmp_path: Path) -> 
         tracemalloc.stop()
     assert found.q.shape == (count, 1)
     assert found.t[-1] == count - 1
-    # The numbers, those that are left out, copies of both, the file, and a batch.
+    # The numbers, the numbers left out, copies of both, the file, and a batch.
     assert peak < 12 * 8 * count + len(content) + 2**21
 
 
-def test_tables_have_an_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tables_beyond_the_limits_of_size_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "a.csv"
     monkeypatch.setattr(tables, "MAX_ROWS", 1000)
     rows = b"".join(b"%d,0.5\n" % i for i in range(1000))
@@ -87,13 +91,15 @@ def test_tables_have_an_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
             read(path, content)
 
 
-def test_a_wrong_word_far_down_is_named(tmp_path: Path) -> None:
+def test_wrong_value_far_down_is_named_by_line_and_column(tmp_path: Path) -> None:
     rows = b"".join(b"%d,0.5\n" % i for i in range(25_000))
     with pytest.raises(tm.ScenarioError, match="line 25002, column q_a: 'x'"):
         read(tmp_path / "a.csv", HEAD + rows + b"25000,x\n")
 
 
-def test_messages_have_an_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_messages_of_too_many_values_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(ros, "MAX_VALUES", 1000)
     for content in (b"[" + b"[]," * 1000 + b"0]", b"[" + b'{"a":0},' * 400 + b"0]"):
         with pytest.raises(tm.ScenarioError, match="more than 1000 values"):
@@ -109,7 +115,9 @@ def archive() -> bytes:
 
 @pytest.mark.parametrize("ending", [".stl", ".obj", ".ply", ".dae", ".glb", ".zip"])
 @pytest.mark.parametrize("begin", [archive(), b"\x1f\x8b\x08", b"BZh9", b"\xfd7zXZ\0"])
-def test_an_archive_is_no_mesh(ending: str, begin: bytes, tmp_path: Path) -> None:
+def test_archive_is_refused_as_a_mesh(
+    ending: str, begin: bytes, tmp_path: Path
+) -> None:
     path = tmp_path / f"a{ending}"
     path.write_bytes(begin)
     with pytest.raises(tm.SceneError, match="it is an archive"):
@@ -124,7 +132,9 @@ def test_a_binary_mesh_may_begin_like_an_archive(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("ending", [".3mf", ".zae", ".txt", ""])
-def test_other_endings_are_not_tried(ending: str, tmp_path: Path) -> None:
+def test_unknown_file_extensions_of_meshes_are_refused(
+    ending: str, tmp_path: Path
+) -> None:
     path = tmp_path / f"a{ending}"
     path.write_bytes(b"solid")
     with pytest.raises(tm.SceneError, match="meshes are not read from"):
@@ -141,7 +151,7 @@ def test_other_endings_are_not_tried(ending: str, tmp_path: Path) -> None:
         ("a.stl", bytes(80) + struct.pack("<I", 20) + bytes(20 * 50)),
     ],
 )
-def test_meshes_have_an_end(
+def test_meshes_of_too_many_triangles_are_refused(
     name: str, content: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(mesh_files, "MAX_TRIANGLES", 10)
@@ -152,7 +162,7 @@ def test_meshes_have_an_end(
 
 
 @pytest.mark.parametrize("name", ["a.stl", "a.obj"])
-def test_empty_lines_cost_nothing(name: str, tmp_path: Path) -> None:
+def test_empty_lines_of_a_mesh_take_little_memory(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
     path.write_bytes(b"solid\n" + b"\n" * 10**7 + b"vertex 0 0\nf 1\n")
     tracemalloc.start()
@@ -164,7 +174,7 @@ def test_empty_lines_cost_nothing(name: str, tmp_path: Path) -> None:
         tracemalloc.stop()
 
 
-def test_a_line_of_a_mesh_has_an_end(tmp_path: Path) -> None:
+def test_line_of_a_mesh_that_is_too_long_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.obj"
     path.write_bytes(b"v 0 0 0\nf" + b" 1" * 100_000)
     with pytest.raises(tm.SceneError, match="line 2 is longer"):

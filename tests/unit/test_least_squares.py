@@ -1,4 +1,4 @@
-"""Damped least squares lead rows to roots within bounds, each as if it were alone."""
+"""Damped least squares find roots within bounds, for many rows at once."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def on_spheres(q: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def on_sphere(row: int, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """On a sphere of radius 1 or 2, and in a plane besides where the row is odd."""
+    """Residual of a sphere of radius 1; odd rows: of radius 2, and of a plane."""
     value, slope = [q @ q - (1.0 + row % 2) ** 2], [2.0 * q]
     if row % 2:
         value.append(q[0] - 0.5)
@@ -26,12 +26,12 @@ def on_sphere(row: int, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def plane_at(total: float):
-    """The first two joints add up to a total."""
+    """Residual that is zero where the first two joints add up to a total."""
     normal = np.array([[1.0, 1.0, 0.0]])
     return lambda q, _: (q @ normal.T - total, np.tile(normal, (len(q), 1, 1)))
 
 
-def test_rows_of_several_lengths_are_led_to_roots_as_if_each_were_alone():
+def test_rows_of_different_residual_sizes_converge_as_if_alone():
     starts = np.random.default_rng(0).uniform(-1.5, 1.5, (8, 3))
     found, left = least_squares(on_spheres, starts, LIMITS, ONE, 0.5 * ONE, **SETTINGS)
     assert left.max() < 1e-9
@@ -48,7 +48,7 @@ def test_rows_of_several_lengths_are_led_to_roots_as_if_each_were_alone():
         np.testing.assert_allclose(found[row], alone[0], atol=1e-9)
 
 
-def test_the_step_is_least_in_the_units_that_count_alike():
+def test_step_is_the_shortest_in_scaled_joint_units():
     plane = plane_at(1.0)
     scale = np.array([2.0, 1.0, 1.0])
     found, _ = least_squares(
@@ -57,7 +57,7 @@ def test_the_step_is_least_in_the_units_that_count_alike():
     np.testing.assert_allclose(found, [[0.8, 0.2, 0.0]], atol=1e-6)
 
 
-def test_joints_at_bounds_leave_the_way_to_the_others():
+def test_other_joints_converge_when_a_joint_is_at_its_bound():
     plane = plane_at(3.0)
     found, left = least_squares(
         plane, np.array([[2.0, 0.0, 0.0]]), LIMITS, ONE, 9.0 * ONE, **SETTINGS
@@ -66,7 +66,7 @@ def test_joints_at_bounds_leave_the_way_to_the_others():
     assert left[0] < 1e-9
 
 
-def test_what_no_joint_can_change_is_left():
+def test_residual_beyond_the_bounds_is_returned():
     def beyond(q, _):
         return q - 50.0, np.tile(np.eye(3), (len(q), 1, 1))
 

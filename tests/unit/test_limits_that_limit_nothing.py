@@ -1,4 +1,4 @@
-"""Limits from nothing to as good as none: a motion, or a sentence on what to do."""
+"""Limits that are too wide or too narrow: a plan, or a message that says what to do."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 import tominpmp as tm
 from tominpmp.solvers.trust_region_step import TrustRegionStep
 
-# The search for the best motion is looked at elsewhere.
+# Other tests cover the search for the best motion.
 plan_quickly = partial(tm.plan, effort="quick", refine=None)
 
 START, END = [0.5, 1.7, -1.7], [2.0, -1.0, 0.5]
@@ -22,7 +22,7 @@ def reach(limits: tm.MotionLimits | None = None, **changes: object) -> tm.Proble
 
 
 @pytest.mark.parametrize("wide", [1e9, 1e12])
-def test_nothing_that_limits_a_motion_is_said_at_once(
+def test_problem_without_effective_limits_is_refused_before_iterations(
     wide: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def step(*_: object) -> None:
@@ -37,7 +37,7 @@ def test_nothing_that_limits_a_motion_is_said_at_once(
         assert part in message
 
 
-def test_goals_of_the_hand_as_well() -> None:
+def test_frame_goal_without_effective_limits_is_refused() -> None:
     arm = tm.load_robot("planar3r", effort=1e12, velocity=1e12)
     problem = tm.Problem(arm, START, tm.PositionGoal("tip", (3.0, 1.0, 0.0)))
     with pytest.raises(tm.ProblemError, match="hardly limit it"):
@@ -52,7 +52,7 @@ def test_goals_of_the_hand_as_well() -> None:
         tm.MotionLimits(acceleration=1e-2),
     ],
 )
-def test_accelerations_alone_may_limit_a_motion(limits: tm.MotionLimits) -> None:
+def test_acceleration_limits_alone_suffice(limits: tm.MotionLimits) -> None:
     problem = reach(limits, effort=1e12, velocity=1e12)
     solution = plan_quickly(problem)
     assert solution.success, solution.message
@@ -63,7 +63,7 @@ def test_accelerations_alone_may_limit_a_motion(limits: tm.MotionLimits) -> None
     assert solution.T < (1.01 if limits.jerk is None else 1.1) * least
 
 
-def test_one_joint_may_be_as_free_as_it_likes() -> None:
+def test_one_joint_without_effective_limits_is_planned() -> None:
     usual = plan_quickly(reach())
     limits = reach().robot.limits
     effort, velocity = limits.effort_upper.copy(), limits.velocity.copy()
@@ -73,7 +73,7 @@ def test_one_joint_may_be_as_free_as_it_likes() -> None:
     assert freer.T <= usual.T * 1.01
 
 
-def test_what_takes_too_long_is_said_with_the_joint() -> None:
+def test_message_names_the_joint_whose_speed_limit_is_too_low() -> None:
     few = {"intervals": 8, "max_iterations": 3}
     solution = plan_quickly(reach(velocity=[1.0, 1e-9, 1.0]), **few)
     assert not solution.success
@@ -81,7 +81,7 @@ def test_what_takes_too_long_is_said_with_the_joint() -> None:
     assert "joint joint2" in solution.message and "1e-09 rad/s" in solution.message
 
 
-def test_short_times_have_digits() -> None:
+def test_message_shows_short_motion_times_with_three_digits() -> None:
     solution = plan_quickly(reach(effort=1e7, velocity=1e3))
     assert solution.success and solution.T < 0.01
     assert f"T = {solution.T:.3g} s" in solution.message

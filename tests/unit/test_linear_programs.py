@@ -1,4 +1,4 @@
-"""Linear programs: all solvers agree, and with hand-solved ones."""
+"""Solvers of linear programs agree with SciPy and with solutions by hand."""
 
 from __future__ import annotations
 
@@ -141,20 +141,20 @@ def test_basis_survives_other_rows_and_columns():
 
 
 @pytest.mark.parametrize("name", ["highs", "piqp"])
-def test_infeasible_is_not_optimal(name):
+def test_infeasible_program_is_not_reported_as_optimal(name):
     p = program([1.0], [[1.0], [1.0]], [2.0, -np.inf], [np.inf, 1.0], [-5], [5])
     assert not make_solver(name).solve(p).optimal
 
 
-def test_unknown_solver_lists_the_known_ones():
+def test_error_on_an_unknown_solver_lists_the_known_solvers():
     with pytest.raises(SolverNotFound) as caught:
         make_solver("simplicissimus")
     assert caught.value.name == "simplicissimus"
     assert "highs" in caught.value.available
 
 
-def test_many_columns_without_a_basis_are_no_work_for_pivots(monkeypatch):
-    """Interior points and a crossover first; from their basis on the simplex method."""
+def test_highs_solves_many_columns_by_interior_points_first(monkeypatch):
+    """A crossover yields a basis, from which the simplex method solves the next one."""
     monkeypatch.setattr("tominpmp.linear_programs.highs.MANY_COLUMNS", 30)
     p = random_program(np.random.default_rng(5), rows=60, columns=40)
     solver = make_solver("highs")
@@ -175,8 +175,8 @@ def test_many_columns_without_a_basis_are_no_work_for_pivots(monkeypatch):
 
 
 @pytest.mark.parametrize("curvature", [None, 1e-3 * sp.identity(40, format="csc")])
-def test_programs_of_many_columns_are_not_left_to_the_simplex_method(curvature):
-    """A Panda had 4 to 17 s of pivots for one step on a finer grid."""
+def test_piqp_leaves_no_program_of_many_columns_to_the_simplex_method(curvature):
+    """Regression: one step of a Panda on a finer grid took 4 to 17 s of pivots."""
     p = random_program(np.random.default_rng(6), rows=60, columns=40)
     p = replace(p, curvature=curvature)
     unfinished = Termination(iterations=5)
@@ -185,7 +185,7 @@ def test_programs_of_many_columns_are_not_left_to_the_simplex_method(curvature):
     assert not PiqpSolver(few_columns).solve(p).optimal
 
 
-def test_a_share_of_the_objective_may_be_near_enough():
+def test_piqp_accepts_a_gap_of_a_share_of_the_objective():
     p = random_program(np.random.default_rng(6), rows=60, columns=40)
     best = reference(p).fun
     needed = PiqpSolver().solve(p).iterations
@@ -199,7 +199,7 @@ def test_a_share_of_the_objective_may_be_near_enough():
     assert abs(p.cost @ rough.x - best) < 0.9 * abs(best)
 
 
-def test_curved_programs_of_short_rows_are_solved_stage_by_stage_to_the_same(
+def test_staged_factorisation_gives_the_same_solution(
     monkeypatch,
 ):
     rng = np.random.default_rng(3)
@@ -230,8 +230,8 @@ def test_curved_programs_of_short_rows_are_solved_stage_by_stage_to_the_same(
 
 
 @pytest.mark.parametrize("largest", [1e6, 1e9, 1e10])
-def test_curved_programs_of_huge_coefficients_are_left_to_no_simplex(largest):
-    """Third differences over short intervals: stages leave no numbers from 1e9 on."""
+def test_curved_programs_of_huge_coefficients_are_solved_by_piqp(largest):
+    """Third differences over short intervals: staged, PIQP yields NaN from 1e9 on."""
     rng, columns = np.random.default_rng(0), 60
     rows = columns - 3
     jerks = sp.diags([1.0, -3.0, 3.0, -1.0], range(4), (rows, columns))
@@ -245,10 +245,10 @@ def test_curved_programs_of_huge_coefficients_are_left_to_no_simplex(largest):
     solver = PiqpSolver()
     found = solver.solve(curved)
     assert found.optimal
-    assert found.curved  # which the simplex method leaves out
+    assert found.curved  # the simplex method leaves the curvature out
     exact = make_solver("highs").solve(flat)
     assert cost @ found.x == pytest.approx(cost @ exact.x, abs=1e-4)
-    # What follows from it does not try stages again.
+    # Later programs do not try the staged factorisation again.
     begun = found.iterations
     lower, upper = 0.9 * flat.row_lower, 0.9 * flat.row_upper
     again = solver.resolve(replace(curved, row_lower=lower, row_upper=upper))
@@ -256,8 +256,8 @@ def test_curved_programs_of_huge_coefficients_are_left_to_no_simplex(largest):
     assert solver.solve(curved).iterations < 60
 
 
-def test_matrices_may_have_their_columns_in_any_order():
-    """As products of sparse matrices have; PIQP by itself may end the process."""
+def test_matrices_with_unsorted_indices_are_solved():
+    """Products of sparse matrices have them; PIQP by itself may end the process."""
     rng = np.random.default_rng(1)
     root = sp.random(80, 60, 0.1, format="csr", random_state=rng)
     product = sp.csc_matrix(root.T @ root)
@@ -271,8 +271,8 @@ def test_matrices_may_have_their_columns_in_any_order():
     np.testing.assert_array_equal(one.x, other.x)
 
 
-def test_iterations_of_piqp_are_limited_by_the_time_that_one_takes(clock, monkeypatch):
-    """The set-up of the first program says nothing of how long they take."""
+def test_piqp_iterations_are_limited_by_the_time_of_an_iteration(clock, monkeypatch):
+    """The time of the set-up of the first program is no measure of an iteration."""
     limits = []
 
     class Slow(piqp_module.piqp.SparseSolver):
@@ -295,9 +295,12 @@ def test_iterations_of_piqp_are_limited_by_the_time_that_one_takes(clock, monkey
     assert limits == [1, 59, 59 - spent]
 
 
-def test_a_feasible_program_of_a_panda_is_not_called_infeasible():
-    """The first one with jerks of 1000 rad/s^3: PIQP 0.7 took its last steps for a
-    proof that there is no solution, and left it to 1094 pivots."""
+def test_feasible_program_of_a_panda_is_not_called_infeasible():
+    """Regression: PIQP 0.7 took its last steps for a proof of infeasibility.
+
+    The program, the first of a plan with jerks of 1000 rad/s^3, was then left to 1094
+    pivots of the simplex method.
+    """
     with np.load(Path(__file__).parent / "panda_jerk_program.npz") as kept:
         parts = {name: kept[name].astype(float) for name in kept.files}
     columns = tuple(parts.pop(name) for name in ("data", "indices", "indptr"))

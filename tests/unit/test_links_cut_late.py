@@ -1,7 +1,7 @@
-"""Meshes of links are cut into pieces where links come near each other, and not before.
+"""Meshes of links are decomposed into convex pieces only where links come near.
 
-An arm with nothing around it is judged with one hull a link; only the links that come
-nearest are taken as convex pieces.
+An arm without obstacles is checked with one hull for each link; only the links that
+come nearest are checked as convex pieces.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from tominpmp.verification.nearest import nearest_pair
 
 ENDS = [0.0, -1.2, 1.0, 0.0, 0.5, 0.0], [1.5, -0.8, 0.4, 0.3, -0.5, 1.0]
 MESHES = 7
-# Which links are cut is looked at here, not the search for the best motion.
+# The tests check which links are decomposed, not the search for the best motion.
 QUICK = {"effort": "quick", "refine": None}
 
 
 @pytest.fixture
 def cut(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[list[int]]:
-    """Numbers of triangles of the meshes that are cut, with nothing cut before."""
+    """Triangle counts of the meshes decomposed during a test, from an empty cache."""
     monkeypatch.setenv(decomposition_cache.FOLDER_VARIABLE, str(tmp_path))
     decomposition_cache._known_pieces.cache_clear()
     found: list[int] = []
@@ -51,14 +51,14 @@ def straight(robot: tm.Robot | None = None) -> tm.Problem:
     return tm.Problem(arm, ENDS[0], tm.JointGoal(ENDS[1]))
 
 
-def test_a_plan_in_free_space_cuts_the_nearest_links_only(cut: list[int]) -> None:
-    """Nor does it change anything which links had been cut before it."""
+def test_plan_in_free_space_decomposes_only_the_nearest_links(cut: list[int]) -> None:
+    """The plan is the same whichever links were decomposed before."""
     problem = straight()
     assert cut == []
     fresh = tm.plan(problem, **QUICK)
     assert fresh.success
     assert 0 < len(cut) <= 3
-    # It is the distance of the pieces that is told.
+    # The replay reports the clearance of the pieces.
     times = np.linspace(0.0, fresh.T, 2000)
     room = problem.checker.distances(fresh.trajectory(times).q)
     assert len(cut) == MESHES
@@ -75,7 +75,7 @@ def test_a_plan_in_free_space_cuts_the_nearest_links_only(cut: list[int]) -> Non
     assert str(one.worst["clearance"]) == str(other.worst["clearance"])
 
 
-def test_links_that_touch_are_parted_alike_whatever_was_cut() -> None:
+def test_plan_from_touching_links_does_not_depend_on_decomposition() -> None:
     fingers = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
     ends = (
         [1.1983, 1.5287, -0.6743, -2.9015, 2.2466, 1.8704, 0.3356],
@@ -107,13 +107,13 @@ def test_hulls_are_never_farther_apart_than_pieces() -> None:
     hulls, pieces = nearest
     assert hulls.keys() == pieces.keys()
     assert any(np.any(room > 0.0) for room in hulls.values())
-    # How deep an overlap is depends on what overlaps, and is another question.
+    # Depths of penetration of hulls and of pieces cannot be compared.
     for names, room in hulls.items():
         apart = room > 0.0
         assert np.all(room[apart] <= pieces[names][apart] + 1e-7)
 
 
-def test_starts_clear_by_pieces_and_not_by_hulls_are_taken() -> None:
+def test_start_clear_by_pieces_but_not_by_hulls_is_accepted() -> None:
     arm = tm.load_robot("ur5", limits="urdf")
     checker = CollisionChecker(arm, tm.Scene(), self_collision=True)
     hulls = checker.with_cut(frozenset())
@@ -125,7 +125,7 @@ def test_starts_clear_by_pieces_and_not_by_hulls_are_taken() -> None:
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda"])
-def test_which_links_are_watched_does_not_depend_on_what_is_cut(name: str) -> None:
+def test_checked_pairs_of_links_do_not_depend_on_decomposition(name: str) -> None:
     checker = CollisionChecker(tm.load_robot(name), tm.Scene(), self_collision=True)
     some = frozenset([checker.pairs[0][0]])
     every = {frozenset(pair) for pair in checker.pairs}
@@ -135,7 +135,7 @@ def test_which_links_are_watched_does_not_depend_on_what_is_cut(name: str) -> No
         assert len(part.pairs) <= len(checker.pairs)
 
 
-def test_without_time_to_cut_a_motion_clear_by_hulls_is_kept(
+def test_motion_clear_by_hulls_is_accepted_without_time_to_decompose(
     cut: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     solution = tm.plan(straight())
@@ -157,7 +157,7 @@ def test_without_time_to_cut_a_motion_clear_by_hulls_is_kept(
     assert 0.0 < bound[1].distance <= known
 
 
-def test_a_motion_through_itself_is_no_less_so_without_time(
+def test_self_collision_without_time_to_decompose_is_not_accepted(
     cut: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     arm = tm.load_robot("ur5", limits="urdf")
@@ -175,20 +175,22 @@ def test_a_motion_through_itself_is_no_less_so_without_time(
         nearest_pair(watched, motion.verification.replay, watched.checker, 1e-6)
 
 
-def test_cutting_is_told_before_and_after(
+def test_decomposition_is_logged_before_and_after(
     cut: list[int], caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.INFO, logger="tominpmp")
     tm.plan(straight())
-    told = [r.getMessage() for r in caplog.records if "pieces" in r.getMessage()]
-    assert len(told) == 2 * len(cut) > 0
-    assert "is cut into convex pieces" in told[0]
-    assert "_link'" in told[0]  # whose mesh it is
-    assert "became" in told[1]
+    messages = [r.getMessage() for r in caplog.records if "pieces" in r.getMessage()]
+    assert len(messages) == 2 * len(cut) > 0
+    assert "is cut into convex pieces" in messages[0]
+    assert "_link'" in messages[0]  # the link of the mesh
+    assert "became" in messages[1]
 
 
 @pytest.mark.parametrize("quiet", [False, True])
-def test_a_terminal_shows_what_is_cut(cut: list[int], quiet: bool) -> None:
+def test_terminal_shows_the_decomposition_unless_quiet(
+    cut: list[int], quiet: bool
+) -> None:
     shown = StringIO()
     console = Console(file=shown, force_terminal=True, width=300)
     logger = logging.getLogger(LOGGER)
@@ -200,10 +202,10 @@ def test_a_terminal_shows_what_is_cut(cut: list[int], quiet: bool) -> None:
     assert (logger.level, logger.handlers) == (level, handlers)
 
 
-def test_a_plan_without_time_for_its_meshes_names_the_mesh(
+def test_message_names_the_mesh_whose_decomposition_took_too_long(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """The message said only that no motion was found."""
+    """Regression: the message said only that no motion was found."""
     monkeypatch.setenv(decomposition_cache.FOLDER_VARIABLE, str(tmp_path))
     decomposition_cache._known_pieces.cache_clear()
 

@@ -1,6 +1,6 @@
-"""Links and joints may have one name in a URDF file, as those of Baxter's hands do.
+"""A link and a joint of a URDF file may share a name, as in the hands of a Baxter.
 
-Pinocchio looks for frames by their names alone where it locks joints, and failed.
+Regression: where Pinocchio locks joints, it finds frames by name alone, and failed.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ JOINT = """<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/>
 
 
 def twins(*, other: str = "hand") -> str:
-    """Joints named as the links that they carry, and as those of others.
+    """An arm with joints that have the names of the links they carry, or of others.
 
-    Joint a carries link a; joint b carries link c, and joint c link b; of the last link
-    the fixed joint has the same name, and another fixed joint may have it, too.
+    Joint a carries link a, joint b carries link c, and joint c carries link b. The
+    fixed joint hand carries a link of the same name, or of the name `other`.
     """
     parts = [
         '<link name="base"/>',
@@ -60,7 +60,7 @@ def placed(robot: tm.Robot, q: dict[str, float], frame: str) -> np.ndarray:
 
 @pytest.mark.parametrize("locks", LOCKS)
 @pytest.mark.parametrize("other", ["hand", "b_hand"])
-def test_frames_of_a_locked_arm_are_where_they_were(
+def test_locking_joints_keeps_the_placements_of_frames(
     locks: dict[str, float], other: str
 ) -> None:
     text = twins(other=other)
@@ -76,8 +76,10 @@ def test_frames_of_a_locked_arm_are_where_they_were(
 
 
 @pytest.mark.parametrize("locks", LOCKS)
-def test_forces_of_a_locked_arm_are_what_they_were(locks: dict[str, float]) -> None:
-    """A joint that stands still has the same torques whether it could move or not."""
+def test_locking_joints_keeps_the_torques_of_the_others(
+    locks: dict[str, float],
+) -> None:
+    """Joints at rest load the other joints alike, whether they are locked or not."""
     whole = tm.load_robot(twins())
     arm = tm.load_robot(twins(), locked_joints=locks)
     q = {"a": 0.4, "b": 0.25, "c": -0.3} | locks
@@ -91,12 +93,12 @@ def test_forces_of_a_locked_arm_are_what_they_were(locks: dict[str, float]) -> N
         assert torques[1][name] == pytest.approx(torques[0][name], rel=1e-12)
 
 
-def test_frames_are_named_once() -> None:
+def test_frame_names_are_unique() -> None:
     names = tm.load_robot(twins()).frame_names
     assert len(names) == len(set(names)) and {"a", "b", "c"} <= set(names)
 
 
-def test_groups_and_states_of_the_srdf_file(tmp_path: Path) -> None:
+def test_groups_and_states_of_an_srdf_file_refer_to_joints(tmp_path: Path) -> None:
     urdf = tmp_path / "twins.urdf"
     urdf.write_text(twins())
     urdf.with_suffix(".srdf").write_text(SRDF)
@@ -110,7 +112,7 @@ def test_groups_and_states_of_the_srdf_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("frame", ["a", "b", "c", "hand"])
-def test_a_payload_on_the_link(frame: str) -> None:
+def test_payload_is_mounted_on_the_link_of_a_shared_name(frame: str) -> None:
     arm = tm.load_robot(twins(), locked_joints={"c": 0.2})
     load = tm.Payload(1.5, frame, geometry=[tm.Sphere("ball", radius=0.05)])
     loaded = arm.with_payload(load)
@@ -125,7 +127,7 @@ def test_a_payload_on_the_link(frame: str) -> None:
 
 
 @pytest.mark.parametrize("frame", ["a", "b", "c", "hand"])
-def test_a_goal_on_the_link(frame: str) -> None:
+def test_position_goal_refers_to_the_link_of_a_shared_name(frame: str) -> None:
     arm = tm.load_robot(twins(), locked_joints={"c": 0.2})
     there = placed(arm, {"a": 0.4, "b": 0.25}, frame)[:3, 3]
     problem = tm.Problem(arm, (0, 0), tm.PositionGoal(frame, there))
@@ -135,7 +137,7 @@ def test_a_goal_on_the_link(frame: str) -> None:
     np.testing.assert_allclose(placed(arm, end, frame)[:3, 3], there, atol=1e-6)
 
 
-def test_a_cell_of_two() -> None:
+def test_workcell_of_two_arms_keeps_placements_and_is_planned() -> None:
     one = tm.load_robot(twins(), locked_joints={"a": 0.3})
     two = tm.load_robot(twins())
     cell = tm.Workcell({"one": (one, (0, 0, 0)), "two": (two, (5, 0, 0))})
@@ -154,8 +156,8 @@ def test_a_cell_of_two() -> None:
     assert tm.plan(cell.problem(starts, goals), **QUICK).success
 
 
-def test_names_that_are_added_are_not_taken() -> None:
-    """A payload brings a joint, and a base elsewhere a link and a joint."""
+def test_added_links_and_joints_get_unused_names() -> None:
+    """A payload adds a joint; another placement of the base adds a link and a joint."""
     text = twins().replace('"c" type', '"payload_joint" type')
     text = text.replace('"base"', '"ground"')
     arm = tm.load_robot(text)

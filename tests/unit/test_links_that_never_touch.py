@@ -1,4 +1,4 @@
-"""Links whose pair an SRDF disables as "Never", and that touch: a warning says so."""
+"""Links that touch, although the SRDF file disables them as "Never", give a warning."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ import tominpmp as tm
 
 LIMIT = '<limit lower="-3" upper="3" effort="100" velocity="8"/>'
 BALL = '<collision><geometry><sphere radius="0.05"/></geometry></collision>'
-# At x = 1, which the ball passes on its way.
+# A box at x = 1, which the ball passes.
 POST = (
     '<collision><origin xyz="1 0 0"/><geometry><box size="0.1 0.1 0.1"/></geometry>'
     "</collision>"
 )
-# Two plates, with room for the ball between them; their hull has none.
+# Two plates, with room for the ball between them; their convex hull has no room.
 FORK = '<collision><geometry><mesh filename="fork.obj"/></geometry></collision>'
 WHY = '<robot name="sample"><disable_collisions link1="base" link2="ball"{}/></robot>'
 FINGERS = {"panda_finger_joint1": 0.03, "panda_finger_joint2": 0.03}
@@ -29,7 +29,7 @@ BENT = [0.5, 0.0, 0.3, -1.5, 0.0, 0.1, 0.0]
 
 
 def rail(folder: Path, reason: str | None, post: str = POST) -> tm.Robot:
-    """A ball that slides along x, at (1 + q, 0, 0), past something on its base."""
+    """A ball that slides along x, at (1 + q, 0, 0), past the shape of its base."""
     semantics = WHY.format("" if reason is None else f' reason="{reason}"')
     parts = (
         link("base", post),
@@ -39,8 +39,8 @@ def rail(folder: Path, reason: str | None, post: str = POST) -> tm.Robot:
     return load(folder, robot(*parts), srdf=semantics)
 
 
-def test_pairs_without_a_reason_are_told_of_unless_they_are_neighbours() -> None:
-    """The SRDF of the UR5 has no reasons."""
+def test_touching_pairs_without_reason_give_a_warning_unless_adjacent() -> None:
+    """The SRDF file of the UR5 has no reasons."""
     arm = tm.load_robot("ur5", limits="urdf")
     never = arm.srdf.never_touch
     assert ("forearm_link", "wrist_2_link") in never
@@ -57,7 +57,7 @@ def past(arm: tm.Robot, **changes: object) -> tm.Problem:
     return tm.Problem(arm, [-1.0], tm.JointGoal([1.0]), **changes)
 
 
-def test_links_that_touch_though_they_never_do_are_told_of(tmp_path: Path) -> None:
+def test_touch_of_a_pair_disabled_as_never_gives_a_warning(tmp_path: Path) -> None:
     problem = past(rail(tmp_path, "Never"))
     solution = tm.plan(problem)
     quiet = tm.plan(past(rail(tmp_path, "Adjacent")))
@@ -80,7 +80,7 @@ def test_links_that_touch_though_they_never_do_are_told_of(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("reason", ("Adjacent", "Default", "User", "", None))
-def test_pairs_with_other_reasons_are_not_told_of(
+def test_touch_of_a_pair_with_another_reason_gives_no_warning(
     reason: str | None, tmp_path: Path
 ) -> None:
     solution = tm.plan(past(rail(tmp_path, reason)))
@@ -89,14 +89,16 @@ def test_pairs_with_other_reasons_are_not_told_of(
     assert "touch" not in solution.message
 
 
-def test_links_that_may_touch_are_not_told_of(tmp_path: Path) -> None:
+def test_links_that_may_touch_give_no_warning(tmp_path: Path) -> None:
     arm = rail(tmp_path, "Never")
     for changes in ({"self_collision": False}, {"may_touch": [("base", "ball")]}):
         assert tm.plan(past(arm, **changes)).verification.touches == ()
 
 
-def test_links_that_keep_apart_are_not_told_of(tmp_path: Path) -> None:
-    """Not even if their hulls overlap: meshes are what touches."""
+def test_links_whose_hulls_overlap_without_a_touch_give_no_warning(
+    tmp_path: Path,
+) -> None:
+    """Touches are those of meshes: the ball passes between two plates."""
     plate = [(x, y, z) for x in (0.5, 1.5) for y in (0.1, 0.2) for z in (-0.1, 0.1)]
     faces = [(1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5)]
     faces.append((2, 6, 8, 4))
@@ -110,7 +112,7 @@ def test_links_that_keep_apart_are_not_told_of(tmp_path: Path) -> None:
     assert len(tm.plan(past(rail(tmp_path, "Never"))).verification.touches) == 1
 
 
-def test_motions_that_fail_are_not_told_more(tmp_path: Path) -> None:
+def test_failed_replay_reports_no_touches(tmp_path: Path) -> None:
     problem = past(rail(tmp_path, "Never"))
     motion = tm.plan(problem).trajectory
     found = tm.verify(replace(problem, goal=tm.JointGoal([2.0])), motion)
@@ -118,7 +120,7 @@ def test_motions_that_fail_are_not_told_more(tmp_path: Path) -> None:
     assert found.touches == ()
 
 
-def test_reasons_are_kept_by_files_and_by_robots_that_are_combined(
+def test_scenario_files_and_combined_robots_keep_the_reasons(
     tmp_path: Path,
 ) -> None:
     arm = rail(tmp_path, "Never")
@@ -135,7 +137,7 @@ def test_reasons_are_kept_by_files_and_by_robots_that_are_combined(
     assert [touch[:2] for touch in solution.verification.touches] == [expected[0]]
 
 
-def test_reports_of_commands_say_so(tmp_path: Path) -> None:
+def test_plan_and_verify_commands_print_the_warning(tmp_path: Path) -> None:
     rail(tmp_path, "Never")
     (tmp_path / "sample.srdf").write_text(WHY.format(' reason="Never"'))
     here = [str(tmp_path / "sample.urdf"), "--srdf", str(tmp_path / "sample.srdf")]
@@ -150,8 +152,8 @@ def test_reports_of_commands_say_so(tmp_path: Path) -> None:
     assert "Links 'ball' and 'base' touch at 0." in ran.output
 
 
-def test_hand_and_forearm_of_a_panda() -> None:
-    """Its SRDF disables them as "Default", as they touch where all joints are at 0."""
+def test_touch_of_a_panda_hand_warns_only_with_reason_never() -> None:
+    """Hand and forearm touch where all joints are at 0: the SRDF says "Default"."""
     panda = tm.load_robot("panda", limits="urdf", locked_joints=FINGERS)
     solution = tm.plan(tm.Problem(panda, STRAIGHT, tm.JointGoal(BENT)))
     assert solution.success

@@ -58,12 +58,12 @@ def ur5():
 
 
 @pytest.mark.parametrize("item", ITEMS)
-def test_derivatives_against_differences(item, ur5):
+def test_derivatives_match_finite_differences(item, ur5):
     check_terms_against_differences(item.on(ur5), 5, 3e-6)
 
 
 @pytest.mark.parametrize("item", ITEMS)
-def test_the_wrench_is_what_the_load_adds_to_the_torques(item, ur5):
+def test_wrench_equals_the_torques_that_the_load_adds(item, ur5):
     ready = item.on(ur5)
     loaded = ur5.model.copy()
     frame = loaded.frames[loaded.getFrameId("tool0")]
@@ -91,7 +91,7 @@ def test_rows_have_the_sign_of_the_excess(item, ur5):
 
 
 @pytest.mark.parametrize("method", ["inverse", "collocation"])
-def test_a_level_tray_is_as_fast_as_its_friction(method):
+def test_load_on_a_level_tray_moves_at_the_friction_limit(method):
     solution = planned(tm.StableContact("tip", (0, 0, 0.05), 0.2), method=method)
     assert pytest.approx(1.427843, rel=1e-3) == solution.T
 
@@ -105,13 +105,13 @@ def test_a_tall_load_tips_before_it_slips():
     assert pytest.approx(expected, rel=1e-3) == solution.T
 
 
-def test_a_round_foot_tips_like_its_radius():
+def test_load_on_a_round_foot_tips_at_its_radius():
     solution = planned(tm.StableContact("tip", (0, 0, 0.2), 0.9, 0.03))
     expected = 2.0 * np.sqrt(1.0 / (G * 0.03 / 0.2))
     assert pytest.approx(expected, rel=2e-3) == solution.T
 
 
-def test_a_suction_cup_holds_what_it_pulls_less_the_weight():
+def test_suction_cup_holds_by_its_pull_less_the_weight():
     mass, pull, mu = 2.0, 60.0, 0.5
     cup = tm.StableContact("tip", (0, 0, 0.1), mu, mass=mass, adhesion=pull)
     hanging = rail((0.0, 0.0, G))  # the load is below the cup
@@ -120,7 +120,7 @@ def test_a_suction_cup_holds_what_it_pulls_less_the_weight():
     assert pytest.approx(expected, rel=5e-3) == solution.T
 
 
-def test_fingers_lift_a_load_as_fast_as_they_hold_it():
+def test_grasped_load_is_lifted_at_the_friction_limit():
     lift = make_arm(slide(1.0, (0.0, 1.0, 0.0)), effort=np.array([200.0]), gravity=SIDE)
     grasp = tm.FirmGrasp("tip", 20.0, 0.5, 1.0, axis=(0, 0, 1))
     solution = planned(grasp, robot=lift)
@@ -177,7 +177,7 @@ def test_tilting_the_tray_is_faster_than_keeping_it_level(tmp_path):
         (tm.StableContact("tip", (0.1, 0, 0.1), 0.5, 0.05), "slips or tips, even at"),
     ],
 )
-def test_what_cannot_be_held_even_at_rest_is_an_error(item, words):
+def test_load_that_slips_or_tips_at_rest_is_refused(item, words):
     with pytest.raises(ProblemError, match=words):
         tm.Problem(rail(), [0.0], tm.JointGoal([1.0]), constraints=(item,))
 
@@ -206,12 +206,12 @@ def test_what_cannot_be_held_even_at_rest_is_an_error(item, words):
         (lambda: tm.FirmGrasp("a", 5.0, 0.5, 1.0, axis=(0, 0, 0)), "axis is"),
     ],
 )
-def test_wrong_values_are_named(make, words):
+def test_wrong_values_are_named_in_the_error(make, words):
     with pytest.raises(ProblemError, match=words):
         make()
 
 
-def test_scenario_files_hold_them(tmp_path):
+def test_scenario_file_keeps_a_stable_contact(tmp_path):
     item = tm.StableContact("tip", (0, 0, 0.1), 0.4, SQUARE, 0.7, TENSOR, 5.0)
     robot = tm.load_robot("planar3r", gravity=DOWN)
     goal = tm.JointGoal([0.6, 0.5, 0.4])

@@ -1,4 +1,4 @@
-"""Lower bounds on the duration: valid for any motion, and tight where they can be."""
+"""Lower bounds on the motion time: valid for each motion, and tight for simple arms."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from tominpmp.robot.robot import Robot
 from tominpmp.solution import Solution
 from tominpmp.status import Status
 
-# All but most of the arms that lift payloads, whose optima take long to compute.
+# Without most arms that lift payloads, whose optima take long to compute.
 CASES = {
     name: case
     for family, cases in FAMILIES.items()
@@ -56,7 +56,7 @@ def test_bound_is_no_larger_than_the_known_optimum(name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "share"), [("pendulum, lift", 0.89), ("pendulum, upright", 0.75)]
 )
-def test_gravity_pulls_a_pendulum_as_strongly_as_it_may(
+def test_bound_of_a_pendulum_under_gravity_is_near_the_optimum(
     name: str, share: float
 ) -> None:
     case = CASES[name]
@@ -66,7 +66,7 @@ def test_gravity_pulls_a_pendulum_as_strongly_as_it_may(
 def thrown(
     robot: Robot, torques: np.ndarray, T: float, start: np.ndarray
 ) -> Problem | None:
-    """A problem that torques solve in a given time, if they keep the limits."""
+    """A problem that given torques solve in the time T; None if limits are broken."""
     n = robot.n
     t = np.linspace(0.0, T, len(torques) + 1)
     u = np.concatenate([torques, torques[-1:]])
@@ -134,7 +134,7 @@ def test_no_random_motion_beats_the_bound(name: str, rng: np.random.Generator) -
     st.floats(0.3, 3.0),
     st.floats(1.5, 6.0),
 )
-def test_a_mass_takes_as_long_in_a_mirror_and_with_time_turned_round(
+def test_bound_of_a_mass_is_symmetric_in_space_and_time(
     way: float, v0: float, v1: float, up: float, down: float, top: float
 ) -> None:
     def bound(way: float, begin: float, end: float, ahead: float, back: float) -> float:
@@ -152,7 +152,7 @@ def test_a_mass_takes_as_long_in_a_mirror_and_with_time_turned_round(
     assert turned == pytest.approx(T, rel=1e-6, abs=1e-9)
 
 
-def test_speed_limit_rules_with_the_slowest_joint() -> None:
+def test_bound_by_speed_limits_is_that_of_the_slowest_joint() -> None:
     robot = make_arm(ROD, ROD, ROD, effort=1e3, velocity=np.array([1.0, 2.0, 3.0]))
     problem = Problem(robot, np.zeros(3), JointGoal(np.array([1.0, 2.4, 1.0])))
     found = lower_bound(problem)
@@ -174,10 +174,10 @@ def test_speed_limit_rules_with_the_slowest_joint() -> None:
         (MotionLimits(acceleration=4.0, jerk=4.0), (1.0, -1.0, 0.0), 1.0),
     ],
 )
-def test_a_stop_takes_the_time_of_braking_wherever_it_is(
+def test_bound_of_a_stop_is_the_time_of_braking(
     limits: MotionLimits, v: tuple[float, ...], T: float
 ) -> None:
-    """No bound above zero was known where a goal includes the start of the motion."""
+    """Regression: the bound was zero if the goal includes the start of the motion."""
     robot = make_arm(ROD, ROD, ROD, effort=1e3, velocity=3.0)
     anywhere = JointRegionGoal(np.zeros(3), 3.0)
     problem = Problem(robot, np.zeros(3), anywhere, v_start=v, motion_limits=limits)
@@ -187,7 +187,7 @@ def test_a_stop_takes_the_time_of_braking_wherever_it_is(
 
 
 @pytest.mark.parametrize("kind", [PositionGoal, PoseGoal])
-def test_no_straight_motion_beats_the_bound_of_a_frame(
+def test_no_straight_motion_beats_the_bound_of_a_frame_goal(
     kind: type, planar3r: Robot, rng: np.random.Generator
 ) -> None:
     robot = planar3r.with_changes(velocity=np.array([1.0, 2.0, 3.0]))
@@ -211,7 +211,7 @@ def test_no_straight_motion_beats_the_bound_of_a_frame(
     assert best > 0.5
 
 
-def test_goals_with_a_range_are_bounded_to_their_edge(planar3r: Robot) -> None:
+def test_bound_of_a_goal_region_is_the_time_to_its_edge(planar3r: Robot) -> None:
     robot = planar3r.with_changes(velocity=np.array([1.0, 2.0, 3.0]))
     q = np.array([0.5, 0.0, 0.0])
 
@@ -240,7 +240,7 @@ def test_goals_with_a_range_are_bounded_to_their_edge(planar3r: Robot) -> None:
     assert bound(here) == 0.0
 
 
-def test_points_of_links_move_no_more_than_their_bound(
+def test_displacements_of_link_points_stay_within_their_bound(
     rng: np.random.Generator,
 ) -> None:
     arm = make_arm(ROD, slide(1.0), rod(1.0, 0.6), effort=1.0)
@@ -263,7 +263,7 @@ def test_points_of_links_move_no_more_than_their_bound(
     assert np.max(largest / bound) > 0.5
 
 
-def test_bounds_of_weight_hold_everywhere(rng: np.random.Generator) -> None:
+def test_gravity_torques_stay_within_their_bounds(rng: np.random.Generator) -> None:
     arm = make_arm(
         rod(1.0, 1.0), rod(0.5, 0.7), slide(0.8), effort=9.0, gravity=DOWNWARD
     )
@@ -276,7 +276,7 @@ def test_bounds_of_weight_hold_everywhere(rng: np.random.Generator) -> None:
     assert np.all(largest > 0.4 * weight)
 
 
-def test_work_of_torques_bounds_arms_whose_rotors_have_inertia() -> None:
+def test_work_of_torques_bounds_the_time_of_arms_with_rotor_inertia() -> None:
     links = [Link(0.4, 0.3, 0.1)] * 3
     problem = Problem(
         make_arm(*links, effort=3.0, armature=np.array([1.0, 0.5, 0.2])),
@@ -287,18 +287,18 @@ def test_work_of_torques_bounds_arms_whose_rotors_have_inertia() -> None:
     assert found.reason == "no torques carry the arm there sooner"
     solution = plan(problem)
     assert 0.2 * solution.T < found.T < solution.T
-    # Where a joint has no rotor nothing is known but what speed limits tell.
+    # If a joint has no rotor inertia, only speed limits give a bound.
     light = problem.robot.with_changes(armature=np.array([1.0, 0.5, 0.0]))
     assert "to go" in lower_bound(replace(problem, robot=light)).reason
 
 
 @pytest.mark.parametrize("known", [0.0, -1.0, np.nan, "long"])
-def test_a_known_time_that_is_none_is_named(known: object) -> None:
+def test_invalid_known_time_is_named_in_the_error(known: object) -> None:
     with pytest.raises(ProblemError, match="known"):
         lower_bound(CASES["rods"].problem(), known=known)  # type: ignore[arg-type]
 
 
-def test_no_longer_time_than_the_known_one_is_looked_at(planar3r: Robot) -> None:
+def test_bound_does_not_exceed_the_known_time(planar3r: Robot) -> None:
     goal = PositionGoal("tip", np.array([0.0, 5.0, 0.0]))
     problem = Problem(planar3r, np.array([0.5, 0.0, 0.0]), goal)
     free = lower_bound(problem).T
@@ -306,7 +306,7 @@ def test_no_longer_time_than_the_known_one_is_looked_at(planar3r: Robot) -> None
     assert 0.95 * free < lower_bound(problem, known=1.1 * free).T <= 1.1 * free
 
 
-def test_gap_compares_the_motion_with_the_bound() -> None:
+def test_gap_is_the_excess_of_the_motion_over_the_bound() -> None:
     robot = make_arm(slide(MASS), effort=FORCE)
     problem = Problem(robot, np.zeros(1), JointGoal(np.ones(1)))
     nodes, rest = np.array([0.0, 1.2]), np.zeros((2, 1))
@@ -317,12 +317,12 @@ def test_gap_compares_the_motion_with_the_bound() -> None:
     assert bounded.gap == pytest.approx(0.2)
     assert replace(bounded, lower_bound=LowerBound(0.0, "no bound")).gap is None
     assert replace(bounded, trajectory=None).gap is None
-    # Half of T is the least that is said of a bound.
+    # A bound is useful from half of T on.
     assert bounded.lower_bound is not None
     assert bounded.lower_bound.useful(2.0) and not bounded.lower_bound.useful(2.01)
 
 
-def test_only_bounds_of_half_the_duration_are_put_into_words() -> None:
+def test_bounds_below_half_the_duration_are_left_out_of_messages() -> None:
     bound = LowerBound(1.0, "so it is")
     assert bound.comparison(1.05) == "5.0 % above the lower bound"
     assert bound.comparison(1.0 - 1e-5) == "0.0 % above the lower bound"

@@ -1,7 +1,7 @@
-"""Turns that are rounding take no time, be it of a hand that nothing can turn.
+"""Rotations by rounding errors add no time to lower bounds.
 
-A pose that differs by the last digits from the one at the start gave an arm of sliding
-joints a lower bound of more than a minute, on some machines.
+Regression: a goal pose that differs by the last digits from the pose at the start gave
+an arm of sliding joints a lower bound of more than a minute, on some machines.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from sample_arms import make_arm, slide
 import tominpmp as tm
 from tominpmp.kinematics import RobotKinematics
 
-ROUNDED = 1e-8  # what the arc cosine makes of the last digit [rad]
+ROUNDED = 1e-8  # angle that the arc cosine yields for an error of the last digit [rad]
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +23,9 @@ def rail() -> tm.Robot:
 
 
 @pytest.mark.parametrize("kind", ["pose", "axis"])
-def test_a_hand_that_only_slides(rail: tm.Robot, kind: str) -> None:
+def test_rounded_orientation_goal_keeps_the_bound_below_the_motion_time(
+    rail: tm.Robot, kind: str
+) -> None:
     there = RobotKinematics(rail).placement(np.array([0.2]), "tip")
     turned = pin.exp3(np.array([0.0, ROUNDED, 0.0])) @ there.rotation
     if kind == "pose":
@@ -37,7 +39,7 @@ def test_a_hand_that_only_slides(rail: tm.Robot, kind: str) -> None:
     assert 0.0 < solution.lower_bound.T <= solution.T * (1.0 + 1e-6)
 
 
-def test_turns_that_are_none_of_rounding_take_time() -> None:
+def test_rotation_beyond_rounding_is_part_of_the_bound() -> None:
     arm = tm.load_robot("planar3r")
     start = np.array([0.5, 1.7, -1.7])
     goal = tm.AxisGoal("tip", (1.0, 0.0, 0.0), (-1.0, 0.2, 0.0))

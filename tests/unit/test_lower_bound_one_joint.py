@@ -1,4 +1,4 @@
-"""Lower bounds of arms with one joint: the minimum itself where gravity is uniform."""
+"""Lower bounds of arms with one joint: the minimum time where gravity is uniform."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import Robot
 
 MASS, FORCE = 2.0, 10.0
-# Of a point mass at the end of a rod.
+# Moment of inertia of a point mass at the end of a rod.
 INERTIA = 1e-6
 
 
@@ -48,7 +48,7 @@ def by_peak(
     return parts(brentq(lambda v: parts(v)[0] - 1.0, 1e-6, most))[1]
 
 
-def test_every_limit_of_a_rail_gives_its_closed_form() -> None:
+def test_bound_of_each_limit_of_a_rail_matches_the_closed_form() -> None:
     push = FORCE / MASS
     assert lower_bound(rail(MotionLimits(effort_scale=0.5))).T == pytest.approx(
         2.0 * math.sqrt(2.0 / push)
@@ -64,7 +64,7 @@ def test_every_limit_of_a_rail_gives_its_closed_form() -> None:
     assert lower_bound(rail(friction=3.0)).T == pytest.approx(dry)
 
 
-def test_torque_rates_and_jerks_bend_the_motions_of_rails() -> None:
+def test_bounds_of_torque_rate_and_jerk_match_the_closed_form() -> None:
     rate = lower_bound(rail(MotionLimits(effort_rate=60.0), effort=1e6)).T
     assert rate == pytest.approx((32.0 / 30.0) ** (1.0 / 3.0))
     # Force and its rate: 5 m/s^2 after 1/6 s, as for an acceleration limit.
@@ -73,7 +73,7 @@ def test_torque_rates_and_jerks_bend_the_motions_of_rails() -> None:
     ramp = push / jerk
     plateau = 0.5 * (-3.0 * ramp + math.sqrt(ramp**2 + 4.0 / push))
     assert both == pytest.approx(4 * ramp + 2 * plateau)
-    # More friction takes longer, and a bound remains one where it is viscous.
+    # Dry friction takes longer, and the bound is close where friction is viscous.
     dry = lower_bound(rail(MotionLimits(effort_rate=60.0), friction=2.0)).T
     assert dry > both
     rates = MotionLimits(effort_rate=60.0)
@@ -84,7 +84,7 @@ def test_torque_rates_and_jerks_bend_the_motions_of_rails() -> None:
 def farthest(
     T: float, push: float, drag: float, friction: float, limits: tuple[float, ...]
 ) -> float:
-    """Way of a mass from rest to rest in a time, by a linear program of its jerks.
+    """Longest way of a mass from rest to rest in a time, by a linear program of jerks.
 
     Args:
         T: The time.
@@ -119,7 +119,7 @@ def farthest(
     ("jerk", "rate", "drag", "friction"),
     [(30.0, 1e4, 0.0, 0.0), (30.0, 1e4, 1.5, 0.5), (1e4, 40.0, 1.5, 0.5)],
 )
-def test_jerks_and_torque_rates_beside_friction_and_curves(
+def test_bound_with_jerk_rate_friction_and_curve_is_near_the_optimum(
     jerk: float, rate: float, drag: float, friction: float
 ) -> None:
     limits = MotionLimits(
@@ -133,8 +133,8 @@ def test_jerks_and_torque_rates_beside_friction_and_curves(
     assert farthest(T, *rest) < 1.0 < farthest(1.12 * T, *rest)
 
 
-def test_friction_helps_to_brake_a_mass_that_hardly_holds_itself() -> None:
-    """With 27.8 N for 27.4 N of weight: lifted and falling, beside planned motions."""
+def test_bound_of_a_mass_near_its_largest_weight_is_near_the_optimum() -> None:
+    """27.8 N for 27.4 N of weight, upwards and downwards; friction helps to brake."""
     robot = make_arm(
         slide(27.4 / 9.81, (0.0, 1.0, 0.0)),
         effort=27.834,
@@ -150,7 +150,7 @@ def test_friction_helps_to_brake_a_mass_that_hardly_holds_itself() -> None:
         assert 0.95 * planned < found < planned
 
 
-def test_torque_over_speed_gives_the_time_by_quadrature() -> None:
+def test_bound_with_effort_curves_matches_quadrature() -> None:
     droop = EffortCurve.droop(FORCE, 1.4)
     limits = MotionLimits(effort_curves={"joint1": droop})
     push = FORCE / MASS
@@ -173,8 +173,8 @@ def test_torque_over_speed_gives_the_time_by_quadrature() -> None:
     assert found == pytest.approx(by_peak(up, down, 2.0), rel=1e-6)
 
 
-def test_curves_are_about_no_torque_where_limits_are_not() -> None:
-    """They end at the no-load speed, whatever the middle of the limits is."""
+def test_effort_curves_are_symmetric_beside_asymmetric_limits() -> None:
+    """Curves end at the no-load speed, whatever the middle of the limits is."""
     robot = make_arm(slide(MASS), effort=np.array([[-3.0, FORCE]]))
     limits = MotionLimits(effort_curves={"joint1": EffortCurve.droop(FORCE, 1.4)})
     problem = Problem(robot, np.zeros(1), JointGoal([1.0]), motion_limits=limits)
@@ -193,8 +193,8 @@ def test_curves_are_about_no_torque_where_limits_are_not() -> None:
     assert least <= solution.T * (1.0 + 1e-6) < 1.002 * least
 
 
-def test_speed_limit_that_is_reached_at_once_makes_no_way_longer() -> None:
-    """A light rod past its goal and back, at its speed limit nearly all the time."""
+def test_bound_with_a_speed_limit_reached_at_once_is_tight() -> None:
+    """A light rod passes its goal and returns, nearly always at its speed limit."""
     robot = make_arm(ROD, effort=600.0, gravity=DOWNWARD, velocity=0.86)
     problem = Problem(robot, np.array([0.73]), JointGoal([-0.22], [0.05]))
     assert 0.95 / 0.86 <= lower_bound(problem).T < 0.95 / 0.86 + 3e-3
@@ -202,8 +202,8 @@ def test_speed_limit_that_is_reached_at_once_makes_no_way_longer() -> None:
     assert 0.95 / 0.86 <= lower_bound(straight).T < 0.95 / 0.86 + 2e-3
 
 
-def test_curves_that_rise_again_give_the_time_by_quadrature() -> None:
-    """The dip in the torque counts, although more is to be had beyond it."""
+def test_bound_with_a_dip_in_the_effort_curve_matches_quadrature() -> None:
+    """The dip in the torque counts, although the torque is larger at higher speeds."""
     curve = EffortCurve([0.0, 0.8, 1.6, 3.0], [9.0, 3.5, 8.5, 5.0])
     problem = rail(MotionLimits(effort_curves={"joint1": curve}), friction=0.6)
 
@@ -216,11 +216,11 @@ def test_curves_that_rise_again_give_the_time_by_quadrature() -> None:
     assert lower_bound(problem).T == pytest.approx(by_peak(up, down, 3.0), rel=1e-6)
 
 
-def test_a_goal_that_is_passed_and_come_back_to() -> None:
-    """Too fast to stop there: 1 m/s^2 either way, at 2 m/s, 0.5 m before the goal."""
+def test_bound_includes_the_way_past_the_goal_and_back() -> None:
+    """The mass is too fast to stop: 1 m/s^2, at 2 m/s, 0.5 m before the goal."""
     robot = make_arm(slide(1.0), effort=1.0)
     problem = Problem(robot, [0.0], JointGoal([0.5]), v_start=[2.0])
-    # It stops after 2 s and 2 m, and goes back 1.5 m.
+    # The mass stops after 2 s and 2 m, and goes back 1.5 m.
     assert lower_bound(problem).T == pytest.approx(2.0 + 2.0 * math.sqrt(1.5))
     from_rest = Problem(robot, [0.0], JointGoal([0.5], [2.0]))
     assert lower_bound(from_rest).T == pytest.approx(2.0 + 2.0 * math.sqrt(1.5))
@@ -234,7 +234,7 @@ def test_a_goal_that_is_passed_and_come_back_to() -> None:
     assert lower_bound(limited).T == pytest.approx(2.0 + 2.0 * math.sqrt(1.5))
 
 
-def test_a_range_is_reached_as_soon_as_torques_carry_it_there() -> None:
+def test_bound_of_a_joint_range_is_the_time_to_its_edge() -> None:
     robot = make_arm(slide(MASS), effort=FORCE)
     near = JointRegionGoal([1.2], 0.2)
     bound = lower_bound(Problem(robot, [0.0], near))
@@ -260,7 +260,7 @@ class Arm:
 
     @classmethod
     def random(cls, rng: np.random.Generator, pendulum: bool) -> Arm:
-        """Any torques, friction and curve, on an upright rail or hanging."""
+        """Random torques, friction and curve, on an upright rail or of a pendulum."""
         arm = cls(
             mass=float(rng.uniform(0.3, 2.0)),
             effort=(-float(rng.uniform(2.0, 9.0)), float(rng.uniform(2.0, 9.0))),
@@ -291,7 +291,7 @@ class Arm:
         )
 
     def acceleration(self, q: float, v: float, side: float, sign: float) -> float:
-        """That of full torque one way, while it goes to a side."""
+        """Acceleration by full torque of a sign, in motion towards a side."""
         torque = self.effort[1] if sign > 0.0 else self.effort[0]
         if self.curve is not None:
             most = float(self.curve(np.array(abs(v)))[0])
@@ -306,7 +306,7 @@ class Arm:
     def pushed(
         self, q: float, v: float, sign: float, T: float
     ) -> tuple[float, float, float] | None:
-        """Where full torque one way brings it, how fast it is then, and when."""
+        """Position, velocity and time after full torque of a sign for at most T."""
         t = 0.0
         for _ in range(3):
             side = v if v != 0.0 else sign
@@ -358,12 +358,12 @@ def test_no_bang_bang_motion_beats_the_bound(
         assert found <= total * (1.0 + 1e-6)
         shares.append(found / total)
     assert len(shares) > 25
-    # Many of them are the fastest there are.
+    # Many of these motions are time-optimal.
     assert np.mean(np.array(shares) > 0.98) > (0.05 if pendulum else 0.3)
 
 
 def test_no_motion_of_random_jerks_beats_the_bound(rng: np.random.Generator) -> None:
-    """Its limits are the largest acceleration, jerk and speed of the motion itself."""
+    """Limits are the largest acceleration, jerk and speed of the motion itself."""
     robot = make_arm(slide(1.0), effort=1e6, position_lower=-1e3, position_upper=1e3)
     shares = []
     for _ in range(150):
@@ -402,7 +402,7 @@ def test_no_motion_of_random_jerks_beats_the_bound(rng: np.random.Generator) -> 
     assert np.mean(np.array(shares) > 0.98) > 0.3
 
 
-def test_arm_that_cannot_hold_itself_has_a_bound_that_holds() -> None:
+def test_bound_of_an_arm_too_weak_for_its_weight_is_finite() -> None:
     robot: Robot = make_arm(ROD, effort=2.0, gravity=DOWNWARD)
     level = Problem(
         robot,

@@ -1,4 +1,4 @@
-"""Motions of many segments: derivatives by their durations, and motions joined."""
+"""Motions of many segments: derivatives by their durations, and joined motions."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 
 
 @pytest.mark.parametrize("degree", [2, 3, 5])
-def test_near_durations_are_all_on_which_an_instant_depends(degree: int) -> None:
-    """Segments of one interval, as on a clock, next to longer ones."""
+def test_instant_depends_on_durations_of_near_segments_only(degree: int) -> None:
+    """Segments of one interval, as on a clock, next to longer segments."""
     arm = tm.load_robot("planar3r")
     counts = [2, 1, 1, 3, 1, 1, 1, 2, 4]
     goals = [
@@ -48,8 +48,8 @@ def test_near_durations_are_all_on_which_an_instant_depends(degree: int) -> None
         np.testing.assert_allclose(whole[:, :, k], differences, rtol=1e-5, atol=1e-5)
 
 
-def test_the_torque_that_holds_the_arm_survives_joining() -> None:
-    """After the end of joined motions of given torques this torque was NaN."""
+def test_joined_motions_keep_the_holding_torque_after_their_end() -> None:
+    """Regression: it was NaN after the end of joined motions of given torques."""
     arm = tm.load_robot("planar3r")
     q = [0.5, 1.7, -1.7], [0.6, 1.6, -1.6], [0.7, 1.5, -1.5]
     alone = [
@@ -62,8 +62,11 @@ def test_the_torque_that_holds_the_arm_survives_joining() -> None:
     np.testing.assert_allclose(whole(whole.duration + 1.0, hold=True).u, after)
 
 
-def test_short_segments_on_a_clock_cost_little() -> None:
-    """Eight segments of a UR5 took 9.1 % longer on a clock of 4 ms, now 2.6 %."""
+def test_short_segments_on_a_clock_take_little_more_time() -> None:
+    """Regression: eight segments of a UR5 took 9.1 % longer on a clock of 4 ms.
+
+    They now take 2.6 % longer.
+    """
     arm, q = tm.load_robot("ur5"), np.array([0.0, -1.2, 1.6, -2.0, -1.57, 0.0])
     x, joint = np.linspace(0.0, 1.0, 9)[:, None], np.arange(6)
     way = 2.0 * x * np.array([0.8, 0.3, -0.4, 0.5, 0.2, 0.3])

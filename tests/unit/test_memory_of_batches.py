@@ -1,4 +1,4 @@
-"""Batches keep nothing: however many plans a process makes, its memory is bounded."""
+"""Batches free the memory of each plan, so that the memory of a process is bounded."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import numpy as np
 import tominpmp as tm
 
 QUICK = {"intervals": 8, "refine": None, "effort": "quick", "workers": 1, "starts": 1}
-# Plans in all, and in how many of the first ones caches fill.
+# Number of all plans, and of the first plans, during which caches fill.
 PLANS, FIRST = 40, 15
-# Blocks of memory that may come and go between two looks: those of one plan are more.
+# Memory blocks that may differ between two measurements; one plan has more blocks.
 STRAY = 300
 
 
-def test_plans_leave_nothing_behind(tmp_path: Path) -> None:
+def test_plans_of_a_batch_leave_no_memory_allocated(tmp_path: Path) -> None:
     robot, home = tm.load_robot("planar3r", velocity=0.5), np.array([0.5, 1.7, -1.7])
     problems = (
         tm.Problem(robot, home, tm.JointGoal(home + 0.01 * k), self_collision=False)

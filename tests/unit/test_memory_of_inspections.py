@@ -1,4 +1,4 @@
-"""Looking between the nodes of a motion takes little memory, however many pairs."""
+"""Row exchange between nodes takes little memory, for any number of collision pairs."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ MEGABYTE = 1e6
 
 
 def crowded(count: int) -> tm.Problem:
-    """A UR5 among balls, all of which move and are about as near."""
+    """A UR5 among moving balls, which are all about equally near."""
     arm = tm.load_robot("ur5", limits="urdf")
     angles = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
     balls = [
@@ -49,7 +49,7 @@ def crowded(count: int) -> tm.Problem:
 
 
 @pytest.mark.parametrize("duration", [2.0, 2700.0])
-def test_an_inspection_takes_less_than_a_few_tables(duration: float) -> None:
+def test_row_exchange_takes_less_than_350_megabytes(duration: float) -> None:
     problem = crowded(60)
     system = ProblemFunctions.of(problem)
     assert system.clearance is not None and system.clearance.count > 400
@@ -72,17 +72,17 @@ def test_an_inspection_takes_less_than_a_few_tables(duration: float) -> None:
     assert peak < 350 * MEGABYTE
 
 
-def test_tables_are_bounded_by_their_numbers() -> None:
+def test_tables_of_samples_have_a_bounded_number_of_entries() -> None:
     for pairs in (1, 100, 500, 2000, 10_000):
         most = most_instants(pairs)
         assert 1 <= most <= MOST_SAMPLES
         assert most * pairs <= MOST_NUMBERS
         assert _samples(np.full(40, 1e5), most).size <= most + 4 * 40
-    # Ordinary motions among ordinary obstacles are looked at every 2 ms.
+    # Ordinary motions among ordinary obstacles are sampled every 2 ms.
     assert most_instants(300) * 2e-3 > 20.0
 
 
-def test_only_the_worst_are_looked_at_more_closely(
+def test_only_the_worst_instants_are_refined(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     problem = crowded(60)
@@ -112,7 +112,7 @@ def test_only_the_worst_are_looked_at_more_closely(
     assert len(looked) > 1 and max(looked[1:]) <= most
 
 
-def test_dips_are_those_of_the_definition() -> None:
+def test_dips_between_samples_match_their_definition() -> None:
     rng = np.random.default_rng(3)
     missing = rng.normal(size=(200, 7))
     change = np.abs(np.diff(missing, axis=0))
@@ -124,7 +124,7 @@ def test_dips_are_those_of_the_definition() -> None:
         assert np.array_equal(between_samples(missing, tolerance, close), expected)
 
 
-def test_curves_are_evaluated_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_curves_are_evaluated_in_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
     curve = Pieces.of(
         lambda t: np.stack([np.sin(t), t**2, np.cos(3.0 * t)], axis=1),
         np.linspace(0.0, 2.0, 9),

@@ -1,4 +1,4 @@
-"""Meshes in all formats, and small files that show one shape a million times."""
+"""Mesh files of each format, and small files that repeat one shape a million times."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ def volume(mesh: tm.Mesh) -> float:
 
 
 @pytest.mark.parametrize("ending", FORMATS)
-def test_every_format_holds_the_same_bodies(ending: str, tmp_path: Path) -> None:
-    """One shape shown twice, turned and moved: both are there, where they should be."""
+def test_every_format_yields_the_same_bodies(ending: str, tmp_path: Path) -> None:
+    """The mesh has two instances of a shape, each at its place."""
     scene = trimesh.Scene()
     scene.add_geometry(trimesh.creation.box((1.0, 2.0, 3.0)), geom_name="box")
     place = trimesh.transformations.translation_matrix((5.0, 0.0, 0.0))
@@ -52,7 +52,7 @@ def test_every_format_holds_the_same_bodies(ending: str, tmp_path: Path) -> None
     np.testing.assert_allclose(mesh.points.max(axis=0), [5.5, 1.0, 1.5], atol=1e-6)
 
 
-def test_a_relative_path_stays_that_of_the_folder_it_was_given_in(
+def test_relative_path_refers_to_the_folder_at_the_time_of_the_call(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -62,8 +62,8 @@ def test_a_relative_path_stays_that_of_the_folder_it_was_given_in(
     assert mesh.path == path and replace(mesh, vertices=None, triangles=None) == mesh
 
 
-def refused(path: Path, message: str) -> None:
-    """It is refused, and takes little memory."""
+def assert_refused(path: Path, message: str) -> None:
+    """Check that a file is refused, and takes little memory."""
     tracemalloc.start()
     try:
         with pytest.raises(tm.SceneError, match=message):
@@ -74,7 +74,7 @@ def refused(path: Path, message: str) -> None:
 
 
 def collada(nodes: str, shown: str) -> str:
-    """A triangle, and nodes that show it."""
+    """A COLLADA file with a triangle `g`, given nodes, and the node that is shown."""
     return f"""<?xml version="1.0" encoding="utf-8"?>
 <COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
 <asset><up_axis>Z_UP</up_axis></asset><library_geometries><geometry id="g"><mesh>
@@ -92,7 +92,7 @@ def collada(nodes: str, shown: str) -> str:
 
 
 def doubling(times: int) -> str:
-    """Nodes of which each shows the one before it twice."""
+    """A COLLADA file of nodes that each contain the previous node twice."""
     nodes = '<node id="n0"><instance_geometry url="#g"/></node>'
     for i in range(1, times + 1):
         twice = f'<instance_node url="#n{i - 1}"/>' * 2
@@ -100,7 +100,7 @@ def doubling(times: int) -> str:
     return collada(nodes, f"n{times}")
 
 
-def test_collada_files_that_double_and_double(tmp_path: Path) -> None:
+def test_collada_nodes_that_double_repeatedly_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.dae"
     path.write_text(doubling(5))
     assert len(tm.Mesh("m", path=path).triangles) == 2**5
@@ -111,19 +111,21 @@ def test_collada_files_that_double_and_double(tmp_path: Path) -> None:
     assert sorted(found.points[found.triangles][..., 0].min(axis=1)) == [0.0, 5.0]
     for times in (16, 40):
         path.write_text(doubling(times))
-        refused(path, "says in .* that it holds shapes of")
+        assert_refused(path, "says in .* that it holds shapes of")
     path.write_text(doubling(400))  # Python 3.10 counts further frames
-    refused(path, "says in .* that it holds shapes of|are nested too deeply")
+    assert_refused(path, "says in .* that it holds shapes of|are nested too deeply")
     path.write_text(doubling(2000))  # the reader of such a file may crash
-    refused(path, "its shapes are nested too deeply")
+    assert_refused(path, "its shapes are nested too deeply")
     path.write_text(collada('<node id="a"><instance_node url="#a"/></node>', "a"))
-    refused(path, "says in .* that it holds shapes of inf")
+    assert_refused(path, "says in .* that it holds shapes of inf")
     path.write_text(doubling(0).replace("<COLLADA", "<!DOCTYPE a><COLLADA"))
-    refused(path, "document type")
+    assert_refused(path, "document type")
 
 
 @pytest.mark.parametrize("tag", ["collision", "visual"])
-def test_robots_whose_meshes_double_and_double(tag: str, tmp_path: Path) -> None:
+def test_robot_meshes_that_double_repeatedly_are_refused(
+    tag: str, tmp_path: Path
+) -> None:
     path = write_robot(tmp_path, one_shape('<mesh filename="a.dae"/>', tag))
     (tmp_path / "a.dae").write_text(doubling(5))
     model = getattr(load_robot(path), f"{tag}_model")
@@ -134,7 +136,7 @@ def test_robots_whose_meshes_double_and_double(tag: str, tmp_path: Path) -> None
 
 
 def gltf(count: float, nodes: int = 1) -> dict[str, Any]:
-    """A file whose only array is left out, which means zeros."""
+    """A glTF file whose only array has no data, which means zeros."""
     return {
         "asset": {"version": "2.0"},
         "scene": 0,
@@ -150,7 +152,7 @@ def gltf(count: float, nodes: int = 1) -> dict[str, Any]:
     "document",
     [gltf(10**8), gltf(10**30), gltf(-(10**9)), gltf(10_000, 2000), gltf(float("inf"))],
 )
-def test_gltf_files_of_zeros(
+def test_gltf_files_of_too_many_zeros_are_refused(
     ending: str, document: dict[str, Any], tmp_path: Path
 ) -> None:
     path = tmp_path / f"a.{ending}"
@@ -159,11 +161,11 @@ def test_gltf_files_of_zeros(
     head = struct.pack("<4sII", b"glTF", 2, 20 + len(text))
     head += struct.pack("<II", len(text), 0x4E4F534A)
     path.write_bytes(head + text if ending == "glb" else text)
-    refused(path, "says in .* that it holds shapes of")
+    assert_refused(path, "says in .* that it holds shapes of")
 
 
-def test_gltf_nodes_that_double_and_double(tmp_path: Path) -> None:
-    """Each node was counted once, however often the nodes above it repeat it."""
+def test_gltf_nodes_that_double_repeatedly_are_refused(tmp_path: Path) -> None:
+    """Regression: a node was counted once, however often its parents repeat it."""
     path = tmp_path / "a.gltf"
 
     def shown(*nodes: dict[str, Any]) -> dict[str, Any]:
@@ -171,15 +173,15 @@ def test_gltf_nodes_that_double_and_double(tmp_path: Path) -> None:
 
     twice = [{"children": [k + 1, k + 1]} for k in range(40)]
     path.write_text(json.dumps(shown(*twice, {"mesh": 0})))
-    refused(path, "says in .* that it holds shapes of")
+    assert_refused(path, "says in .* that it holds shapes of")
     path.write_text(json.dumps(shown({"children": [0], "mesh": 0})))
-    refused(path, "says in .* that it holds shapes of inf")
+    assert_refused(path, "says in .* that it holds shapes of inf")
     deep = [{"children": [k + 1]} for k in range(5000)]
     path.write_text(json.dumps(shown(*deep, {"mesh": 0})))
-    refused(path, "its shapes are nested too deeply")
+    assert_refused(path, "its shapes are nested too deeply")
 
 
-def test_gltf_files_name_no_files_elsewhere(tmp_path: Path) -> None:
+def test_gltf_files_may_not_refer_to_other_folders(tmp_path: Path) -> None:
     (tmp_path / "in").mkdir()
     path = tmp_path / "in" / "a.gltf"
     view = {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}
@@ -191,28 +193,28 @@ def test_gltf_files_name_no_files_elsewhere(tmp_path: Path) -> None:
     for name in ("../b.bin", "/dev/zero", str(tmp_path / "b.bin")):
         buffers = {"buffers": [{"byteLength": 36, "uri": name}]}
         path.write_text(json.dumps(document | buffers))
-        refused(path, "cannot be read")
+        assert_refused(path, "cannot be read")
     (path.parent / "b.bin").write_bytes(np.eye(3, dtype="<f4").tobytes())
     buffers = {"buffers": [{"byteLength": 36, "uri": "b.bin"}]}
     path.write_text(json.dumps(document | buffers))
     assert len(tm.Mesh("m", path=path).triangles) == 1
     with (path.parent / "b.bin").open("ab") as file:
         file.truncate(10**9)  # takes no space
-    refused(path, "says in .* that it holds shapes of")
+    assert_refused(path, "says in .* that it holds shapes of")
 
 
 @pytest.mark.parametrize(
     "text",
     ["[]", "{", '{"nodes": 3}', '{"accessors": [{"count": "x"}]}', "[" * 10**5, ""],
 )
-def test_gltf_files_that_are_none(text: str, tmp_path: Path) -> None:
+def test_invalid_gltf_files_are_refused(text: str, tmp_path: Path) -> None:
     for name in ("a.gltf", "a.glb"):
         path = tmp_path / name
         path.write_text(text)
-        refused(path, "cannot be read")
+        assert_refused(path, "cannot be read")
 
 
-def test_a_folder_is_not_a_missing_file(tmp_path: Path) -> None:
-    """The message said that the folder above it has no such file."""
+def test_error_says_that_a_mesh_path_is_a_folder(tmp_path: Path) -> None:
+    """Regression: the message said that the parent folder has no file of this name."""
     with pytest.raises(tm.SceneError, match=r"mesh .* is a folder, expected a file"):
         tm.Mesh("m", path=tmp_path)

@@ -1,4 +1,4 @@
-"""Meshes, obstacles and loads in millimetres are told of; those in metres are not."""
+"""Meshes, obstacles and payloads in millimetres give a warning, but not in metres."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ URDF = """<robot name="gantry"><link name="world"/><link name="bridge"><inertial
 </robot>"""
 
 
-def test_units_of_meshes(tmp_path: Path) -> None:
+def test_meshes_in_millimetres_give_a_warning(tmp_path: Path) -> None:
     trimesh.creation.box((2000, 500, 300)).export(tmp_path / "box.stl")
     path = tmp_path / "gantry.urdf"
     path.write_text(URDF.format(scale=""))
-    with pytest.warns(tm.TominpmpWarning, match="bridge is .* millimetres") as told:
+    with pytest.warns(tm.TominpmpWarning, match="bridge is .* millimetres") as warned:
         tm.Problem(tm.load_robot(path), [1.0], tm.JointGoal([20.0]))
-    assert [item.filename for item in told] == [__file__]
+    assert [item.filename for item in warned] == [__file__]
     path = tmp_path / "scaled.urdf"
     path.write_text(URDF.format(scale=' scale="0.001 0.001 0.001"'))
     with warnings.catch_warnings():
@@ -49,11 +49,11 @@ FACES = [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]]
         tm.Mesh("it", vertices=CORNERS, triangles=FACES),
     ],
 )
-def test_units_of_obstacles(obstacle: tm.Obstacle) -> None:
-    with pytest.warns(tm.TominpmpWarning, match="'it' is .* millimetres") as told:
+def test_obstacles_in_millimetres_give_a_warning(obstacle: tm.Obstacle) -> None:
+    with pytest.warns(tm.TominpmpWarning, match="'it' is .* millimetres") as warned:
         scene = tm.Scene([obstacle])
-    assert [item.filename for item in told] == [__file__]
-    # It is said once, not for each of the scenes that are made of it.
+    assert [item.filename for item in warned] == [__file__]
+    # The warning comes once, not for each scene that is derived from this scene.
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert scene.sorted.at(0.5).resting()["it"] is obstacle
@@ -68,14 +68,14 @@ def test_units_of_obstacles(obstacle: tm.Obstacle) -> None:
         tm.HeightField("hill", heights=np.eye(3), size=(300.0, 300.0)),
     ],
 )
-def test_obstacles_in_metres(obstacle: tm.Obstacle) -> None:
+def test_obstacles_in_metres_give_no_warning(obstacle: tm.Obstacle) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         tm.Scene([obstacle])
 
 
-def test_centres_of_mass_in_millimetres_are_told_of() -> None:
-    with pytest.warns(tm.TominpmpWarning, match="com is 80 m .* millimetres") as told:
+def test_centre_of_mass_in_millimetres_gives_a_warning() -> None:
+    with pytest.warns(tm.TominpmpWarning, match="com is 80 m .* millimetres") as warned:
         tm.Payload(1.0, "tip", com=(0.0, 0.0, 80.0))
-    assert told[0].filename == __file__
+    assert warned[0].filename == __file__
     tm.Payload(1.0, "tip", com=(0.0, 0.0, 0.08))

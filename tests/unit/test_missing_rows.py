@@ -1,4 +1,4 @@
-"""Rows that join between the nodes: those that are missing, and none of them twice."""
+"""Row exchange between nodes adds the rows that are missing, and no row twice."""
 
 from __future__ import annotations
 
@@ -38,16 +38,16 @@ def torques(program) -> SampledRows:
     return next(block for block in program.blocks if block.name == "torque")
 
 
-def test_an_instant_that_has_its_rows_does_not_join_again(hasty) -> None:
+def test_row_exchange_adds_no_instant_that_has_its_rows(hasty) -> None:
     program, z = hasty
     more = exchanged(program, z)
     assert more is not None
     assert torques(more).fixed.size > torques(program).fixed.size
-    # The motion is as it was: its rows are there, and broken as before.
+    # The motion is the same: its violated rows are in the program by now.
     assert exchanged(more, z) is None
 
 
-def test_instants_of_another_motion_join_once(hasty) -> None:
+def test_row_exchange_adds_instants_of_another_motion_once(hasty) -> None:
     program, z = hasty
     more = exchanged(program, z)
     assert more is not None
@@ -75,7 +75,7 @@ def whipping(control: str, pace: float, swing: float = 0.2):
 
 @pytest.mark.parametrize("control", ["constant", "linear"])
 @pytest.mark.parametrize("pace", [0.9, 1.2, 1.6, 2.2, 3.0])
-def test_nothing_is_missed_where_a_closer_look_is_spared(control, pace) -> None:
+def test_inspection_of_jumps_misses_no_violated_instant(control, pace) -> None:
     program, z = whipping(control, pace)
     of, block = program.transcription, torques(program)
     motion, tolerance = of.motion(z), 1e-3

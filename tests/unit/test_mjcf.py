@@ -1,4 +1,4 @@
-"""Robots of MJCF files: the same as those of URDF files that say the same."""
+"""Robots of MJCF files agree with MuJoCo, and with those of equivalent URDF files."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ URDF = """<robot name="arm">
     <collision><origin xyz="0 0 0.1"/>
       <geometry><box size="0.06 0.06 0.1"/></geometry></collision></link>
 </robot>"""
-# Degrees, classes, actuators with gears, and a base that stands on something.
+# Degrees, classes, actuators with gears, and a base above the origin of the world.
 MJCF = """<mujoco model="arm">
   <compiler angle="degree"/>
   <option gravity="0 0 -9.5"/>
@@ -102,7 +102,7 @@ def test_both_formats_give_the_same_motion(tmp_path: Path) -> None:
     assert plans[1].T == pytest.approx(plans[0].T, rel=1e-9)
 
 
-def test_dynamics_are_those_of_mujoco() -> None:
+def test_dynamics_match_mujoco() -> None:
     mujoco = pytest.importorskip("mujoco")
     arm = tm.load_robot(MJCF, velocity=2.0)
     model = mujoco.MjModel.from_xml_string(MJCF)
@@ -130,10 +130,8 @@ def test_dynamics_are_those_of_mujoco() -> None:
         ("xyz", 'zaxis="1 2 3"'),
     ],
 )
-def test_rotations_are_those_of_mujoco(
-    order: str, rotation: str, inherited: str
-) -> None:
-    """One of a class was read beside one in another notation, and often won."""
+def test_rotations_match_mujoco(order: str, rotation: str, inherited: str) -> None:
+    """Regression: the rotation of a class often replaced one in another notation."""
     mujoco = pytest.importorskip("mujoco")
     text = changed(
         ('angle="degree"', f'angle="degree" eulerseq="{order}"'),
@@ -153,12 +151,12 @@ def test_rotations_are_those_of_mujoco(
     assert np.allclose(box.rotation, data.geom("box").xmat.reshape(3, 3), atol=1e-9)
 
 
-def test_gravity_may_be_switched_off() -> None:
+def test_gravity_is_zero_if_disabled() -> None:
     text = changed(('gravity="0 0 -9.5"/>', '><flag gravity="disable"/></option>'))
     assert tm.load_robot(text, velocity=2).gravity.tolist() == [0.0, 0.0, 0.0]
 
 
-def test_shapes_give_the_weight_that_they_have_in_mujoco(tmp_path: Path) -> None:
+def test_inertia_of_shapes_matches_mujoco(tmp_path: Path) -> None:
     mujoco = pytest.importorskip("mujoco")
     inertial = '<inertial pos="0 0 0.05" mass="1.5" diaginertia="0.01 0.01 0.002"/>'
     seen = '<geom size="0.05" pos="0.2 0 0" contype="0" conaffinity="0"/>'
@@ -168,7 +166,7 @@ def test_shapes_give_the_weight_that_they_have_in_mujoco(tmp_path: Path) -> None
     mujoco.mj_forward(model, data)
     mujoco.mj_fullM(model, data, mass)
     assert np.allclose(pin.crba(arm.model, mine, np.zeros(2)), mass, rtol=1e-9)
-    # The weight of meshes, too.
+    # Meshes have a mass, too.
     trimesh.creation.box((0.1, 0.1, 0.1)).export(tmp_path / "b.stl")
     text = text.replace("<worldbody>", '<asset><mesh file="b.stl"/></asset><worldbody>')
     text = text.replace(seen, '<geom type="mesh" mesh="b"/>')
@@ -179,8 +177,8 @@ def test_shapes_give_the_weight_that_they_have_in_mujoco(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("of_shapes", ["true", "false", "auto"])
-def test_weights_are_stated_or_those_of_shapes(of_shapes: str) -> None:
-    """A fixed body that states no weight was refused if shapes do not give one."""
+def test_inertiafromgeom_matches_mujoco(of_shapes: str) -> None:
+    """Regression: fixed bodies without <inertial> and mass of shapes were refused."""
     mujoco = pytest.importorskip("mujoco")
     text = changed(
         ('angle="degree"', f'angle="degree" inertiafromgeom="{of_shapes}"'),
@@ -199,7 +197,7 @@ def test_keyframes_are_group_states() -> None:
     np.testing.assert_allclose(arm.group_state("home"), [0.5, 0.1])
 
 
-def test_speeds_have_to_be_given() -> None:
+def test_velocity_limits_are_infinite_by_default() -> None:
     arm = tm.load_robot(MJCF)
     assert np.all(np.isinf(arm.limits.velocity))
 
@@ -207,7 +205,7 @@ def test_speeds_have_to_be_given() -> None:
 @pytest.mark.parametrize(
     ("pairs", "upper"),
     [
-        # Of two limits the lower one; a sum where two actuators pull.
+        # The lower of two limits; the sum of two actuators.
         ((("<motor joint", '<motor forcerange="-0.5 0.5" joint'),), 30.0),
         ((("</actuator>", '<motor joint="turn" gear="5"/></actuator>'),), 65.0),
         ((('joint="turn" class="bigger"', 'joint="turn" gear="-7"'),), 7.0),
@@ -233,7 +231,7 @@ def test_speeds_have_to_be_given() -> None:
         ),
     ],
 )
-def test_actuators_limit_efforts(
+def test_actuators_set_effort_limits(
     pairs: tuple[tuple[str, str], ...], upper: float
 ) -> None:
     arm = tm.load_robot(changed(*pairs), velocity=2.0)
@@ -241,18 +239,18 @@ def test_actuators_limit_efforts(
     assert arm.limits.effort_lower[0] == pytest.approx(-upper)
 
 
-def test_efforts_may_be_uneven() -> None:
+def test_effort_limits_may_be_asymmetric() -> None:
     arm = tm.load_robot(changed(('ctrlrange="-1 1"', 'ctrlrange="-0.5 1"')), velocity=2)
     assert arm.limits.effort_lower[0] == pytest.approx(-30.0)
     assert arm.limits.effort_upper[0] == pytest.approx(60.0)
 
 
-def test_unlimited_hinges_are_continuous() -> None:
+def test_unlimited_hinges_are_continuous_joints() -> None:
     text = changed(('<joint name="turn"/>', '<joint name="turn" limited="false"/>'))
     assert tm.load_robot(text, velocity=2).description.joints[0].kind == "continuous"
 
 
-def test_references_keep_the_numbers_of_mujoco() -> None:
+def test_joint_references_shift_positions_as_in_mujoco() -> None:
     text = changed(('<joint name="turn"/>', '<joint name="turn" ref="30"/>'))
     plain, moved = (tm.load_robot(t, velocity=2) for t in (MJCF, text))
     q = np.array([0.3, 0.1])
@@ -296,7 +294,7 @@ def test_meshes_are_found_and_scaled(tmp_path: Path) -> None:
         assert mesh.aabb_local.width() == pytest.approx(0.1)
 
 
-def test_meshes_to_look_at_may_be_missing() -> None:
+def test_missing_visual_meshes_give_a_warning() -> None:
     seen = '<geom type="mesh" mesh="m" contype="0" conaffinity="0"/><geom type="box" '
     text = changed(
         ('<geom type="box" ', seen),
@@ -305,11 +303,11 @@ def test_meshes_to_look_at_may_be_missing() -> None:
     with pytest.warns(tm.TominpmpWarning, match="not shown.*body tool .'m'.*package"):
         arm = tm.load_robot(text, velocity=2)
     assert sum(len(link.visuals) for link in arm.description.bodies) == 2
-    # Where no <inertial> says what the body weighs, its shapes do.
+    # Without <inertial> the mass of a body is that of its shapes.
     inertial = '<inertial pos="0 0 0.05" mass="1.5" diaginertia="0.01 0.01 0.002"/>'
     with pytest.raises(tm.RobotLoadError, match="body tool: the mesh 'm"):
         tm.load_robot(text.replace(inertial, ""), velocity=2)
-    # Fixed bodies may have neither, if no shape has weight.
+    # A fixed body needs neither <inertial> nor a mesh, if shapes have no mass.
     shape, _, rest = seen.partition("/>")
     text = text.replace(seen, f"<body name='shell'>{shape}/></body>{rest}")
     with pytest.raises(tm.RobotLoadError, match="body shell: the mesh 'm"):
@@ -342,7 +340,7 @@ def test_a_body_may_have_several_joints() -> None:
     assert np.allclose(tool, data.body("tool").xpos)
 
 
-def test_sites_of_bodies_without_joints_are_where_mujoco_has_them() -> None:
+def test_sites_of_nested_bodies_match_mujoco() -> None:
     """Nested bodies, below a joint beside the origin of its body."""
     mujoco = pytest.importorskip("mujoco")
     site = '<site name="{}" pos="0 0.1 0.2" euler="0 20 0"/>'
@@ -364,8 +362,8 @@ def test_sites_of_bodies_without_joints_are_where_mujoco_has_them() -> None:
         assert np.allclose(found.rotation, site.xmat.reshape(3, 3))
 
 
-def test_boxes_between_two_ends_are_turned_as_in_mujoco() -> None:
-    """They were turned about their long axis, as it pointed to the other end."""
+def test_boxes_by_fromto_are_oriented_as_in_mujoco() -> None:
+    """Regression: boxes were turned about the long axis, towards the other end."""
     mujoco = pytest.importorskip("mujoco")
     capsule = 'type="capsule" fromto="0 0 0.05 0 0 0.25"'
     box = 'type="box" fromto="0 0 0.05 0.1 0.2 0.25"'
@@ -383,8 +381,8 @@ def test_boxes_between_two_ends_are_turned_as_in_mujoco() -> None:
     assert min(near) < 1e-9
 
 
-def test_weights_of_shapes_may_replace_those_of_bodies() -> None:
-    """Bodies without shapes keep theirs."""
+def test_inertia_of_shapes_replaces_inertial_as_in_mujoco() -> None:
+    """Bodies without shapes keep their <inertial>."""
     mujoco = pytest.importorskip("mujoco")
     tool = '<geom type="box" pos="0 0 0.1" size="0.03 0.03 0.05"/>'
     text = changed((tool, ""), ('"degree"/', '"degree" inertiafromgeom="true"/'))
@@ -395,13 +393,13 @@ def test_weights_of_shapes_may_replace_those_of_bodies() -> None:
     assert np.allclose(pin.crba(arm.model, mine, np.zeros(2)), mass, rtol=1e-9)
 
 
-def test_a_site_has_sizes_of_its_own() -> None:
+def test_site_sizes_are_accepted() -> None:
     box = 'size="0.03 0.03 0.05"/>'
     text = changed((box, f'{box}<site size="0.01"/><site size="1 1"/>'))
     assert tm.load_robot(text, velocity=2).n == 2
 
 
-def test_excluded_pairs_are_not_watched() -> None:
+def test_excluded_pairs_are_disabled() -> None:
     text = changed(
         (
             "</mujoco>",
@@ -411,7 +409,7 @@ def test_excluded_pairs_are_not_watched() -> None:
     assert ("tool", "upper") in tm.load_robot(text, velocity=2).srdf.disabled_pairs
 
 
-def test_the_world_is_watched_beside_excluded_pairs() -> None:
+def test_pairs_with_the_world_stay_enabled_beside_excluded_pairs() -> None:
     """Bodies in the world are its children, but may collide with it."""
     exclude = '<contact><exclude body1="base" body2="tool"/></contact></mujoco>'
     text = changed(("</mujoco>", exclude))
@@ -420,7 +418,7 @@ def test_the_world_is_watched_beside_excluded_pairs() -> None:
     assert not any("world" in pair for pair in pairs)
 
 
-def test_masks_and_bodies_fixed_to_each_other_are_those_of_mujoco() -> None:
+def test_collision_masks_and_fixed_bodies_disable_pairs_as_in_mujoco() -> None:
     """A flange fixed to the tool, and a sensor that may not collide with the tool."""
     box = '<geom type="box" size="0.03 0.03 0.05"'
     flange = f'<body name="flange">{box} contype="3"/></body>'
@@ -435,15 +433,15 @@ def test_masks_and_bodies_fixed_to_each_other_are_those_of_mujoco() -> None:
     assert ("base", "tool") not in pairs
 
 
-def test_keyframes_need_no_names() -> None:
+def test_keyframes_without_names_are_numbered() -> None:
     keys = '<keyframe><key qpos="0.1 0.2"/><key qpos="0.3 0.1"/></keyframe></mujoco>'
     text = changed(("</mujoco>", keys))
     states = tm.load_robot(text, velocity=2).srdf.group_states
     assert [states[name]["turn"] for name in ("key 1", "key 2")] == [0.1, 0.3]
 
 
-def test_dampers_limit_no_effort() -> None:
-    """Their force does not follow from the control alone."""
+def test_dampers_set_no_effort_limit() -> None:
+    """The force of a damper does not follow from its control alone."""
     damper = '<damper joint="turn" kv="3" ctrlrange="0 1"/></actuator>'
     arm = tm.load_robot(
         changed(
@@ -456,7 +454,7 @@ def test_dampers_limit_no_effort() -> None:
     assert arm.limits.effort_upper[0] == pytest.approx(9.0)
 
 
-def test_excluded_pairs_are_excluded_in_addition_to_neighbours() -> None:
+def test_excluded_pairs_add_to_adjacent_pairs() -> None:
     """Links that overlap where they are joined, beside a pair that is excluded."""
     text = changed(
         ('pos="0 0 0.1" size="0.03 0.03 0.05"', 'pos="0 0 0" size="0.03 0.03 0.2"'),
@@ -469,7 +467,7 @@ def test_excluded_pairs_are_excluded_in_addition_to_neighbours() -> None:
     assert tm.Problem(robot, START, tm.JointGoal(GOAL)).checker.pairs == ()
 
 
-def test_what_is_not_read_is_told_of() -> None:
+def test_unsupported_elements_give_a_warning() -> None:
     text = changed(('<joint name="turn"/>', '<joint name="turn" stiffness="5"/>'))
     asset = '<hfield name="ground" nrow="2" ncol="2" size="1 1 1 0.1"/>'
     ground = '<geom type="hfield" hfield="ground"/>'
@@ -501,15 +499,15 @@ def test_what_is_not_read_is_told_of() -> None:
         ((('size="0.03 0.03 0.05"', 'size="0.03"'),), "size 1 must be positive"),
     ],
 )
-def test_refusals_name_what_is_wrong(
+def test_errors_name_the_wrong_element(
     pairs: tuple[tuple[str, str], ...], message: str
 ) -> None:
     with pytest.raises(tm.RobotLoadError, match=message):
         tm.load_robot(changed(*pairs))
 
 
-def test_meshes_may_have_a_reference_of_their_own(tmp_path: Path) -> None:
-    """It was not read, so that the mesh was elsewhere."""
+def test_reference_poses_of_meshes_match_mujoco(tmp_path: Path) -> None:
+    """Regression: the reference pose was not read, so that the mesh was elsewhere."""
     mujoco = pytest.importorskip("mujoco")
     cube = trimesh.creation.box((0.1, 0.2, 0.3))
     cube.apply_translation((0.1, 0.0, 0.2))
@@ -540,10 +538,10 @@ def test_meshes_may_have_a_reference_of_their_own(tmp_path: Path) -> None:
         assert np.allclose(found.max(axis=0), expected.max(axis=0), atol=1e-6)
 
 
-def test_warnings_of_mujoco_are_no_files(
+def test_mujoco_warnings_are_raised_and_not_written_to_a_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """MuJoCo writes them to a file in the working folder."""
+    """MuJoCo writes its warnings to a file in the working folder."""
     monkeypatch.chdir(tmp_path)
     text = changed(('name="turn"', 'name="turn" range="NaN 90"'))
     with pytest.warns(tm.TominpmpWarning, match="contains a 'NaN'"):
@@ -551,8 +549,8 @@ def test_warnings_of_mujoco_are_no_files(
     assert not list(tmp_path.iterdir())
 
 
-def test_generated_bodies_are_read() -> None:
-    """Files with <replicate> or <frame> were refused."""
+def test_bodies_generated_by_replicate_are_read() -> None:
+    """Regression: files with <replicate> or <frame> were refused."""
     fingers = (
         '<replicate count="2" euler="0 0 180"><body name="finger" pos="0.05 0 0.1">'
         '<joint name="grip" type="slide" axis="1 0 0" range="0 0.04" '
@@ -565,13 +563,13 @@ def test_generated_bodies_are_read() -> None:
     assert arm.limits.effort_upper[-2:].tolist() == [5.0, 5.0]
 
 
-def test_missing_efforts_are_asked_for() -> None:
+def test_missing_effort_limit_is_refused() -> None:
     text = changed(('<motor joint="turn" class="bigger"/>', ""))
     with pytest.raises(tm.RobotLoadError, match="turn"):
         tm.load_robot(text, velocity=2)
 
 
-def test_scenarios_keep_the_file(tmp_path: Path) -> None:
+def test_scenario_file_refers_to_the_mjcf_file(tmp_path: Path) -> None:
     (tmp_path / "arm.xml").write_text(MJCF)
     arm = tm.load_robot(tmp_path / "arm.xml", velocity=2.0)
     problem = tm.Problem(arm, arm.group_state("home"), tm.JointGoal(GOAL))

@@ -1,4 +1,4 @@
-"""What a plan makes of a neighbour's motion: which one, on which grid, how long."""
+"""Warm starts from motions of neighbouring problems: choice, result, stop rule."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ def motion(middle: float) -> tm.Trajectory:
         ({1: 0.5, 2: 0.6}, 1),
         ({2: 0.5}, 2),
         ({1: 0.5, 2: 2.5}, None),
-        ({1: 2.5, 3: 0.5}, 1),  # the other is so far that it may differ
+        ({1: 2.5, 3: 0.5}, 1),  # neighbour 3 is so far that its path may differ
         ({}, None),
     ],
 )
-def test_where_neighbours_lead_different_ways_a_search_decides(
+def test_near_neighbours_of_different_paths_give_no_warm_start(
     middles: dict[int, float], expected: int | None
 ) -> None:
     near = [(1, 0.2), (2, 0.4), (3, 2.9)]
@@ -55,10 +55,11 @@ def problem(robot: tm.Robot, goal: tm.Goal) -> tm.Problem:
     return tm.Problem(robot, HOME, goal, motion_limits=LIMITS)
 
 
-def test_a_motion_that_ends_elsewhere_is_not_kept(arm: tm.Robot) -> None:
+def test_warm_start_that_misses_the_goal_is_not_returned(arm: tm.Robot) -> None:
     place = np.array([0.2, 1.4, 0.0])
     former = tm.plan(problem(arm, tm.PositionGoal("tip", place)), **QUICK)
-    # Farther on: slower than the former motion, which would be kept if it arrived.
+    # The farther goal takes longer than the former motion, which would be returned if
+    # it reached the goal.
     farther = place - np.array([0.3, 0.1, 0.0])
     found = tm.plan(
         problem(arm, tm.PositionGoal("tip", farther)), start=former, **QUICK
@@ -66,12 +67,12 @@ def test_a_motion_that_ends_elsewhere_is_not_kept(arm: tm.Robot) -> None:
     assert found.success and found.T > former.T
     end = RobotKinematics(arm).placement(found.trajectory.q[-1], "tip").translation
     assert np.linalg.norm(end - farther) < 1e-3
-    # Asked for again, it is kept if nothing faster comes of it.
+    # For its own goal the former motion is returned unless a faster motion is found.
     again = tm.plan(former.problem, start=former, **QUICK)
     assert again.success and again.T <= former.T * (1.0 + 1e-9)
 
 
-def test_where_speeds_rule_a_neighbour_leads_to_as_fast_a_motion() -> None:
+def test_warm_start_at_speed_limits_is_as_fast_as_a_cold_start() -> None:
     robot = tm.load_robot("planar3r", gravity=(0, 0, 0), velocity=0.5)
     near, far = (
         tm.Problem(robot, (0.5, 1.7, -1.7), tm.JointGoal(end), self_collision=False)
@@ -95,9 +96,7 @@ def test_where_speeds_rule_a_neighbour_leads_to_as_fast_a_motion() -> None:
         ([*[0.3 * 0.5**k for k in range(PATIENCE)], *[0.1] * 5], False),
     ],
 )
-def test_starts_that_come_to_no_motion_are_given_up(
-    violations: list[float], over: bool
-) -> None:
+def test_hopeless_starts_are_stopped(violations: list[float], over: bool) -> None:
     records = [SimpleNamespace(violation=value, duration=1.0) for value in violations]
     rule = stop_if_hopeless(WARM_FAR)
     counts = range(1, len(records) + 1)

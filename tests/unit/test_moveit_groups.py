@@ -1,7 +1,7 @@
-"""Files of MoveIt as they are: the group is planned, all else held where it starts.
+"""Requests of MoveIt: the group is planned, other joints are locked at the start.
 
-The start states name the joints of whole robots, as those of MotionBenchMaker do:
-grippers that the URDF lacks, fingers beyond their limits, a head, another arm.
+The start states name the joints of whole robots, as in MotionBenchMaker: grippers that
+the URDF lacks, fingers beyond their limits, a head, another arm.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def files(
     goal: dict[str, float] | str,
     **more: Any,
 ) -> tuple[Path, Path]:
-    """A scene far away, and a request for joints, or for a link to be at a point."""
+    """Files of a scene with a distant ball, and of a request for joints or a link."""
     if isinstance(goal, str):
         region = {
             "primitives": [{"type": "sphere", "dimensions": [0.001]}],
@@ -81,7 +81,7 @@ def files(
     return paths
 
 
-def test_ur5_whose_gripper_is_not_in_the_urdf(tmp_path: Path) -> None:
+def test_joints_of_a_gripper_that_the_urdf_lacks_give_a_warning(tmp_path: Path) -> None:
     start = dict(zip(UR5, [0, -1.5, 1.5, -1.5, -1.5, 0], strict=True))
     goal = dict(zip(UR5, [1, -1.2, 1.2, -1.5, -1.5, 0], strict=True))
     grip = dict.fromkeys(ROBOTIQ, 0.0)
@@ -96,8 +96,10 @@ def test_ur5_whose_gripper_is_not_in_the_urdf(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("sides", [("left",), ("left", "right")])
-def test_baxter_with_two_arms(sides: tuple[str, ...], tmp_path: Path) -> None:
-    """The head and the fingers are held at the start, and an arm that has no goal."""
+def test_baxter_group_is_planned_and_all_other_joints_are_locked(
+    sides: tuple[str, ...], tmp_path: Path
+) -> None:
+    """The head, the fingers and an arm without a goal are locked at the start."""
     start = dict.fromkeys(BAXTER, 0.0)
     start |= {"left_s1": -1.0, "right_s1": -0.9, "head_pan": 0.1}
     start |= {"l_gripper_l_finger_joint": 0.05}
@@ -107,10 +109,10 @@ def test_baxter_with_two_arms(sides: tuple[str, ...], tmp_path: Path) -> None:
     paths = files(tmp_path, group, {**start, "virtual_joint": 0.0}, goal)
     with pytest.warns(TominpmpWarning) as caught:
         problem = load_moveit("baxter", *paths)
-    told = " ".join(str(item.message) for item in caught)
-    assert "l_gripper_l_finger_joint is locked at 0.05, outside its limits" in told
-    assert "no joints 'virtual_joint'" in told
-    assert "r_gripper_l_finger_joint" in told  # the start says nothing about it
+    messages = " ".join(str(item.message) for item in caught)
+    assert "l_gripper_l_finger_joint is locked at 0.05, outside its limits" in messages
+    assert "no joints 'virtual_joint'" in messages
+    assert "r_gripper_l_finger_joint" in messages  # the start has no value for it
     assert set(problem.robot.joint_names) == set(moved)
     assert problem.robot.locked_joints["head_pan"] == 0.1
     assert problem.robot.locked_joints["l_gripper_l_finger_joint"] == 0.05
@@ -118,7 +120,7 @@ def test_baxter_with_two_arms(sides: tuple[str, ...], tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("named", [True, False])
 @pytest.mark.parametrize("goal", ["joints", "link"])
-def test_panda_with_fingers_beyond_their_limits(
+def test_panda_fingers_beyond_their_limits_are_locked_with_a_warning(
     named: bool, goal: str, tmp_path: Path
 ) -> None:
     start = dict(zip(PANDA, READY, strict=True))
@@ -146,7 +148,7 @@ def test_joints_that_the_user_locked_remain_locked(tmp_path: Path) -> None:
     assert problem.goal == JointGoal([v + 0.1 for v in READY[:6]])
 
 
-def test_locks_beside_a_request_move_the_joints_that_follow(tmp_path: Path) -> None:
+def test_locks_beside_a_request_also_set_mimic_joints(tmp_path: Path) -> None:
     start = dict(zip(PANDA, READY, strict=True))
     fingers = {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}
     paths = files(tmp_path, "panda_arm", {**start, **fingers}, start)
@@ -157,8 +159,10 @@ def test_locks_beside_a_request_move_the_joints_that_follow(tmp_path: Path) -> N
     assert robot.locked_joints == dict.fromkeys(fingers, 0.01)
 
 
-def test_an_unknown_group_with_a_goal_of_a_link(tmp_path: Path) -> None:
-    """What carries the link is planned."""
+def test_unknown_group_with_a_link_goal_moves_the_chain_of_the_link(
+    tmp_path: Path,
+) -> None:
+    """The joints that carry the link are planned."""
     start = dict.fromkeys(BAXTER, 0.0) | {"left_s1": -1.0, "right_s1": -1.0}
     start |= {"l_gripper_l_finger_joint": 0.01, "r_gripper_l_finger_joint": 0.01}
     paths = files(tmp_path, "arms", start, "left_wrist")
@@ -168,7 +172,7 @@ def test_an_unknown_group_with_a_goal_of_a_link(tmp_path: Path) -> None:
     assert robot.locked_joints["right_s1"] == -1.0
 
 
-def test_a_start_that_says_nothing_about_the_group(tmp_path: Path) -> None:
+def test_start_without_a_joint_of_the_group_is_refused(tmp_path: Path) -> None:
     start = dict(zip(PANDA[:6], READY[:6], strict=True))
     paths = files(tmp_path, "arm", {**start, "x": 1.0}, dict.fromkeys(PANDA, 0.1))
     with (
@@ -180,7 +184,9 @@ def test_a_start_that_says_nothing_about_the_group(tmp_path: Path) -> None:
         load_moveit("panda", *paths)
 
 
-def test_a_joint_twice_and_held_joints_that_move(tmp_path: Path) -> None:
+def test_moving_locked_joints_warn_and_duplicate_joints_are_refused(
+    tmp_path: Path,
+) -> None:
     start = dict(zip(PANDA, READY, strict=True))
     goal = {k: v + 0.1 for k, v in start.items()}
     paths = files(tmp_path, "arm", start | {"panda_finger_joint1": 0.02}, goal)
@@ -197,8 +203,10 @@ def test_a_joint_twice_and_held_joints_that_move(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("wrong", [1, len(UR5)])
-def test_a_wrong_joint_of_the_goal_is_named(tmp_path: Path, wrong: int) -> None:
-    """All joints were locked, or the right one, which the message then left out."""
+def test_unknown_joint_of_the_goal_is_named_in_the_error(
+    tmp_path: Path, wrong: int
+) -> None:
+    """Regression: all joints were locked, or the message left the right joint out."""
     start = dict.fromkeys(UR5, 0.0)
     goal = dict(zip([*UR5[wrong:], *"abcdef"[:wrong]], [0.5] * len(UR5), strict=True))
     with pytest.raises(ScenarioError) as caught:

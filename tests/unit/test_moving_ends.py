@@ -1,4 +1,4 @@
-"""Motions that begin or end moving: their initial guesses, and their plans."""
+"""Motions with a velocity at their start or end: initial guesses and plans."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def rail(acceleration: float, top: float) -> tm.Robot:
 
 
 def moving_on(share: float, **changes) -> tm.Problem:
-    """A UR5 that may go on at the velocity of its start."""
+    """A UR5 with a goal ahead, to be passed at the velocity of the start."""
     v, goal = SPEED * ALONG, START + share * ALONG
     return tm.Problem(UR5, START, tm.JointGoal(goal, v=v), v_start=v, **changes)
 
@@ -64,7 +64,7 @@ def via_points(*, given: tuple[float | None, ...]) -> tm.Problem:
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_a_motion_between_velocities_meets_its_ends_and_speed_limits(seed):
+def test_motion_between_velocities_meets_its_ends_and_speed_limits(seed):
     rng = np.random.default_rng(seed)
     top = rng.uniform(1.0, 3.0, 5)
     (q, q_end), (v, v_end) = rng.normal(size=(2, 5)), rng.uniform(-1, 1, (2, 5)) * top
@@ -81,7 +81,7 @@ def test_a_motion_between_velocities_meets_its_ends_and_speed_limits(seed):
     assert np.all(np.isclose(np.abs(at.a), most) | (at.a == 0.0))
 
 
-def test_known_motions_between_velocities():
+def test_motions_between_velocities_match_closed_forms():
     """From rest to rest, at constant velocity, at constant acceleration."""
     q, v = np.zeros(3), np.array([0.0, 0.5, 1.0])
     q_end, v_end = np.array([1.0, 1.0, 1.0]), np.array([0.0, 0.5, 0.0])
@@ -91,7 +91,7 @@ def test_known_motions_between_velocities():
     assert at.v[:, 1] == pytest.approx(0.5)
 
 
-def test_a_motion_that_cannot_stop_in_time_overshoots():
+def test_motion_that_cannot_stop_in_time_overshoots():
     ends = np.array([[0.0], [2.0], [0.5], [0.0]])
     at = between_velocities(ends, np.full(1, 3.0), 4.0, np.linspace(0.0, 4.0, 99))
     assert at.q.max() > 0.6 and at.v.min() < 0.0
@@ -101,8 +101,8 @@ def test_a_motion_that_cannot_stop_in_time_overshoots():
 
 
 @pytest.mark.parametrize("share", [0.1, 0.2, 0.4])
-def test_the_guess_goes_on_where_it_can(share):
-    """Its duration is in the short interval of feasible durations."""
+def test_guess_keeps_its_velocity_from_start_to_goal(share):
+    """The duration of the guess is in the short interval of feasible durations."""
     guess = first_guess(moving_on(share))
     assert guess.name == MOVING
     assert guess.duration < share / SPEED
@@ -110,14 +110,14 @@ def test_the_guess_goes_on_where_it_can(share):
     assert v[[0, -1]] == pytest.approx(np.tile(SPEED * ALONG, (2, 1)), abs=0.1)
 
 
-def test_a_motion_at_rest_at_both_ends_has_no_moving_guess():
+def test_motion_at_rest_at_both_ends_has_no_moving_guess():
     problem = tm.Problem(UR5, START, tm.JointGoal(START + 0.2 * ALONG))
     system = ProblemFunctions.of(problem)
     guesses = list(initial_guesses(system, GuessRequest(3, np.random.default_rng(0))))
     assert MOVING not in {guess.name for guess in guesses}
 
 
-def test_the_guess_keeps_limits_of_accelerations_jerks_and_tools():
+def test_moving_guess_keeps_acceleration_jerk_and_tool_limits():
     kinematics = ProblemFunctions.of(moving_on(0.4)).kinematics
     free = first_guess(moving_on(0.4)).duration
     at_ends = [
@@ -134,7 +134,7 @@ def test_the_guess_keeps_limits_of_accelerations_jerks_and_tools():
         assert first_guess(moving_on(0.4, **more)).duration > 1.01 * free
 
 
-def test_a_guess_that_hits_an_obstacle_is_left_out():
+def test_moving_guess_in_collision_is_left_out():
     system = ProblemFunctions.of(moving_on(0.4))
     middle = system.kinematics.placement(START + 0.2 * ALONG, "tool0").translation
     for place, name in ((middle, "straight line"), (middle + 5.0, MOVING)):
@@ -142,7 +142,7 @@ def test_a_guess_that_hits_an_obstacle_is_left_out():
         assert first_guess(moving_on(0.4, scene=scene)).name == name
 
 
-def test_the_velocity_at_a_tool_goal_is_nearest_to_that_at_the_start():
+def test_end_velocity_at_a_tool_goal_is_nearest_to_the_start_velocity():
     kinematics = ProblemFunctions.of(moving_on(0.1)).kinematics
     jacobian = kinematics.jacobian(START, "tool0")[:3]
     place, v = kinematics.placement(START, "tool0").translation, SPEED * ALONG
@@ -156,7 +156,7 @@ def test_the_velocity_at_a_tool_goal_is_nearest_to_that_at_the_start():
 
 
 @pytest.mark.parametrize("given", [(SPEED, SPEED), (SPEED, None)])
-def test_guesses_pass_via_points_between_moving_goals(given):
+def test_guesses_pass_via_points_without_a_stop(given):
     system = ProblemFunctions.of(via_points(given=given))
     guess = next(segmented_guesses(system, GuessRequest(1, np.random.default_rng(0))))
     assert guess.durations[1] < 0.12
@@ -165,8 +165,8 @@ def test_guesses_pass_via_points_between_moving_goals(given):
 # -- plans -----------------------------------------------------------------------------
 
 
-def test_an_arm_that_may_go_on_takes_no_run_up():
-    """The plan was 17 times as long: it stopped, went back, and took a run-up."""
+def test_arm_with_its_goal_ahead_takes_no_run_up():
+    """Regression: the arm stopped, went back, and took a run-up, 17 times as long."""
     solution = tm.plan(moving_on(0.1), effort="quick")
     assert solution.success and solution.T < 0.1 / SPEED
     assert solution.T == pytest.approx(solution.lower_bound.T, rel=5e-3)
@@ -176,7 +176,7 @@ def test_an_arm_that_may_go_on_takes_no_run_up():
     ("given", "most"), [((SPEED, SPEED), 1.13), ((SPEED, None), 1.11)]
 )
 def test_via_points_passed_at_given_velocities_need_no_stop(given, most):
-    """The plans took 2.12 s and 1.75 s."""
+    """Regression: the motions took 2.12 s and 1.75 s."""
     solution = tm.plan(via_points(given=given), effort="quick")
     assert solution.success and solution.T < most
 
@@ -190,8 +190,8 @@ def whole() -> tm.Solution:
 
 
 @pytest.mark.parametrize("shares", [(0.5, 0.55), (0.4, 0.6), (0.3, 0.4)])
-def test_a_part_of_a_fast_motion_takes_no_longer_than_it_does_there(whole, shares):
-    """The plans between two of its states took 6 to 26 times as long."""
+def test_part_of_a_fast_motion_takes_no_longer_than_in_the_whole(whole, shares):
+    """Regression: plans between two states of a motion took 6 to 26 times as long."""
     first, last = (whole.trajectory(share * whole.T) for share in shares)
     goal = tm.JointGoal(last.q, v=last.v, wrap=False)
     problem = tm.Problem(whole.problem.robot, first.q, goal, v_start=first.v)
@@ -203,8 +203,8 @@ def test_a_part_of_a_fast_motion_takes_no_longer_than_it_does_there(whole, share
     ("v", "acceleration", "top"), [(3.0, 0.36, 3.1), (1.0, 0.04, 1.1), (1.0, 0.1, 1.1)]
 )
 @pytest.mark.parametrize("effort", ["quick", "standard"])
-def test_a_weak_rail_overshoots_or_takes_a_run_up(v, acceleration, top, effort):
-    """No motion was found, as the last violation of 3e-6 was left to slowing down."""
+def test_weak_rail_overshoots_or_takes_a_run_up(v, acceleration, top, effort):
+    """Regression: no motion was found, as slowing down left a violation of 3e-6."""
     way = 0.55 * v**2 / (2.0 * acceleration)
     least = v / acceleration + 2.0 * np.sqrt(
         (v**2 / 2 / acceleration - way) / acceleration
@@ -225,7 +225,7 @@ THROWN = np.array([0.8, -1.2, 1.2, -1.5, -1.5, 0.0])
 
 
 def throw(speed: float) -> tm.PositionGoal:
-    """A place that tool0 of a UR5 passes along y at up to 1.8612 m/s.
+    """A goal at a place that tool0 of a UR5 can pass along y at up to 1.8612 m/s.
 
     SLSQP over configurations and joint velocities found this speed, from 60 starts.
     """
@@ -234,7 +234,7 @@ def throw(speed: float) -> tm.PositionGoal:
 
 
 @pytest.mark.parametrize("segment", ["", "segment 2 of 3: "])
-def test_a_velocity_beyond_the_joint_speeds_is_refused_before_a_search(segment) -> None:
+def test_goal_velocity_beyond_joint_speeds_is_refused_before_a_search(segment) -> None:
     fast, via = throw(1.9), tm.JointGoal(START + 0.1 * ALONG)
     problem = tm.Problem(UR5, START, fast)
     if segment:
@@ -247,13 +247,13 @@ def test_a_velocity_beyond_the_joint_speeds_is_refused_before_a_search(segment) 
         tm.plan(problem)
 
 
-def test_a_throw_near_the_speed_limits_ends_where_the_joints_can_do_it() -> None:
+def test_goal_velocity_near_the_joint_speeds_is_reached() -> None:
     few = {"effort": "quick", "intervals": 24, "refine": None}
     solution = tm.plan(tm.Problem(UR5, START, throw(1.82)), **few)
     assert solution, solution.message
 
 
-def test_derivatives_of_the_speed_that_a_goal_lacks() -> None:
+def test_derivatives_of_goal_velocity_excess_match_differences() -> None:
     goal, step = throw(3.0), 1e-6
     lacks = GoalVelocity(ProblemFunctions.of(tm.Problem(UR5, START, goal)), goal)
     _, (slope,) = lacks.excess_at_rest(THROWN[None])
@@ -273,10 +273,13 @@ def smooth() -> tm.Solution:
 
 @pytest.mark.parametrize("warm", [False, True])
 @pytest.mark.parametrize("share", [0.1, 0.8, 0.97])
-def test_a_motion_goes_on_with_its_acceleration(
+def test_replanned_motion_starts_with_the_current_acceleration(
     smooth: tm.Solution, share: float, warm: bool
 ) -> None:
-    """Bellman: from 0 instead, the arm took up to three times as long as was left."""
+    """The rest of a time-optimal motion is time-optimal (Bellman).
+
+    Regression: from zero acceleration the arm took up to three times the time left.
+    """
     at = share * smooth.T
     state, left = smooth.trajectory(at), smooth.T - at
     problem = tm.Problem(
@@ -297,7 +300,7 @@ def test_a_motion_goes_on_with_its_acceleration(
     assert np.max(np.abs(jerks)) <= 200.0 * (1.0 + 5e-3)
 
 
-def test_a_jump_of_the_acceleration_at_the_start_breaks_the_jerk_limit(
+def test_acceleration_jump_at_the_start_violates_the_jerk_limit(
     smooth: tm.Solution,
 ) -> None:
     state, goal = smooth.trajectory(0.3 * smooth.T), smooth.problem.goal
@@ -316,7 +319,7 @@ def test_a_jump_of_the_acceleration_at_the_start_breaks_the_jerk_limit(
     assert jump.kind == "jerk" and jump.time == 0.0
 
 
-def test_the_acceleration_of_the_start_holds_on_the_first_segment(
+def test_start_acceleration_applies_to_the_first_segment(
     smooth: tm.Solution,
 ) -> None:
     state, goal = smooth.trajectory(0.3 * smooth.T), smooth.problem.goal

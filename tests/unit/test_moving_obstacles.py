@@ -1,4 +1,4 @@
-"""Obstacles that move: their motions, rows of clearances, derivatives by time."""
+"""Moving obstacles: their motions, rows of clearances, derivatives by time."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_velocities_are_derivatives_of_placements(name):
 
 
 @pytest.mark.parametrize("name", MOTIONS)
-def test_bounds_on_speeds_hold(name):
+def test_speeds_stay_within_their_bounds(name):
     item = obstacle(name)
     begin = np.linspace(0.0, 2.4, 9)
     linear, angular = item.speed_bounds(begin, begin + 0.3)
@@ -85,7 +85,7 @@ def test_bounds_on_speeds_hold(name):
         assert np.linalg.norm(twist.angular, axis=1).max() <= angular[k] + 1e-9
 
 
-def test_steady_motion_about_a_hinge():
+def test_constant_angular_velocity_turns_about_the_pivot():
     gate = tm.Box(
         "gate",
         size=(2, 0.1, 1),
@@ -106,19 +106,19 @@ def test_steady_motion_about_a_hinge():
     np.testing.assert_allclose(moving.linear, [(0.0, 0.5 * np.pi, 0.0)], atol=1e-12)
 
 
-def test_waypoints_are_passed():
+def test_waypoints_are_interpolated_and_held_at_the_end():
     item = mover(WAY)
     found = item.poses(np.asarray(WAY.times))
     np.testing.assert_allclose(found.p, WAY.positions, atol=1e-12)
     np.testing.assert_allclose(found.R, WAY.rotations, atol=1e-12)
-    # It begins at the first of them, halfway it is halfway, and it stays at the last.
+    # The motion begins at the first waypoint, is linear, and stays at the last.
     np.testing.assert_array_equal(item.position, WAY.positions[0])
     middle = item.poses(np.array([0.225])).p[0]
     np.testing.assert_allclose(middle, np.mean(WAY.positions[:2], axis=0), atol=1e-12)
     np.testing.assert_allclose(item.poses(np.array([50.0])).p[0], WAY.positions[-1])
 
 
-def test_bounds_of_a_function_are_used_and_checked():
+def test_speed_bounds_of_a_pose_function_are_used_and_checked():
     def slide(time: float) -> np.ndarray:
         place = np.eye(4)
         place[0, 3] = 2.0 * time
@@ -133,7 +133,7 @@ def test_bounds_of_a_function_are_used_and_checked():
         wrong.twists(np.array([0.3]))
 
 
-def test_scenes_at_a_time():
+def test_scene_at_a_time_has_its_obstacles_at_rest():
     scene = tm.Scene([tm.Sphere("rest", radius=1.0, position=(9, 0, 0)), mover(WAY)])
     assert [item.name for item in scene.moving] == ["mover"]
     later = scene.at(1.3)
@@ -195,12 +195,12 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("make", "message"), WRONG)
-def test_wrong_motions(make, message):
+def test_invalid_motions_are_refused(make, message):
     with pytest.raises(tm.SceneError, match=message):
         make()
 
 
-def test_a_gap_in_a_function_is_told_of():
+def test_failure_of_a_pose_function_is_named_with_its_time():
     def gap(time: float) -> np.ndarray:
         if time > 0.4:
             raise KeyError("no placement is known")
@@ -211,13 +211,13 @@ def test_a_gap_in_a_function_is_told_of():
         item.poses(np.array([0.1, 0.5]))
 
 
-def test_a_start_in_collision_is_judged_at_the_start():
+def test_start_is_checked_against_obstacles_at_time_zero():
     robot = tm.load_robot("planar3r")
     away = tm.ConstantVelocity(velocity=(0.0, 9.0, 0.0))
     scene = tm.Scene([tm.Sphere("ball", radius=0.5, position=(1, 0.5, 0), motion=away)])
     with pytest.raises(tm.ProblemError, match="start in collision"):
         tm.Problem(robot, [0.5, 0, 0], tm.JointGoal([1.5, 0, 0]), scene)
-    # Where the goal is, the ball will not be any more.
+    # The ball has left the goal when the arm arrives.
     tm.Problem(robot, [1.5, 0, 0], tm.JointGoal([0.5, 0, 0]), scene)
 
 
@@ -270,8 +270,10 @@ KINDS = ("inverse", "free lengths", "collocation", "adjoint", "bspline")
 
 @pytest.mark.parametrize("name", MOTIONS)
 @pytest.mark.parametrize("kind", KINDS)
-def test_derivatives_of_clearance_rows(kind, name, monkeypatch):
-    # All rows are exact, and all are there, however far the obstacle is.
+def test_derivatives_of_clearance_rows_match_finite_differences(
+    kind, name, monkeypatch
+):
+    # All rows are in the program and exact, however far the obstacle is.
     for scheme in (BSplineTranscription, AdjointTranscription):
         monkeypatch.setattr(scheme, "cutoff", 10.0)
         monkeypatch.setattr(scheme, "moving_attention", 10.0)

@@ -25,7 +25,7 @@ def example(name: str) -> ModuleType:
     return module
 
 
-def test_conveyor():
+def test_conveyor_example_keeps_clear_of_moving_obstacles():
     module = example("conveyor")
     without, among = (tm.plan(module.problem(v), COARSE) for v in (None, module.SPEED))
     assert without.success
@@ -34,7 +34,7 @@ def test_conveyor():
     assert among.verification.min_clearance > 0.01 - 1e-4
 
 
-def test_payload():
+def test_payload_example_refuses_a_motion_planned_without_the_box():
     module = example("payload")
     empty = tm.load_robot(
         "panda", limits="urdf", locked_joints={"panda_finger_joint1": 0.04}
@@ -42,17 +42,17 @@ def test_payload():
     loaded = empty.with_payload(module.box())
     solution = tm.plan(module.problem(empty), COARSE)
     assert solution.success
-    # Whoever forgets the box is told so.
+    # The motion is planned without the box, and replayed with it.
     refused = tm.verify(module.problem(loaded), solution.trajectory)
     assert not refused.ok
     assert {"effort", "clearance"} & {item.kind for item in refused.violations}
 
 
-def test_two_ur5():
+def test_two_ur5_example_swaps_crates_that_collide_on_lines():
     module = example("two_ur5")
     cell = module.workcell()
     task = module.problem(cell)
-    # Each crate goes to exactly where the other one was, in the world.
+    # Each crate goes to the place where the other crate was, in the world.
     before, after = (
         [
             placement(task.robot, q.tolist(), f"{name}/tool0").translation
@@ -67,7 +67,7 @@ def test_two_ur5():
     assert {contact.link[:4], contact.obstacle[:4]} == {"near", "far/"}
 
 
-def test_baxter():
+def test_baxter_example_checks_collisions_between_its_arms():
     task = example("baxter").problem()
     assert task.robot.n == 14
     sides = {name.partition("_")[0] for name in task.robot.joint_names}

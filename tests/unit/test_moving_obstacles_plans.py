@@ -1,4 +1,4 @@
-"""Motions planned among obstacles that move, judged by geometry written down here."""
+"""Plans among moving obstacles, checked by distances that are computed here."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import tominpmp as tm
 from tominpmp.options import Tolerances
 from tominpmp.verification.verification import verify
 
-# The search for the best motion is looked at elsewhere.
+# Other tests cover the search for the best motion.
 plan_quickly = partial(tm.plan, effort="quick", refine=None)
 
 # The planar arm: lengths of its links, half their width, and the gate [m].
@@ -21,13 +21,13 @@ HINGE, LENGTH, WIDTH = np.array([6.0, 2.5]), 5.0, 0.2
 START, END = np.array([0.2, 0.0, 0.0]), np.array([1.6, 0.0, 0.0])
 MARGIN = 0.02
 QUICK = tm.Options(intervals=12, starts=1, seed=0)
-# Strong motors, so that it is the gate that holds the arm back [N m].
+# Strong motors, so that the gate limits the motion [N m].
 EFFORT = (60.0, 30.0, 15.0)
 OPENS, LATE, TAKES = 0.3, 0.8, 0.3  # [s]
 
 
 def gate(opens: float, takes: float = TAKES) -> tm.Box:
-    """A gate that begins to turn up by a right angle at a time."""
+    """A gate that begins, at the time `opens`, to turn upwards by a right angle."""
     swing = tm.ConstantVelocity(
         angular=(0.0, 0.0, -0.5 * np.pi / takes),
         pivot=(*HINGE, 0.0),
@@ -59,7 +59,7 @@ def points_of_arm(q: np.ndarray) -> np.ndarray:
 
 
 def room_beside_gate(q: np.ndarray, t: float, opens: float, takes: float) -> float:
-    """Distance of the arm from the rectangle that the gate is at a time [m]."""
+    """Distance of the arm from the rectangle of the gate at a time [m]."""
     angle = np.pi - 0.5 * np.pi * np.clip((t - opens) / takes, 0.0, 1.0)
     along = np.array([np.cos(angle), np.sin(angle)])
     offset = points_of_arm(q) - (HINGE + 0.5 * LENGTH * along)
@@ -78,36 +78,37 @@ def through() -> tm.Solution:
     return plan_quickly(problem(gate(OPENS)), QUICK)
 
 
-def test_through_the_gate_while_it_swings(through, alone):
+def test_motion_passes_the_gate_while_it_swings(through, alone):
     assert through.success
     motion = through.trajectory
     np.testing.assert_allclose(motion.q[0], START)
     np.testing.assert_allclose(motion.q[-1], END, atol=1e-6)
     times = np.linspace(0.0, motion.duration, 1500)
-    # It is nearest just when the gate sets out; links move by millimetres in between.
+    # The arm is nearest when the gate begins to swing; links move by millimetres
+    # between the samples.
     opening = OPENS + np.linspace(-1e-3, 1e-3, 201)
     times = np.union1d(times, opening[opening < motion.duration])
     rooms = [
         room_beside_gate(q, t, OPENS, TAKES)
         for t, q in zip(times.tolist(), motion(times).q, strict=True)
     ]
-    # It keeps the margin all the time and uses it up: the gate is what holds it back.
+    # The arm keeps the margin and has no clearance to spare: the gate limits it.
     assert min(rooms) > MARGIN - 1e-4
     assert min(rooms) < MARGIN + 5e-3
     found = through.verification.min_clearance
     assert found == pytest.approx(min(rooms), abs=1e-3)
-    # Time counts from the start: it is not faster than without the gate, and the last
-    # link, which points along the arm at first, cannot be through before it opens.
+    # Time counts from the start: the motion is not faster than without the gate, and
+    # the last link, which points along the arm at first, cannot pass the closed gate.
     assert motion.t[0] == 0.0
     assert motion.duration > OPENS
     assert through.T >= alone.T * (1.0 - 1e-6)
 
 
-def test_a_gate_that_opens_later_delays(through):
+def test_gate_that_opens_later_delays_the_motion(through):
     later = plan_quickly(problem(gate(LATE)), QUICK)
     assert later.success
     assert later.T > LATE
-    # Whoever waits for so much longer can do the same: it need not take longer.
+    # An arm that waits for the difference can then do the same motion.
     assert through.T < later.T < through.T + (LATE - OPENS) + 0.01
     times = np.linspace(0.0, later.T, 1500)
     rooms = [
@@ -117,33 +118,33 @@ def test_a_gate_that_opens_later_delays(through):
     assert min(rooms) > MARGIN - 1e-4
 
 
-def test_the_same_motion_at_another_time_is_refused(through):
-    """A motion that leaves early through a gate that opens late is no success."""
+def test_replay_refuses_the_motion_if_the_gate_opens_later(through):
+    """A motion that is too early for a gate collides with it."""
     late = problem(gate(OPENS + 0.1))
     judged = verify(late, through.trajectory, Tolerances())
     assert not judged.ok
     assert {item.kind for item in judged.violations} == {"clearance"}
     assert verify(problem(gate(OPENS)), through.trajectory, Tolerances()).ok
-    # And where it stands still for ever, in the way, the motion collides as well.
+    # If the gate stays closed, the motion collides as well.
     assert not verify(problem(gate(50.0)), through.trajectory, Tolerances()).ok
 
 
-def test_what_passes_far_away_costs_nothing():
+def test_distant_moving_obstacle_does_not_change_the_motion_time():
     ball = tm.Sphere(
         "ball",
         radius=0.5,
         position=(-9.0, -9.0, 0.0),
         motion=tm.ConstantVelocity(velocity=(3.0, 0.0, 0.0)),
     )
-    # Rounding may decide which rows join; what iterations settle to is the same, if the
-    # jumps of the controls have the same weight in free space as among obstacles.
+    # Rounding may decide which rows join; the iterations converge to the same motion if
+    # the jumps of the controls have the same weight in free space as among obstacles.
     exact = replace(QUICK, tolerance=1e-5, smoothing=1e-4)
     alone, beside = plan_quickly(problem(), exact), plan_quickly(problem(ball), exact)
     assert beside.T == pytest.approx(alone.T, rel=1e-5)
 
 
-def test_one_motion_given_in_three_ways(alone):
-    """Steady, by waypoints and as a function: the same obstacle, the same verdict."""
+def test_equal_motions_of_three_types_give_the_same_replay(alone):
+    """A constant velocity, waypoints and a function describe the same motion."""
     first, speed = np.array([1.5, 2.0, 0.0]), np.array([0.9, 1.2, 0.0])
 
     def function(time: float) -> np.ndarray:
@@ -173,5 +174,5 @@ def test_one_motion_given_in_three_ways(alone):
         judged = verify(task, solution.trajectory, Tolerances())
         assert judged.ok
         assert judged.min_clearance == pytest.approx(room, abs=1e-3)
-        # The ball is in the way of the motion that does not know of it.
+        # The motion that was planned without the ball collides with it.
         assert not verify(task, alone.trajectory, Tolerances()).ok

@@ -1,4 +1,4 @@
-"""Configurations at goals on frames, led to where the start is nearest."""
+"""Configurations that reach a goal on a frame are moved towards the start."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tominpmp.kinematics import RobotKinematics
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 
-def test_a_configuration_is_led_to_where_the_slowest_joint_has_least_to_go():
+def test_redundant_configuration_is_moved_as_near_the_start_as_possible():
     # Four joints in a plane, two of them left free by the place of the tip.
     robot = make_arm(*[rod(1.0, 0.5)] * 4, effort=50.0, velocity=1.0)
     start, there = np.array([0.3, 0.4, 0.5, 0.6]), np.array([-0.5, 1.2, -0.4, 1.5])
@@ -44,8 +44,8 @@ def test_a_configuration_is_led_to_where_the_slowest_joint_has_least_to_go():
         assert miss < 1e-6 and far(beside) > far(led)
 
 
-def test_a_posture_that_no_random_start_leads_to_is_found():
-    # Of the configurations found at random none is reached on a line in less than
+def test_search_finds_a_configuration_that_random_starts_miss():
+    # No configuration found from random starts is reached on a line in less than
     # 0.88 s; the fastest motion takes 0.81 s and ends elsewhere.
     robot = tm.load_robot("ur5", limits="urdf")
     start = np.array([1.4697, 2.1336, 0.3214, 2.1879, 1.9678, 1.0154])
@@ -58,7 +58,7 @@ def test_a_posture_that_no_random_start_leads_to_is_found():
     assert min(straight_guess(system, q).duration for q in found.free[:10]) < 0.85
 
 
-def test_a_line_slowed_by_accelerations_comes_before_a_longer_one():
+def test_fastest_line_comes_first_under_acceleration_limits():
     down = np.diag([1.0, -1.0, -1.0])
     # 5 rad/s^2 slow the line of 15 cm, but not the line to the other side of the arm.
     problem = tm.Problem(

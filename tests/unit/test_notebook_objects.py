@@ -1,4 +1,4 @@
-"""Objects in notebooks, derivatives of motions, plots on axes that a caller has."""
+"""HTML of objects in notebooks, derivatives of trajectories, plots on given axes."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ def test_notebooks_show_a_picture_and_a_table(solution: tm.Solution) -> None:
 
 
 def test_a_goal_without_a_configuration_is_not_drawn(solution: tm.Solution) -> None:
-    """The start was drawn in its place."""
+    """Regression: the start was drawn in the place of the goal."""
     robot, start = solution.problem.robot, solution.problem.q_start
     point = tm.Problem(robot, start, tm.PositionGoal("tip", (4.0, 1.0, 0.0)))
     assert "goal in grey" in solution.problem._repr_html_()
     assert "goal in grey" not in point._repr_html_()
 
 
-def test_names_of_strangers_are_escaped() -> None:
+def test_joint_names_are_escaped_in_html() -> None:
     name = "<script>alert(1)</script>"
     q = np.array([[0.0], [1.0]])
     motion = tm.Trajectory((name,), [0.0, 1.0], q, 0 * q, np.nan * q)
@@ -46,7 +46,7 @@ def test_names_of_strangers_are_escaped() -> None:
     assert "&lt;script&gt;" in motion._repr_html_()
 
 
-def test_a_failure_has_a_page_too(solution: tm.Solution) -> None:
+def test_solution_without_a_motion_has_html(solution: tm.Solution) -> None:
     failed = copy.copy(solution)
     object.__setattr__(failed, "trajectory", None)
     assert "No motion" in fromstring(failed._repr_html_()).findtext("b")
@@ -68,7 +68,7 @@ def motions() -> list[tm.Trajectory]:
 
 
 @pytest.mark.parametrize("motion", motions(), ids=["degree 2", "degree 3", "degree 5"])
-def test_derivatives_are_those_of_the_motion(motion: tm.Trajectory) -> None:
+def test_derivatives_agree_with_the_states_of_the_motion(motion: tm.Trajectory) -> None:
     times = np.linspace(0.0, motion.duration, 57)
     state = motion(times)
     for nu, values in enumerate(state[:3]):
@@ -85,7 +85,7 @@ def test_derivatives_are_those_of_the_motion(motion: tm.Trajectory) -> None:
     np.testing.assert_allclose(integral, motion.q[-1] - motion.q[0], atol=1e-9)
 
 
-def test_derivatives_outside_of_a_motion() -> None:
+def test_derivatives_outside_of_a_motion_are_refused_unless_held() -> None:
     motion = motions()[1]
     with pytest.raises(tm.ProblemError, match="outside of the motion"):
         motion(99.0, 1)
@@ -96,7 +96,7 @@ def test_derivatives_outside_of_a_motion() -> None:
             motion.derivative(nu)
 
 
-def test_plots_on_axes_of_the_caller(solution: tm.Solution) -> None:
+def test_plots_are_drawn_on_axes_of_the_caller(solution: tm.Solution) -> None:
     figure_of = pytest.importorskip("matplotlib.figure").Figure
     figure = figure_of()
     one = figure.subplots()
@@ -132,7 +132,7 @@ def test_plots_on_axes_of_the_caller(solution: tm.Solution) -> None:
     ],
     ids=lambda item: type(item).__name__,
 )
-def test_what_users_make_behaves(item: object) -> None:
+def test_public_objects_copy_pickle_and_have_a_one_line_repr(item: object) -> None:
     for twin in (
         copy.deepcopy(item),
         copy.copy(item),

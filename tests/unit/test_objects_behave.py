@@ -1,4 +1,4 @@
-"""Objects behave as their users expect: truth, length, one line, copies, times."""
+"""Public objects: truth value, one-line repr, copies, times outside of a motion."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def failed(solution: tm.Solution) -> tm.Solution:
     return replace(solution, feasible=False, status=tm.Status.INFEASIBLE)
 
 
-def test_a_failed_solution_is_false_and_takes_forever(
+def test_failed_solution_is_false_and_has_an_infinite_duration(
     solution: tm.Solution, failed: tm.Solution
 ) -> None:
     assert solution
@@ -36,18 +36,18 @@ def test_a_failed_solution_is_false_and_takes_forever(
     assert failed.T == math.inf
     assert failed.gap is None
     assert failed.roughness == math.inf
-    # The best attempt is there for who asks for it.
+    # The best attempt is available as the trajectory.
     assert failed.trajectory.duration == solution.T
 
 
-def test_the_report_of_a_failure_has_no_duration(failed: tm.Solution) -> None:
+def test_report_of_a_failed_solution_has_no_duration(failed: tm.Solution) -> None:
     data = report_data(failed, {})
     assert data["T"] is None
     assert data["best_attempt"] == failed.trajectory.duration
     assert "best attempt" in report_text(data)
 
 
-def test_everything_shows_itself_on_a_line(solution: tm.Solution) -> None:
+def test_repr_of_each_object_is_one_short_line(solution: tm.Solution) -> None:
     rng = np.random.default_rng(0)
     points = rng.uniform(9.0, 10.0, size=(5000, 3))
     solution_parts = [
@@ -70,7 +70,7 @@ def test_everything_shows_itself_on_a_line(solution: tm.Solution) -> None:
         assert len(text) <= 320, text
 
 
-def test_options_show_what_is_not_the_default() -> None:
+def test_repr_of_options_leaves_defaults_out() -> None:
     assert repr(tm.Options()) == "Options()"
     assert repr(tm.MotionLimits()) == "MotionLimits()"
     assert repr(tm.Options(seed=3)) == "Options(seed=3)"
@@ -85,7 +85,7 @@ def test_times_outside_of_a_motion_are_refused(
     assert error.value.field == "time"
 
 
-def test_rounding_at_the_ends_is_none_of_that(solution: tm.Solution) -> None:
+def test_times_beyond_the_ends_by_rounding_are_accepted(solution: tm.Solution) -> None:
     motion = solution.trajectory
     T = motion.duration
     late, early = motion(T * (1 + 1e-12) + 1e-10), motion(-1e-10)
@@ -95,7 +95,7 @@ def test_rounding_at_the_ends_is_none_of_that(solution: tm.Solution) -> None:
 
 
 @pytest.mark.parametrize("method", ["inverse", "collocation", "adjoint"])
-def test_ends_are_held_with_the_torque_that_holds(
+def test_held_ends_have_the_torque_against_gravity(
     solution: tm.Solution, method: str
 ) -> None:
     motion = tm.plan(solution.problem, method_options(method)).trajectory
@@ -117,11 +117,11 @@ def test_ends_are_held_with_the_torque_that_holds(
 
 
 def method_options(method: str) -> tm.Options:
-    # What the ends are does not depend on how good the motion is.
+    # The ends do not depend on the quality of the motion.
     return tm.Options(method=method, intervals=12, max_iterations=3)
 
 
-def test_a_motion_without_dynamics_does_not_invent_torques() -> None:
+def test_held_end_of_a_motion_without_dynamics_has_nan_torques() -> None:
     q = np.array([[0.0], [1.0]])
     motion = tm.Trajectory(("j",), [0.0, 1.0], q, 0 * q, 0 * q + 5.0)
     held = motion(2.0, hold=True)
@@ -130,8 +130,8 @@ def test_a_motion_without_dynamics_does_not_invent_torques() -> None:
     assert np.isnan(held.u).all()
 
 
-def test_copies_are_as_good(solution: tm.Solution) -> None:
-    assert solution.certificate is not None  # kept in it from now on
+def test_copies_equal_their_original(solution: tm.Solution) -> None:
+    assert solution.certificate is not None  # stored from now on
     calls: list[object] = []
     loud = replace(
         solution, options=replace(solution.options, callback=lambda _: calls.append(0))
@@ -161,7 +161,7 @@ def test_copies_are_as_good(solution: tm.Solution) -> None:
     "names", [5, None, "ab", ("a", 1), ("a", "a"), (), ("a", ""), {"a": 1}, b"ab"]
 )
 @pytest.mark.parametrize("kind", ["Trajectory", "Samples"])
-def test_joint_names_are_names(kind: str, names: object) -> None:
+def test_invalid_joint_names_are_refused(kind: str, names: object) -> None:
     x = np.zeros((2, 2))
     with pytest.raises(tm.ProblemError, match="joint_names is"):
         if kind == "Samples":
@@ -172,7 +172,7 @@ def test_joint_names_are_names(kind: str, names: object) -> None:
 
 @pytest.mark.parametrize("field", ["t", "q", "v", "a", "u"])
 @pytest.mark.parametrize("value", ["x", None, {}, [[1, 2], [3]], np.zeros(7), 5])
-def test_samples_are_checked(field: str, value: object) -> None:
+def test_invalid_samples_are_refused(field: str, value: object) -> None:
     x = np.zeros((2, 2))
     values = {"t": [0.0, 1.0]} | dict.fromkeys("qvau", x) | {field: value}
     with pytest.raises(tm.ProblemError) as error:

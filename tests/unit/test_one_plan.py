@@ -1,4 +1,4 @@
-"""How a plan is carried out: few calls between it and the solver of its programs."""
+"""Depth of calls between `tm.plan` and the solver of its linear programs."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ import tominpmp as tm
 from tominpmp.linear_programs import piqp
 
 PACKAGE = str(Path(tm.__file__).parent)
-# Calls of our own between `tm.plan` and the solver of the programs.
+# Calls of the package between `tm.plan` and the solver of the programs.
 MOST_CALLS = 8
 
 
 def own_calls() -> tuple[str, ...]:
-    """Names of our own functions between ``tm.plan`` and the one that asks."""
+    """Names of the package's functions between ``tm.plan`` and the caller."""
     frame: FrameType | None = sys._getframe(1)
     found: list[str] = []
     while frame is not None:
@@ -34,7 +34,7 @@ def own_calls() -> tuple[str, ...]:
 def test_few_calls_lead_from_a_plan_to_its_programs(
     options: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """There were 20 to 23 of them."""
+    """Regression: there were 20 to 23 calls."""
     usual, found = piqp.PiqpSolver.solve, set[tuple[str, ...]]()
 
     def solve(solver: piqp.PiqpSolver, *arguments: Any) -> Any:

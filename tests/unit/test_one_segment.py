@@ -1,4 +1,4 @@
-"""A problem of one segment is planned with what holds on that segment."""
+"""A problem of one segment is planned with the payload and limits of that segment."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ def planned(*segments: tm.Segment, **options) -> tm.Solution:
     ],
     ids=["payload", "constraint", "acceleration", "jerk"],
 )
-def test_what_is_said_of_it_holds(fields, expected):
+def test_payload_constraint_and_limits_of_the_segment_hold(fields, expected):
     solution = planned(tm.Segment(tm.JointGoal([1.0]), **fields))
     assert solution.verification.ok
     assert pytest.approx(expected, rel=5e-3) == solution.T
 
 
-def test_limits_of_jerk_on_one_of_two_segments_make_accelerations_continuous():
+def test_jerk_limit_on_one_segment_makes_its_acceleration_continuous():
     quiet = tm.MotionLimits(jerk=16.0)
     slow, fast = planned(
         tm.Segment(tm.JointGoal([1.0]), motion_limits=quiet, stop=True),
@@ -49,7 +49,7 @@ def test_limits_of_jerk_on_one_of_two_segments_make_accelerations_continuous():
 
 
 @pytest.mark.parametrize("kind", ["problem", "segment", "first of two"])
-def test_limits_of_jerk_are_in_certificates_and_sensitivities(kind):
+def test_jerk_limits_are_in_certificates_and_sensitivities(kind):
     arm, quiet = make_arm(slide(1.0), effort=10.0), tm.MotionLimits(jerk=16.0)
     there = tm.JointGoal([1.0])
     if kind == "problem":
@@ -62,7 +62,7 @@ def test_limits_of_jerk_are_in_certificates_and_sensitivities(kind):
     solution = tm.plan(problem, intervals=16)
     assert solution.certificate.ok, solution.certificate.message
     jerk = next(item for item in solution.sensitivities if item.kind == "jerk")
-    # Alone it is worth a third of T for each share of it.
+    # Without another limit, T is proportional to the jerk to the power of -1/3.
     if kind != "first of two":
         assert jerk.value == pytest.approx(-1.0 / 3.0, rel=1e-2)
     else:

@@ -1,4 +1,4 @@
-"""Tests of the checks of options."""
+"""Checks of the values of options, and options as immutable values."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ BAD = {
     "seed": [*NO_INTEGERS, -1],
     "max_planning_time": [
         *(v for v in NO_NUMBERS if v is not None),
-        *(v for v in NOT_POSITIVE if v != np.inf),  # which is no limit
+        *(v for v in NOT_POSITIVE if v != np.inf),  # inf: no limit
     ],
     "max_iterations": [*NO_INTEGERS, 0, -1],
     "tolerance": [*NO_NUMBERS, *NOT_POSITIVE],
@@ -65,7 +65,7 @@ BAD = {
     "callback": ["print", 3, []],
 }
 
-# Values that each option takes, with what it makes of them.
+# Values that each option accepts, each with the value that is stored.
 GOOD = {
     "method": [(value, value) for value in CHOICES["method"]],
     "intervals": [(4, 4), (np.int64(500), 500)],
@@ -108,7 +108,7 @@ def test_every_option_is_tested() -> None:
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_bad_values(name: str) -> None:
+def test_bad_values_are_refused_with_option_and_expectation(name: str) -> None:
     taken, unclear = [], []
     for value in BAD[name]:
         try:
@@ -123,14 +123,14 @@ def test_bad_values(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", GOOD)
-def test_good_values(name: str) -> None:
+def test_good_values_are_converted_and_stored(name: str) -> None:
     for value, kept in GOOD[name]:
         found = getattr(Options(**{name: value}), name)  # type: ignore[arg-type]
         assert found == kept
         assert type(found) is type(kept)
 
 
-def test_choices_are_listed() -> None:
+def test_error_on_an_unknown_choice_lists_the_choices() -> None:
     with pytest.raises(OptionsError, match=f"one of: {', '.join(CHOICES['method'])}$"):
         Options(method="newton")  # type: ignore[arg-type]
 
@@ -154,7 +154,7 @@ def test_initial_control_is_a_copy(control: object) -> None:
             item.initial_control[0] = 1.0
 
 
-def test_options_are_frozen_values() -> None:
+def test_options_are_immutable_and_equal_by_value() -> None:
     options = Options(initial_control=[1, 2, 3], intervals=30)  # type: ignore[arg-type]
     with pytest.raises(FrozenInstanceError):
         options.intervals = 5  # type: ignore[misc]
@@ -166,6 +166,6 @@ def test_options_are_frozen_values() -> None:
     assert Options() == Options()
 
 
-def test_replacing_checks_again() -> None:
+def test_replaced_options_are_checked_again() -> None:
     with pytest.raises(OptionsError, match="intervals is 2"):
         replace(Options(), intervals=2)

@@ -1,4 +1,4 @@
-"""The order in which obstacles are listed is nobody's business."""
+"""The order in which obstacles are listed changes neither distances nor motions."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def reach(scene):
     return tm.Problem(robot, START, tm.JointGoal(END), scene=scene)
 
 
-def test_pairs_come_in_the_same_order_however_obstacles_are_listed():
+def test_collision_pairs_do_not_depend_on_the_order_of_obstacles():
     one, other = (
         reach(tm.Scene(listed)).checker for listed in (OBSTACLES, OBSTACLES[::-1])
     )
@@ -29,7 +29,7 @@ def test_pairs_come_in_the_same_order_however_obstacles_are_listed():
     np.testing.assert_array_equal(one.distances(q), other.distances(q))
 
 
-def test_the_motion_is_the_very_same_however_obstacles_are_listed():
+def test_motion_does_not_depend_on_the_order_of_obstacles():
     one, other = (
         tm.plan(reach(tm.Scene(listed)), effort="quick", refine=None)
         for listed in (OBSTACLES[:3], OBSTACLES[2::-1])

@@ -1,4 +1,4 @@
-"""The paper's iteration: fixed steps, all of them taken."""
+"""The iteration of the paper: steps of fixed size, which are all accepted."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def solved(nlp, z, callback=None, keep=None, **options):
     return solve(nlp, least, z, *method, callback=callback, keep=keep)
 
 
-def test_it_ends_at_the_least_time():
+def test_fixed_steps_converge_to_the_minimum_time():
     nlp, z = on_a_rail()
     result = solved(nlp, z)
     assert result.status is Status.CONVERGED
@@ -45,8 +45,8 @@ def test_it_ends_at_the_least_time():
     assert len(result.history) < 200
 
 
-def test_at_a_speed_limit_fixed_steps_go_to_and_fro():
-    """There it does not matter which interval brakes a little: no step is the last."""
+def test_fixed_steps_oscillate_at_a_speed_limit():
+    """At the limit it does not matter which interval brakes: no step is the last."""
     nlp, z = on_a_rail(velocity=0.8)
     least = 1.0 / 0.8 + 0.8 / 2.0
     result = solved(nlp, z, max_iterations=80)
@@ -61,7 +61,7 @@ def test_at_a_speed_limit_fixed_steps_go_to_and_fro():
     assert moved == pytest.approx(0.2)
 
 
-def test_steps_are_fixed_and_all_are_taken():
+def test_steps_have_a_fixed_size_and_are_all_accepted():
     nlp, z = on_a_rail()
     missed = nlp.rows.largest_violation(nlp.evaluate(z))
     torque, duration = nlp.transcription.torques(z), nlp.cost @ z
@@ -77,7 +77,7 @@ def test_steps_are_fixed_and_all_are_taken():
         torque, duration = now, one.duration
 
 
-def test_the_best_iterate_keeps_the_constraints():
+def test_best_iterate_is_the_fastest_feasible_iterate():
     nlp, z = on_a_rail()
     result = solved(nlp, z, max_iterations=5)
     assert result.status is Status.ITERATION_LIMIT
@@ -88,7 +88,7 @@ def test_the_best_iterate_keeps_the_constraints():
     assert long.best.duration == min(good)
 
 
-def test_a_callback_ends_it():
+def test_callback_ends_the_iteration():
     nlp, z = on_a_rail()
     seen = []
 
@@ -101,7 +101,7 @@ def test_a_callback_ends_it():
     assert tuple(seen) == result.history and len(seen) == 7
 
 
-def test_an_interruption_keeps_what_there_is():
+def test_interruption_keeps_the_last_iterate():
     nlp, z = on_a_rail()
 
     def interrupt(record):
@@ -116,15 +116,14 @@ def test_an_interruption_keeps_what_there_is():
     with pytest.raises(KeyboardInterrupt):
         solved(nlp, z, interrupt, keep)
     assert kept[-1].violation <= 1e-6
-    assert len(kept) == 63  # the first one, one an iteration, and the last again
+    assert len(kept) == 63  # the first, one for each iteration, and the last again
 
 
 @pytest.mark.parametrize("obstacle", [False, True])
-def test_the_papers_example_is_forced_to_be_feasible_first(obstacle):
-    """Fewer intervals and longer steps than in the paper, from its start.
+def test_papers_example_reaches_the_times_of_the_paper(obstacle):
+    """Fewer intervals and longer steps than in the paper, from the paper's start.
 
-    The longer the steps, the larger the violation that is left at the end: about their
-    square.
+    The violation at the end grows with the length of the steps, about as its square.
     """
     changes = {} if obstacle else {"position_lower": -np.inf, "position_upper": np.inf}
     scene = tm.Scene()
@@ -143,5 +142,5 @@ def test_the_papers_example_is_forced_to_be_feasible_first(obstacle):
     result = solved(nlp, z, max_iterations=160, feasibility=5e-3)
     assert result.history[0].violation > 1.0
     assert result.best is not None
-    # The paper's times, which it passes on its way down.
+    # The times of the paper, which the duration passes as it falls.
     assert result.best.duration < (1.207 if obstacle else 0.884)

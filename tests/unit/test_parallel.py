@@ -1,4 +1,4 @@
-"""Work in several processes."""
+"""Work in several processes: results, exceptions, time limits, interruption."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ def clearance_at(system, q):
 
 
 @pytest.mark.parametrize("processes", [1, 2])
-def test_all_results_come_with_their_numbers(processes):
+def test_results_come_with_the_numbers_of_their_items(processes):
     results = dict(run_parallel(square, range(5), processes))
     assert results == {number: number**2 for number in range(5)}
 
 
-def test_results_come_as_they_are_ready_from_other_processes(tmp_path):
+def test_results_come_from_other_processes_in_order_of_completion(tmp_path):
     results = []
     for result in run_parallel(await_file, [tmp_path / "second is here", None], 2):
         results.append(result)
@@ -46,13 +46,13 @@ def test_results_come_as_they_are_ready_from_other_processes(tmp_path):
 
 
 @pytest.mark.parametrize("processes", [1, 2])
-def test_exceptions_arrive_with_their_values(processes):
+def test_exceptions_of_a_worker_keep_their_attributes(processes):
     with pytest.raises(FrameNotFound, match="no frame 'tool'") as caught:
         list(run_parallel(refuse, [1], processes))
     assert caught.value.available == ("base", "tip")
 
 
-def test_late_results_are_not_waited_for(clock):
+def test_results_after_the_grace_period_are_not_awaited(clock):
     begin, found = time.monotonic(), []
     for number, _ in run_parallel(sleep_and_report, [0.0, 600.0], 2, seconds=100.0):
         found.append(number)
@@ -61,7 +61,7 @@ def test_late_results_are_not_waited_for(clock):
     assert time.monotonic() - begin < 300.0
 
 
-def test_results_that_are_a_little_late_are_taken(clock, tmp_path):
+def test_results_within_the_grace_period_are_taken(clock, tmp_path):
     items, found = [None, tmp_path / "late"], []
     for number, _ in run_parallel(await_file, items, 2, seconds=100.0):
         found.append(number)
@@ -79,31 +79,31 @@ def test_no_item_is_begun_after_the_time_limit(clock):
     assert list(run_parallel(square, items(), 1, seconds=0.02)) == [(0, 1)]
 
 
-def test_items_are_made_when_a_process_is_free():
-    made = []
+def test_items_are_generated_when_a_process_is_free():
+    generated = []
 
     def items():
         for number in range(8):
-            made.append(number)
+            generated.append(number)
             yield number
 
     results = run_parallel(square, items(), 2)
     next(results)
-    assert len(made) <= 4
+    assert len(generated) <= 4
     results.close()
-    assert len(made) <= 4
+    assert len(generated) <= 4
 
 
 @pytest.fixture
 def interruptible():
-    """Ctrl-C raises, also where a shell has left it ignored, as in the background."""
+    """Ctrl-C raises, also if a shell ignores this signal, as in the background."""
     former = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, former)
 
 
 @pytest.mark.usefixtures("interruptible")
-def test_an_interruption_leaves_what_was_finished():
+def test_interruption_keeps_finished_results():
     found = []
     timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
     with pytest.raises(KeyboardInterrupt):
@@ -116,7 +116,7 @@ def test_an_interruption_leaves_what_was_finished():
     assert list(run_parallel(square, [3], 2)) == [(0, 9)]
 
 
-def test_a_system_finds_its_geometry_in_another_process(tmp_path):
+def test_collision_geometry_is_available_in_another_process(tmp_path):
     system = maze(tmp_path, wall("block", 0.0, -0.8, 0.8))
     evaluate = functools.partial(clearance_at, system)
     configurations = [START, (0.0, 1.5)]
@@ -125,12 +125,12 @@ def test_a_system_finds_its_geometry_in_another_process(tmp_path):
         assert results[number] == pytest.approx(clearance_at(system, q), abs=1e-9)
 
 
-def test_exceptions_of_the_library_pickle():
+def test_exceptions_can_be_pickled():
     error = pickle.loads(pickle.dumps(FrameNotFound("a", ["b"])))
     assert isinstance(error, FrameNotFound)
     assert (error.name, error.available) == ("a", ("b",))
     assert str(error) == "there is no frame 'a'; the robot has: b"
 
 
-def test_there_is_a_process_available():
+def test_at_least_one_process_is_available():
     assert available_processes() >= 1

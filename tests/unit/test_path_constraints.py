@@ -1,4 +1,4 @@
-"""Constraints that a user asks for along a motion: tool speed, keeping upright."""
+"""Constraints of a caller along a motion: tool speed and upright orientation."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from tests.sample_arms import Link, make_arm
 from tominpmp.constraints.base import States
 from tominpmp.exceptions import FrameNotFound, ProblemError, ScenarioError
 
-# The search for the best motion is looked at elsewhere.
+# Other tests cover the search for the best motion.
 plan_quickly = partial(tm.plan, effort="quick", refine=None)
 
 METHODS = ("inverse", "collocation", "adjoint")
 SPLINES = ("linear", "spline")
-# A link of 1 m that turns in a horizontal plane, and a second one that is held still.
+# A link of 1 m that turns in a horizontal plane.
 RADIUS, INERTIA, EFFORT = 1.0, 0.5, 5.0
 DOWN = (0.0, 0.0, -1.0)
 
@@ -51,7 +51,7 @@ def panda(goal: tm.Goal, *constraints, **more) -> tm.Problem:
 
 
 def beside(distance: float = 0.4) -> tm.Goal:
-    """The hand beside where it was, upside down as before."""
+    """The hand at a distance beside its start, upside down as at the start."""
     return tm.AxisGoal(
         "panda_hand_tcp",
         axis=DOWN,
@@ -66,7 +66,7 @@ def level(tolerance: float = 0.1) -> tm.KeepUpright:
 
 
 def largest(solution: tm.Solution, item) -> float:
-    """Largest value along the motion, looked at ten times as often as its replay."""
+    """Largest value along the motion, sampled ten times as densely as in its replay."""
     motion = solution.trajectory
     assert motion is not None
     ready = item.on(solution.problem.robot)
@@ -81,7 +81,7 @@ def test_a_turn_with_a_tool_speed_takes_the_time_of_the_closed_form(method, spee
     solution = plan_quickly(turn(speed), method=method)
     assert solution.success, solution.message
     expected = fastest(speed)
-    # The replay lets a limit be passed by a share; a grid cannot switch at any time.
+    # The replay tolerates a share beyond a limit; a grid cannot switch at any time.
     assert 1.0 - 5e-3 < solution.T / expected < 1.02
     assert largest(solution, solution.problem.constraints[0]) < 1.01 * speed
 
@@ -112,7 +112,7 @@ class NozzleSpeed(tm.ToolSpeed):
     name = "speed of a nozzle"
 
 
-def test_a_certificate_tells_constraints_of_one_name_apart():
+def test_certificate_distinguishes_constraints_of_the_same_name():
     robot = tm.load_robot("planar3r", velocity=20.0, gravity=(0, 0, 0))
     limits = NozzleSpeed("link3", 50.0), NozzleSpeed("tip", 4.0)
     goal = tm.JointGoal((0.5, 1, 1))
@@ -134,7 +134,7 @@ def test_a_cup_is_kept_upright_on_its_way(options):
     assert solution.verification.worst["tilt of frame panda_hand_tcp"].share < 0.01
 
 
-def test_both_hold_among_obstacles():
+def test_tool_speed_and_upright_hand_hold_among_obstacles():
     ball = tm.Sphere("ball", radius=0.07, position=(0.45, -0.2, 0.55))
     limit = tm.ToolSpeed("panda_hand_tcp", 1.0)
     problem = panda(beside(), level(), limit, scene=tm.Scene([ball]), margin=0.01)
@@ -145,16 +145,16 @@ def test_both_hold_among_obstacles():
     assert solution.verification.min_clearance >= 0.01
 
 
-def test_a_tool_speed_holds_the_motion_in_the_certificate():
+def test_tool_speed_is_active_in_the_certificate():
     solution = plan_quickly(turn(0.5))
     found = solution.certificate
     assert found.ok, found.message
     given = tm.certify(turn(5.0), solution.trajectory)
-    # Without that limit the same motion is far from the fastest.
+    # Without that limit the same motion is far from time-optimal.
     assert given.stationarity > 20 * found.stationarity
 
 
-def test_a_motion_that_breaks_a_constraint_is_refused():
+def test_replay_refuses_a_motion_beyond_a_tool_speed():
     free = tm.Problem(turning(), [0.0], tm.JointGoal([2.0]))
     motion = plan_quickly(free).trajectory
     verdict = tm.verify(turn(0.5), motion)
@@ -164,7 +164,7 @@ def test_a_motion_that_breaks_a_constraint_is_refused():
 
 
 @pytest.mark.parametrize("item", [tm.ToolSpeed("tip", 0.7), tm.KeepUpright("tip")])
-def test_derivatives_against_differences(item):
+def test_derivatives_match_finite_differences(item):
     robot = tm.load_robot("ur5", limits="urdf")
     rng = np.random.default_rng(4)
     item = type(item)(**{**vars(item), "frame": "tool0"}).on(robot)
@@ -183,7 +183,7 @@ def test_derivatives_against_differences(item):
                 assert part[:, j] == pytest.approx(slope, abs=1e-6)
 
 
-def test_the_smooth_value_has_the_sign_of_the_excess():
+def test_smooth_constraint_value_has_the_sign_of_the_excess():
     robot = tm.load_robot("ur5", limits="urdf")
     rng = np.random.default_rng(5)
     speed = tm.ToolSpeed("tool0", 0.7).on(robot)
@@ -195,7 +195,7 @@ def test_the_smooth_value_has_the_sign_of_the_excess():
             assert np.sign(item.terms(q, v, v)[0][0]) == np.sign(over)
 
 
-def test_scenario_files_hold_constraints(tmp_path):
+def test_scenario_files_keep_constraints(tmp_path):
     path = tmp_path / "cup.toml"
     problem = panda(beside(), level(), tm.ToolSpeed("panda_hand_tcp", 0.5))
     tm.save_scenario(path, problem)
@@ -248,7 +248,7 @@ def test_constraints_are_checked_against_robot_start_and_goal():
         panda(tm.JointGoal(tilted), level())
 
 
-def test_problems_with_constraints_can_be_copied_and_sent():
+def test_problems_with_constraints_can_be_copied_and_pickled():
     import copy
     import pickle
 
@@ -278,8 +278,8 @@ def test_the_command_line_takes_constraints(tmp_path):
     assert "limit is 'fast', expected a positive number" in " ".join(run.stderr.split())
 
 
-def test_a_start_slightly_beyond_a_limit_of_speed_is_slowed_down(ur5):
-    """States of planned motions exceed it between the rows of their programs."""
+def test_start_slightly_beyond_a_tool_speed_is_slowed_down(ur5):
+    """States of planned motions exceed limits between the rows of their programs."""
     limit = tm.ToolSpeed("tool0", 0.5).on(ur5)
     q, goal = np.array([0.0, -1.5, 1.0, 0.0, 0.5, 0.0]), tm.JointGoal([0.5] * 6)
     one = np.array([1.0, 0.2, 0.3, 0.0, 0.0, 0.0])
@@ -296,8 +296,8 @@ def test_a_start_slightly_beyond_a_limit_of_speed_is_slowed_down(ur5):
         tm.Problem(ur5, q, goal, v_start=1.003 * v, constraints=[limit])
 
 
-def test_a_start_slightly_beyond_a_cone_or_a_box_is_accepted(ur5):
-    """States of planned motions exceed them between the rows of their programs."""
+def test_start_slightly_beyond_a_cone_or_a_box_is_accepted(ur5):
+    """States of planned motions leave both between the rows of their programs."""
     q, goal = np.array([0.0, -1.5, 1.0, 0.0, 0.5, 0.0]), tm.JointGoal([0.5] * 6)
     height = tm.WithinRegion("tool0", [-9.0] * 3, [9.0] * 3).on(ur5)
     point = height.motions.placements(q[None]).origin[0]

@@ -1,4 +1,4 @@
-"""Tests of payloads, against inertias that Pinocchio adds up itself."""
+"""Payloads: inertia as Pinocchio adds it, shapes, frames, checks of arguments."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def loaded(panda: Robot) -> Robot:
     return panda.with_payload(Payload(1.5, "panda_hand", COM, INERTIA, SHAPES))
 
 
-def test_inertia_is_added(
+def test_inertia_is_added_to_the_link(
     panda: Robot, loaded: Robot, rng: np.random.Generator
 ) -> None:
     model = panda.model.copy()
@@ -59,7 +59,7 @@ def test_inertia_is_added(
     assert np.abs(found - without).max() > 1.0
 
 
-def test_the_same_as_a_link_in_the_file(
+def test_payload_equals_a_link_fixed_in_the_file(
     tmp_path: Path, rng: np.random.Generator
 ) -> None:
     plain = chain("", "")
@@ -82,7 +82,9 @@ def test_the_same_as_a_link_in_the_file(
     )
 
 
-def test_what_the_robot_keeps(panda: Robot, loaded: Robot) -> None:
+def test_robot_with_a_payload_keeps_joints_limits_and_changes(
+    panda: Robot, loaded: Robot
+) -> None:
     assert loaded.joint_names == panda.joint_names
     assert loaded.limits == panda.limits
     assert loaded != panda
@@ -97,7 +99,7 @@ def test_what_the_robot_keeps(panda: Robot, loaded: Robot) -> None:
     assert mass == pytest.approx(sum(i.mass for i in panda.model.inertias) + 2.0)
 
 
-def test_followers_go_on_following() -> None:
+def test_mimic_joints_still_follow_with_a_payload() -> None:
     panda = load_robot("panda", limits="urdf")
     loaded = panda.with_payload(Payload(0.1, "panda_leftfinger"))
     assert panda.expansion_matrix is not None
@@ -110,7 +112,7 @@ def test_payload_is_a_frame(panda: Robot, loaded: Robot) -> None:
     assert carried.isApprox(hand, 1e-12)
 
 
-def test_shapes_are_where_they_were_put(panda: Robot, loaded: Robot) -> None:
+def test_shapes_have_their_placements_on_the_link(panda: Robot, loaded: Robot) -> None:
     hand = panda.model.frames[panda.model.getBodyId("panda_hand")]
     for geometry in (loaded.collision_model, loaded.visual_model):
         found = list(geometry.geometryObjects)[-len(SHAPES) :]
@@ -124,7 +126,7 @@ def test_shapes_are_where_they_were_put(panda: Robot, loaded: Robot) -> None:
 
 
 @pytest.mark.parametrize("pitch", [np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-7, 0.3])
-def test_turned_shapes(panda: Robot, pitch: float) -> None:
+def test_rotated_shapes_keep_their_rotation(panda: Robot, pitch: float) -> None:
     turn = pin.rpy.rpyToMatrix(0.4, pitch, -1.2)
     box = Box("box", size=(1, 1, 1), rotation=turn)
     robot = panda.with_payload(Payload(1.0, "panda_link0", geometry=[box]))
@@ -132,7 +134,9 @@ def test_turned_shapes(panda: Robot, pitch: float) -> None:
     np.testing.assert_allclose(found, turn, atol=1e-9)
 
 
-def test_mesh_as_a_payload(panda: Robot, tmp_path: Path) -> None:
+def test_payload_meshes_come_from_files_with_a_scale(
+    panda: Robot, tmp_path: Path
+) -> None:
     file = write_tetrahedron(tmp_path / "tip.obj")
     mesh = Mesh("tip", path=file, scale=0.1, position=(0, 0, 0.1))
     robot = panda.with_payload(Payload(1.0, "panda_hand", geometry=[mesh]))
@@ -144,8 +148,8 @@ def test_mesh_as_a_payload(panda: Robot, tmp_path: Path) -> None:
         Payload(1.0, "panda_hand", geometry=[arrays])
 
 
-def test_shapes_of_a_callers_own_class(panda: Robot) -> None:
-    """They ended in a KeyError, although scenes take them."""
+def test_shapes_may_be_of_a_callers_subclass(panda: Robot) -> None:
+    """Regression: subclasses ended in a KeyError, although scenes accept them."""
 
     class Crate(Box):
         pass
@@ -156,7 +160,7 @@ def test_shapes_of_a_callers_own_class(panda: Robot) -> None:
     assert (2.0 * shapes[len(shapes) - 1].geometry.halfSide).tolist() == list(size)
 
 
-def test_pairs(loaded: Robot) -> None:
+def test_payload_is_checked_against_obstacles_and_distant_links(loaded: Robot) -> None:
     post = Sphere("post", radius=0.1, position=(0.8, 0, 0.3))
     checker = CollisionChecker(loaded, Scene([post]), self_collision=True)
     mates = {name for pair in checker.pairs for name in pair if "payload" in pair} - {
@@ -165,7 +169,9 @@ def test_pairs(loaded: Robot) -> None:
     assert mates == {"post", *(f"panda_link{i}" for i in range(6))}
 
 
-def test_load_in_collision_and_too_heavy(panda: Robot, loaded: Robot) -> None:
+def test_payload_in_collision_or_too_heavy_is_refused(
+    panda: Robot, loaded: Robot
+) -> None:
     q = np.array([0.1, -0.5, 0.2, -2.0, 0.3, 1.5, 0.7])
     place = placement(loaded, q.tolist(), "payload").act(np.array([0, 0.1, 0.2]))
     post = Scene([Sphere("post", radius=0.03, position=place)])
@@ -185,7 +191,7 @@ def test_two_payloads_need_two_names(loaded: Robot) -> None:
     assert both.frame_id("tip")
 
 
-def test_bad_payloads(panda: Robot) -> None:
+def test_payload_of_unknown_frame_or_wrong_type_is_refused(panda: Robot) -> None:
     with pytest.raises(FrameNotFound, match="no frame 'gripper'"):
         panda.with_payload(Payload(1.0, "gripper"))
     with pytest.raises(ProblemError, match=r"payload is 1\.0, expected a Payload"):
@@ -210,14 +216,14 @@ def test_bad_payloads(panda: Robot) -> None:
         ({"geometry": ["box"]}, "geometry"),
     ],
 )
-def test_bad_values(values: dict[str, object], field: str) -> None:
+def test_bad_values_are_refused(values: dict[str, object], field: str) -> None:
     arguments = {"mass": 1.0, "frame": "panda_hand"} | values
     with pytest.raises(ProblemError, match=rf"^payload\.{field} ") as caught:
         Payload(**arguments)  # type: ignore[arg-type]
     assert caught.value.field == f"payload.{field}"
 
 
-def test_capsules_look_like_capsules(planar3r: Robot) -> None:
+def test_capsules_are_capsules_in_both_geometry_models(planar3r: Robot) -> None:
     body = Payload(1.0, "tip", geometry=Capsule("c", radius=0.05, length=0.2))
     arm = planar3r.with_payload(body)
     for shapes in (arm.collision_model, arm.visual_model):

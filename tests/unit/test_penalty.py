@@ -1,4 +1,4 @@
-"""The exterior penalty function method: optima it must come near, and how it ends."""
+"""The exterior penalty function method: known optima, and how the iteration ends."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ def solved(nlp, z, callback=None, keep=None, **options):
     return solve(nlp, least, z, *method, callback=callback, keep=keep)
 
 
-def test_it_ends_near_the_least_time():
+def test_penalty_method_ends_near_the_minimum_time():
     nlp, z = on_a_rail()
     result = solved(nlp, z, feasibility=1e-5)
     assert result.status is Status.CONVERGED
     assert result.best.violation <= 1e-5
-    # The least time to where it ends, as far as that is from the goal.
+    # The minimum time to the final state of the motion, which is not quite the goal.
     motion = nlp.trajectory(result.best.z)
     q, v = float(motion.q[-1, 0]), float(motion.v[-1, 0])
     least = np.sqrt(2.0 * q + 0.5 * v**2) - 0.5 * v
@@ -70,7 +70,7 @@ def test_violations_fall_as_the_weight_grows():
     durations, violations = [], []
     for weight in (300.0, 3e3, 3e4):
         weights = step.first_weights(weight, nlp.rows.kinds)
-        for _ in range(8):  # to the bottom of each
+        for _ in range(8):  # to the minimum for each weight
             loop.state = replace(loop.state, weights=weights)
             step(loop)
         durations.append(loop.state.duration)
@@ -106,7 +106,7 @@ def test_the_iteration_limit_holds():
     assert numbers == list(range(len(numbers)))
 
 
-def test_a_callback_ends_it():
+def test_callback_ends_the_iteration():
     nlp, z = on_a_rail()
 
     def stop(record):
@@ -117,7 +117,7 @@ def test_a_callback_ends_it():
     assert len(result.history) == 4
 
 
-def test_an_interruption_keeps_what_there_is():
+def test_interruption_keeps_the_last_iterate():
     nlp, z = on_a_rail()
 
     def interrupt(record):
@@ -131,13 +131,13 @@ def test_an_interruption_keeps_what_there_is():
 
     with pytest.raises(KeyboardInterrupt):
         solved(nlp, z, interrupt, keep)
-    assert len(kept) == 6  # the first one, one an iteration, and the last again
+    assert len(kept) == 6  # the first, one for each iteration, and the last again
     assert kept[-1].duration < kept[0].duration
 
 
 @pytest.mark.slow
-def test_the_papers_example_ends_above_the_linear_programs():
-    """As in the paper: reached and at rest, but slower than the method it compares."""
+def test_papers_example_is_slower_than_by_linear_programs():
+    """As in the paper: at rest at the goal, but slower than by linear programs."""
     problem = tm.Problem(
         tm.load_robot("planar3r", position_lower=-np.inf, position_upper=np.inf),
         (0.5, 1.7, -1.7),

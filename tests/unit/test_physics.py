@@ -1,4 +1,4 @@
-"""A second physics: MuJoCo agrees on torques and motions, and tells of reserves."""
+"""MuJoCo as second physics: torques, replays, reserves against disturbances."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def mixed() -> tm.Robot:
 
 
 @pytest.mark.parametrize("name", ["mixed", "planar3r", "ur5", "xarm7"])
-def test_inverse_dynamics_agree(name: str) -> None:
+def test_inverse_dynamics_match_mujoco(name: str) -> None:
     robot = mixed() if name == "mixed" else tm.load_robot(name)
     robot = robot.with_changes(friction=0.0)
     arm, dynamics = MujocoArm(robot), RobotDynamics(robot)
@@ -59,7 +59,7 @@ def test_inverse_dynamics_agree(name: str) -> None:
         np.testing.assert_allclose(arm.masses(q), np.diag(mass), rtol=1e-8)
 
 
-def test_loads_agree() -> None:
+def test_torques_of_a_load_match_mujoco() -> None:
     robot = tm.load_robot("planar3r")
     loaded = robot.with_payload(tm.Payload(2.0, "tip"))
     frame = robot.model.frames[robot.frame_id("tip")]
@@ -77,7 +77,7 @@ def solution() -> tm.Solution:
     return tm.plan(problem, intervals=10, effort="quick", starts=1)
 
 
-def test_torques_lead_to_the_goal_in_another_simulator(solution: tm.Solution) -> None:
+def test_torques_of_a_plan_reach_the_goal_in_mujoco(solution: tm.Solution) -> None:
     found = solution.replay(step=1e-3)
     assert found.ok
     assert found.torque_difference < 1e-8
@@ -88,7 +88,7 @@ def test_torques_lead_to_the_goal_in_another_simulator(solution: tm.Solution) ->
     assert len(repr(found)) < 320
 
 
-def test_torques_that_are_wrong_are_seen(solution: tm.Solution) -> None:
+def test_replay_in_mujoco_detects_wrong_torques(solution: tm.Solution) -> None:
     motion = solution.trajectory
 
     def less(q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
@@ -98,7 +98,7 @@ def test_torques_that_are_wrong_are_seen(solution: tm.Solution) -> None:
     found = replay(solution.problem, weak, step=1e-3)
     assert found.torque_difference > 0.05
     assert found.open_loop.goal_error > 1e-2
-    # The feedback makes up for most of it.
+    # The feedback corrects most of the error.
     assert found.with_feedback.goal_error < 0.5 * found.open_loop.goal_error
 
 
@@ -110,10 +110,10 @@ def test_stiff_friction_is_integrated_implicitly() -> None:
     assert MujocoArm(robot).choose_integrator(1e-3, np.zeros(2)) == "Runge-Kutta 4"
 
 
-def test_warnings_of_mujoco_are_logged(
+def test_mujoco_warnings_are_logged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """They went to the file MUJOCO_LOG.TXT in the working folder."""
+    """Regression: warnings went to the file MUJOCO_LOG.TXT in the working folder."""
     monkeypatch.chdir(tmp_path)
     arm = MujocoArm(tm.load_robot("planar3r"))
     arm.data.qvel[0] = np.nan
@@ -122,7 +122,9 @@ def test_warnings_of_mujoco_are_logged(
     assert not list(tmp_path.iterdir())
 
 
-def test_what_cannot_be_replayed(solution: tm.Solution) -> None:
+def test_mimic_joints_and_wrong_arguments_of_a_replay_are_refused(
+    solution: tm.Solution,
+) -> None:
     led = tm.load_robot(chain("", '<mimic joint="j1"/>'))
     with pytest.raises(tm.ProblemError, match=r"follow others \(mimic\)"):
         MujocoArm(led)
@@ -136,7 +138,7 @@ def test_what_cannot_be_replayed(solution: tm.Solution) -> None:
         solution.replay(step=1e-12)
 
 
-def test_the_extra_is_named_where_it_is_missing(
+def test_error_without_mujoco_names_the_extra(
     solution: tm.Solution, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "mujoco", None)
@@ -154,26 +156,26 @@ def rail() -> tm.Problem:
 OPTIONS = tm.Options(intervals=10, effort="quick", starts=1)
 
 
-def test_a_heavier_load_needs_a_reserve(rail: tm.Problem) -> None:
-    """A rail of 2 kg with up to 0.2 kg more: a tenth of its force, and a little."""
+def test_heavier_load_needs_a_torque_reserve(rail: tm.Problem) -> None:
+    """A rail of 2 kg with up to 0.2 kg more needs a tenth more force, and a little."""
     world = Disturbances(payload=0.2, friction=0.0, delay=0.0, noise=0.0)
     how = {"disturbances": world, "samples": 10, "tolerance": 2e-3}
     found = robustness(rail, OPTIONS, reserves=(0.0, 0.15), **how)
     assert found.reserve == 0.15
     assert found.kept[0] < 0.99 <= found.kept[1]
-    # T is as the root of the force, where no speed limit rules.
+    # T is proportional to 1 / sqrt(force), as no speed limit is active.
     assert 0.0 < found.cost < 0.1
     assert "a torque reserve of 15%" in found.message
 
 
-def test_an_interrupted_plan_ends_the_search_for_a_reserve(rail: tm.Problem) -> None:
-    """It was taken for a reserve without a motion, and further reserves were tried."""
+def test_interrupted_plan_ends_the_search_for_a_reserve(rail: tm.Problem) -> None:
+    """Regression: further reserves were tried, as if the first had no motion."""
     options = replace(OPTIONS, callback=lambda record: True)
     with pytest.raises(KeyboardInterrupt):
         robustness(rail, options, samples=1)
 
 
-def test_a_world_that_is_as_modelled_needs_none(rail: tm.Problem) -> None:
+def test_no_disturbances_need_no_reserve(rail: tm.Problem) -> None:
     calm = Disturbances(payload=0, friction=0, delay=0, noise=0)
     found = robustness(
         rail, OPTIONS, disturbances=calm, reserves=(0.0,), samples=1, tolerance=1e-3
@@ -182,7 +184,7 @@ def test_a_world_that_is_as_modelled_needs_none(rail: tm.Problem) -> None:
     assert found.cost == 0.0
 
 
-def test_no_reserve_may_be_enough() -> None:
+def test_message_says_if_no_reserve_is_enough() -> None:
     found = Robustness([0.0, 0.1], [1.0, 1.1], [0.1, 0.5], [1.0, 1.0], 0.01, 10)
     assert found.reserve is None
     assert found.cost is None
@@ -197,7 +199,9 @@ def test_no_reserve_may_be_enough() -> None:
         ("bandwidth", None), ("period", np.inf),
     ],
 )  # fmt: skip
-def test_wrong_values(name: str, value: object, rail: tm.Problem) -> None:
+def test_wrong_values_are_named_in_the_error(
+    name: str, value: object, rail: tm.Problem
+) -> None:
     with pytest.raises(tm.ProblemError, match=f"{name} is") as error:
         robustness(rail, **{name: value})
     assert error.value.field == name
@@ -206,7 +210,7 @@ def test_wrong_values(name: str, value: object, rail: tm.Problem) -> None:
 
 
 def test_dry_friction_of_light_links_has_its_full_size() -> None:
-    """MuJoCo's friction was too small, and a motion of a Z1 ended 0.4 rad away."""
+    """Regression: friction in MuJoCo was too small: a Z1 ended 0.4 rad off its goal."""
     robot = tm.load_robot("z1")
     start = [0.0, 1.2, -1.2, 0.0, 0.0, 0.0, -0.5]
     goal = tm.JointGoal([0.6, 1.5, -1.4, 0.2, 0.1, 0.5, -0.4])

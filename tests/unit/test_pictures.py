@@ -1,4 +1,4 @@
-"""Pictures show the motion from its good side, furniture grey, several arms apart."""
+"""Pictures of motions: camera view, colours of obstacles, several arms, twins."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def problem() -> Problem:
 
 
 def straight(problem: Problem, q_end: np.ndarray, duration: float = 1.0) -> Trajectory:
-    """From rest to rest by a cubic."""
+    """A motion from rest to rest by a cubic."""
     q = np.stack([problem.q_start, q_end])
     zero = np.zeros_like(q)
     return Trajectory(
@@ -60,7 +60,7 @@ def test_furniture_is_grey_and_hazards_are_red() -> None:
     assert rgb("#ff0080") == (1.0, 0.0, 128 / 255)
 
 
-def test_the_camera_stands_where_nothing_hides_the_hand() -> None:
+def test_camera_view_of_the_hand_is_not_blocked_by_obstacles() -> None:
     arm = load_robot("panda", group="panda_arm")
     q = np.array([[0.2 * i - 0.4, 0.3, 0.0, -1.8, 0.0, 2.0, 0.8] for i in range(5)])
     points = skeleton(arm, q, "panda_hand").points
@@ -73,12 +73,12 @@ def test_the_camera_stands_where_nothing_hides_the_hand() -> None:
     assert past[2] > 0.0
 
 
-def test_a_table_does_not_fill_the_picture() -> None:
+def test_large_and_distant_obstacles_do_not_enlarge_the_view() -> None:
     robot = np.array([[-0.5, -0.5, 0.0], [0.5, 0.5, 1.0]])
     table = np.array([[-5.0, -5.0, -0.1], [5.0, 5.0, 0.0]])
     far = table + np.array([0.0, 0.0, 20.0])
     np.testing.assert_array_equal(points_in_view(robot, [table, far]), robot)
-    # A bench, which ends somewhere, is seen as far as the robot goes and a little on.
+    # A bench is in view as far as the robot extends, and a little beyond.
     bench = np.array([[0.3, -5.0, -0.1], [0.6, 5.0, 0.0]])
     points = points_in_view(robot, [table, bench, far])
     assert np.ptp(points, axis=0).max() < 1.6
@@ -86,7 +86,7 @@ def test_a_table_does_not_fill_the_picture() -> None:
     assert points[:, 2].max() == pytest.approx(1.0)
 
 
-def test_two_arms_are_drawn_as_two() -> None:
+def test_two_arms_are_drawn_with_bases_and_colours_of_their_own() -> None:
     arm = load_robot("planar3r")
     turned = pin.SE3(np.diag([-1.0, -1.0, 1.0]), np.array([14.0, 0.0, 0.0]))
     cell = Workcell({"a": (arm, (0, 0, 0)), "b": (arm, turned)})
@@ -104,7 +104,7 @@ def test_two_arms_are_drawn_as_two() -> None:
     assert set(ARM_COLORS[:2]) <= colors
 
 
-def test_shares_of_limits(problem: Problem) -> None:
+def test_shares_of_limits_include_the_effort_scale(problem: Problem) -> None:
     motion = straight(problem, END)
     shares = shares_of_limits(problem, motion)
     fastest = 1.5 * np.abs(END - START) / problem.robot.limits.velocity
@@ -119,7 +119,9 @@ def test_shares_of_limits(problem: Problem) -> None:
     np.testing.assert_allclose(tight.torque, 2.0 * shares.torque)
 
 
-def test_a_pale_twin_plays_along(problem: Problem, tmp_path: Path) -> None:
+def test_page_plays_a_pale_twin_of_the_same_joints(
+    problem: Problem, tmp_path: Path
+) -> None:
     path = tmp_path / "motion.html"
     slow = straight(problem, END, 2.0)
     play(problem, straight(problem, END), path=path, twins={"slow": slow}, fps=10.0)

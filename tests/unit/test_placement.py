@@ -1,4 +1,4 @@
-"""Moving a base, an obstacle or a goal by the gradients of the durations."""
+"""Placing a base or goals better by the gradients of the motion times."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def tasks() -> tuple[tm.Problem, ...]:
     return tuple(tm.Problem(robot(), START, goal) for goal in goals)
 
 
-def test_a_robot_on_another_base() -> None:
+def test_robot_at_moves_the_base_of_a_robot() -> None:
     base = pin.SE3(pin.rpy.rpyToMatrix(0.1, 0.2, 0.3), np.array([1.0, 2.0, 0.3]))
     moved = tm.robot_at(robot(), base)
     q = np.array(START)
@@ -39,7 +39,7 @@ def test_a_robot_on_another_base() -> None:
     assert RobotKinematics(again).placement(q, "tip").isApprox(before, 1e-12)
 
 
-def test_the_base_goes_where_tasks_take_less_time() -> None:
+def test_improved_base_placement_shortens_the_tasks() -> None:
     bounds = {"x": (-0.3, 0.3), "yaw": (-0.3, 0.3)}
     found = tm.improve_placement(
         robot(), tasks(), bounds=bounds, most_plans=12, **QUICK
@@ -56,7 +56,7 @@ def test_the_base_goes_where_tasks_take_less_time() -> None:
     assert pickle.loads(pickle.dumps(found)) == found
 
 
-def test_goals_and_weights() -> None:
+def test_goals_can_move_and_tasks_have_weights() -> None:
     found = tm.improve_placement(
         robot(),
         tasks()[:1],
@@ -73,7 +73,7 @@ def test_goals_and_weights() -> None:
     assert found.T == pytest.approx(2.0 * found.solutions[0].T)
 
 
-def test_the_base_may_not_go_where_there_is_no_motion() -> None:
+def test_base_is_not_placed_where_a_task_has_no_motion() -> None:
     far = {"x": (-9.0, 0.0)}
     found = tm.improve_placement(
         robot(), tasks()[:1], bounds=far, most_plans=4, **QUICK
@@ -100,14 +100,16 @@ def test_the_base_may_not_go_where_there_is_no_motion() -> None:
         ({"base": (50.0, 0.0, 0.0)}, "goal|number 1 of 2"),
     ],
 )
-def test_wrong_arguments(changes: dict[str, Any], message: str) -> None:
+def test_wrong_arguments_are_named_in_the_error(
+    changes: dict[str, Any], message: str
+) -> None:
     given = {"robot": robot(), "tasks": tasks(), "bounds": {"x": (-1.0, 1.0)}}
     with pytest.raises(tm.ProblemError, match=message):
         tm.improve_placement(**{**given, **QUICK, **changes})
 
 
-def test_an_interrupted_plan_ends_the_search() -> None:
-    """The search took its motion, and went on."""
+def test_interrupted_plan_ends_the_search() -> None:
+    """Regression: the search used the motion of the interrupted plan, and continued."""
     calls = []
 
     def second_plan(record: Any) -> bool:

@@ -1,4 +1,4 @@
-"""Planning end to end: goals, methods, limits on time, what happens when it fails."""
+"""Planning end to end: goals, methods, time limits, failures."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tominpmp.kinematics import RobotKinematics
 from tominpmp.planner.automatic_options import minimum_time, resolve_options
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# The search for the best motion is looked at elsewhere.
+# Other tests cover the search for the best motion.
 plan_quickly = partial(tm.plan, effort="quick", refine=None)
 
 START = (0.5, 1.7, -1.7)
@@ -42,7 +42,7 @@ def around(planar3r):
         (tm.Scene(), True, {}, (0.0, False)),
     ],
 )
-def test_jumps_are_weighed_as_the_surroundings_ask_for(
+def test_weight_of_control_jumps_depends_on_obstacles_and_options(
     planar3r, scene, refined, changes, expected
 ):
     """Squares among obstacles; in free space torques jump between their limits."""
@@ -78,7 +78,7 @@ def test_default_plan_keeps_all_limits_between_the_nodes(planar3r, around):
     np.testing.assert_allclose(around.trajectory.v[-1], 0, atol=1e-9)
 
 
-def test_the_obstacle_is_cleared(planar3r, around):
+def test_motion_keeps_clear_of_the_obstacle(planar3r, around):
     kinematics = RobotKinematics(planar3r)
     motion = around.trajectory
     for q in motion(np.linspace(0, motion.duration, 400)).q:
@@ -92,7 +92,7 @@ def test_the_obstacle_is_cleared(planar3r, around):
 
 
 def test_replaying_the_torques_ends_at_the_goal(planar3r, around):
-    """The torques, integrated by SciPy through ABA, do what was planned."""
+    """The torques, integrated by SciPy through ABA, yield the planned motion."""
     motion, dynamics = around.trajectory, RobotDynamics(planar3r)
 
     def rate(t, x):
@@ -106,8 +106,8 @@ def test_replaying_the_torques_ends_at_the_goal(planar3r, around):
     np.testing.assert_allclose(x[3:], motion.v[-1], atol=1e-4)
 
 
-def test_at_every_time_a_motor_is_saturated(planar3r):
-    """Sontag and Sussmann's result, which the paper quotes."""
+def test_at_every_instant_a_motor_is_saturated(planar3r):
+    """This is the result of Sontag and Sussmann that the paper quotes."""
     free = planar3r.with_changes(position_lower=-20, position_upper=20)
     options = tm.Options(intervals=75, smoothing=0.0, starts=1)
     solution = plan_quickly(tm.Problem(free, START, REACH), options)
@@ -127,7 +127,7 @@ def test_at_every_time_a_motor_is_saturated(planar3r):
     ],
     ids=["joint", "tip"],
 )
-def test_moving_start_and_goal(planar3r, goal):
+def test_velocities_at_start_and_goal_are_met(planar3r, goal):
     v_start = (0.3, -0.2, 0.1)
     problem = tm.Problem(planar3r, START, goal, v_start=v_start)
     solution = plan_quickly(problem, tm.Options(starts=1))
@@ -138,7 +138,7 @@ def test_moving_start_and_goal(planar3r, goal):
     np.testing.assert_allclose(residual.value, 0, atol=2e-5)
 
 
-def test_pose_goal():
+def test_pose_goal_is_reached():
     robot = tm.load_robot("ur5", limits="urdf")
     start = np.array([0.0, -1.2, 1.2, -0.5, -0.8, 0.3])
     pose = RobotKinematics(robot).placement(start + 0.4, "tool0")
@@ -150,7 +150,7 @@ def test_pose_goal():
     assert reached.isApprox(pose, 1e-4)
 
 
-def test_mimic_joints_follow():
+def test_plan_with_mimic_joints_keeps_torque_limits():
     robot = tm.load_robot("panda", limits="urdf")
     start = np.array([0, -0.5, 0, -2, 0, 1.6, 0.8, 0.01])
     shift = np.append(np.full(7, 0.3), 0.02)
@@ -160,7 +160,7 @@ def test_mimic_joints_follow():
     assert worst(robot, solution.trajectory)[2] <= 2.5e-3
 
 
-def test_smoothing_quiets_the_controls(planar3r):
+def test_smoothing_reduces_the_variation_of_controls(planar3r):
     problem = tm.Problem(planar3r, START, tm.JointGoal((1.2, 0.3, 0.4)))
 
     def variation(smoothing):
@@ -175,7 +175,7 @@ def test_smoothing_quiets_the_controls(planar3r):
     assert fastest <= slower * 1.001
 
 
-def test_same_seed_same_motion(planar3r):
+def test_same_seed_gives_the_same_motion(planar3r):
     problem = tm.Problem(planar3r, START, REACH)
     one, two = (plan_quickly(problem, tm.Options(starts=2, seed=3)) for _ in range(2))
     np.testing.assert_array_equal(one.trajectory.q, two.trajectory.q)
@@ -192,11 +192,11 @@ def test_callback_sees_progress_and_can_stop(planar3r):
     solution = plan_quickly(problem, tm.Options(callback=stop, tolerance=1e-9))
     assert solution.status is tm.Status.INTERRUPTED
     assert len(records) == 10 == solution.iterations
-    assert solution.success  # a coarse motion is one, too
+    assert solution.success  # a coarse motion is a success, too
     assert worst(planar3r, solution.trajectory)[1] <= 1e-6
 
 
-def test_time_limit_returns_the_best_so_far(planar3r, clock):
+def test_time_limit_returns_the_best_iterate_so_far(planar3r, clock):
     def slow(record):
         clock.advance(550.0)  # no time is left for a replay
 
@@ -212,12 +212,12 @@ def test_time_limit_returns_the_best_so_far(planar3r, clock):
     assert caught.value.solution is solution
 
 
-def test_no_time_at_all_is_told():
+def test_plan_without_time_has_the_status_time_limit():
     problem = tm.Problem(tm.load_robot("planar3r"), START, REACH, scene=OBSTACLE)
     solution = plan_quickly(problem, tm.Options(max_planning_time=1e-6))
     assert solution.status is tm.Status.TIME_LIMIT
     assert solution.iterations <= 1
-    # What planning began with is a motion, slowed down, or there is none.
+    # The initial guess, slowed down, is a motion, or the plan has no motion.
     assert not solution.success or solution.verification.ok
 
 
@@ -249,7 +249,7 @@ def test_goal_behind_a_wall_is_infeasible_with_a_reason():
     assert any(word in solution.message for word in ("overlap", "goal", "from"))
 
 
-def test_unreachable_orientation_is_told(planar3r):
+def test_pose_without_a_configuration_is_refused(planar3r):
     kinematics = RobotKinematics(planar3r)
     pose = kinematics.placement(np.array(START), "tip")
     pose.translation = pose.translation + np.array([0, 0, 0.5])  # out of the plane
@@ -266,20 +266,20 @@ def test_passive_joints_need_collocation(planar3r):
         resolve_options(problem, tm.Options(method="inverse"))
 
 
-def test_unknown_solver_is_told_before_planning(planar3r):
+def test_unknown_solver_is_refused_before_planning(planar3r):
     problem = tm.Problem(planar3r, START, tm.JointGoal((0.6, 1.7, -1.7)))
     with pytest.raises(tm.SolverNotFound):
         plan_quickly(problem, tm.Options(lp_solver="nonesuch"))
 
 
-def test_wrong_initial_control_is_told(planar3r):
+def test_initial_control_of_wrong_shape_is_refused(planar3r):
     problem = tm.Problem(planar3r, START, REACH)
     options = tm.Options(method="adjoint", initial_control=np.zeros((3, 2)))
     with pytest.raises(tm.OptionsError, match="initial_control"):
         plan_quickly(problem, options)
 
 
-def test_no_warnings_from_numerics(planar3r):
+def test_plan_raises_no_numerical_warnings(planar3r):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         plan_quickly(tm.Problem(planar3r, START, tm.JointGoal((1.0, 0.5, 0.0))))
@@ -294,15 +294,13 @@ def test_no_warnings_from_numerics(planar3r):
         ({"method": "collocation"}, "piecewise constant torques on 40 intervals"),
     ],
 )
-def test_motions_on_a_grid_that_was_asked_for_are_optimal_on_it_only(
-    planar3r, options, among
-):
+def test_message_names_the_requested_grid_of_the_optimum(planar3r, options, among):
     problem = tm.Problem(planar3r, START, tm.JointGoal([1.5, 1.0, -0.7]))
     coarse = tm.plan(problem, refine=None, **options)
     assert coarse.status is tm.Status.CONVERGED
     assert f"motion was found among {among}. T = " in coarse.message
 
 
-def test_motions_on_a_grid_that_nobody_asked_for_are_not_said_to_be(planar3r):
+def test_message_names_no_grid_if_no_grid_was_requested(planar3r):
     problem = tm.Problem(planar3r, START, tm.JointGoal([1.5, 1.0, -0.7]))
     assert "among" not in tm.plan(problem).message

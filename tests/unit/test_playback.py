@@ -1,4 +1,4 @@
-"""Tests of the playback: surfaces, bodies, the scene, the page and how it is shown."""
+"""Playback of motions: surfaces, bodies, the scene, the page and how it is opened."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ def test_tube_keeps_its_distance_from_the_line(rng: np.random.Generator) -> None
     assert np.isfinite(tube(there_and_back, 0.1).vertices).all()
 
 
-def test_obstacle_without_a_shape() -> None:
+def test_obstacle_without_a_shape_is_refused() -> None:
     with pytest.raises(SceneError, match="'thing': there is no collision shape"):
         obstacle_surface(Obstacle("thing"))
 
@@ -151,7 +151,7 @@ def test_obstacle_without_a_shape() -> None:
 # Bodies
 
 
-def test_bodies_of_the_planar_arm() -> None:
+def test_bodies_of_the_planar_arm_have_joints_and_places() -> None:
     bodies = {body.name: body for body in robot_bodies(load_robot("planar3r"))}
     assert set(bodies) == {
         "base_0",
@@ -181,7 +181,7 @@ def test_collision_geometry_stands_in_for_missing_visuals(tmp_path: Path) -> Non
     assert np.abs(bodies[0].surface.vertices).max() == pytest.approx(0.2)
 
 
-def test_links_without_visuals_are_shown_as_they_collide(tmp_path: Path) -> None:
+def test_links_without_visuals_show_their_collision_geometry(tmp_path: Path) -> None:
     ball = '<geometry><sphere radius="{}"/></geometry>'
     solid, shown = (
         f"<{kind}>{ball.format(radius)}</{kind}>"
@@ -201,7 +201,7 @@ def test_links_without_visuals_are_shown_as_they_collide(tmp_path: Path) -> None
         ),
     )
     found = {body.joint: body for body in robot_bodies(robot)}
-    assert len(found) == len(robot_bodies(robot)) == 2  # no shell about what is seen
+    assert len(found) == len(robot_bodies(robot)) == 2  # no shell about visuals
     radii = {k: np.abs(body.surface.vertices).max() for k, body in found.items()}
     assert radii == pytest.approx({1: 0.1, 2: 0.2})
     assert found[1].color != STEEL
@@ -241,17 +241,17 @@ def test_meshes_are_scaled_and_placed(tmp_path: Path) -> None:
     assert body.surface.volume == pytest.approx(1.0)
 
 
-def write_colored(folder: Path, time_scale: float) -> str:
-    """A tetrahedron in red and blue, stretched against what another file says."""
+def write_colored(folder: Path, stretch: float) -> str:
+    """Files of a tetrahedron in red and blue, stretched along x."""
     (folder / "arm.mtl").write_text("newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\n")
-    corners = [(0, 0, 0), (time_scale, 0, 0), (0, 1, 0), (0, 0, 1)]
+    corners = [(0, 0, 0), (stretch, 0, 0), (0, 1, 0), (0, 0, 1)]
     lines = ["mtllib arm.mtl", *(f"v {x} {y} {z}" for x, y, z in corners)]
     lines += ["usemtl red", "f 1 3 2", "f 1 2 4", "usemtl blue", "f 1 4 3", "f 2 3 4"]
     (folder / "arm.obj").write_text("\n".join(lines) + "\n")
     return '<visual><geometry><mesh filename="arm.obj"/></geometry></visual>'
 
 
-def test_colours_of_mesh_files(tmp_path: Path) -> None:
+def test_colours_of_mesh_files_are_read(tmp_path: Path) -> None:
     inside = write_colored(tmp_path, 1.0)
     robot = simple_arm(tmp_path, ["0 0 1"], inside=inside)
     (body,) = robot_bodies(robot)
@@ -262,7 +262,9 @@ def test_colours_of_mesh_files(tmp_path: Path) -> None:
     assert body.surface.volume == pytest.approx(1 / 6)
 
 
-def test_colours_are_not_worth_a_wrong_shape(tmp_path: Path) -> None:
+def test_colours_are_dropped_if_their_reader_yields_another_shape(
+    tmp_path: Path,
+) -> None:
     inside = write_colored(tmp_path, 1.0)
     robot = simple_arm(tmp_path, ["0 0 1"], inside=inside)
     assert robot.visual_model.ngeoms == 1
@@ -272,7 +274,7 @@ def test_colours_are_not_worth_a_wrong_shape(tmp_path: Path) -> None:
     assert np.ptp(body.surface.vertices, axis=0)[0] == pytest.approx(1.0)
 
 
-def test_colour_of_the_description_goes_before_that_of_the_file(tmp_path: Path) -> None:
+def test_colour_of_the_urdf_replaces_colours_of_the_mesh_file(tmp_path: Path) -> None:
     inside = write_colored(tmp_path, 1.0).replace(
         "</visual>", '<material name="m"><color rgba="0 1 0 0.5"/></material></visual>'
     )
@@ -289,7 +291,7 @@ def test_unbounded_shapes_are_left_out() -> None:
 # Skeleton and view
 
 
-def test_end_frame_is_that_of_the_goal_or_the_last() -> None:
+def test_end_frame_is_the_frame_of_the_goal_or_the_last_frame() -> None:
     assert end_frame(planar_problem()) == "tip"
     assert end_frame(planar_problem(JointGoal(END))) == "tip"
     locked = {"panda_finger_joint1": 0.03}
@@ -324,7 +326,7 @@ def test_skeleton_follows_the_arm() -> None:
     ],
     ids=["xy", "yx", "xz", "zx", "yz"],
 )
-def test_planar_motions_are_seen_squarely(
+def test_planar_motions_are_viewed_along_the_normal(
     turn: np.ndarray, labels: tuple[str, str]
 ) -> None:
     q = np.linspace(START, END, 9)
@@ -339,7 +341,9 @@ def test_planar_motions_are_seen_squarely(
     np.testing.assert_allclose(view.project(points), named, atol=1e-9)
 
 
-def test_tilted_plane(rng: np.random.Generator) -> None:
+def test_motions_in_a_tilted_plane_are_viewed_along_the_normal(
+    rng: np.random.Generator,
+) -> None:
     turn = pin.rpy.rpyToMatrix(0.3, -0.4, 1.1)
     flat = np.zeros((10, 4, 3))
     flat[..., :2] = rng.normal(size=(10, 4, 2))
@@ -351,7 +355,7 @@ def test_tilted_plane(rng: np.random.Generator) -> None:
     assert view.labels[1] == "up in the plane"
 
 
-def test_other_motions_are_seen_along_an_axis(rng: np.random.Generator) -> None:
+def test_spatial_motions_are_viewed_along_an_axis(rng: np.random.Generator) -> None:
     cloud = rng.normal(size=(20, 5, 3)) * [0.1, 2.0, 1.0]
     view = best_view(cloud)
     assert not view.planar
@@ -366,7 +370,7 @@ def test_other_motions_are_seen_along_an_axis(rng: np.random.Generator) -> None:
 def staged(
     problem: Problem, trajectory: Trajectory, **appearance: Any
 ) -> dict[tuple[str, str], Command]:
-    """Commands by their type and path."""
+    """Commands to the viewer, by their type and path."""
     recorder = Recorder()
     viewer = meshcat.Visualizer(window=recorder)
     draw(viewer, problem, trajectory, **appearance)
@@ -472,7 +476,7 @@ def test_quaternions_do_not_jump_in_a_full_turn(tmp_path: Path) -> None:
     assert np.einsum("ij,ij->i", values[1:], values[:-1]).min() > 0.9
 
 
-def test_flat_arm_is_looked_at_from_above(
+def test_planar_arm_is_viewed_from_above(
     planar: tuple[Problem, Trajectory, dict[tuple[str, str], Command]],
 ) -> None:
     found = planar[2]
@@ -480,7 +484,7 @@ def test_flat_arm_is_looked_at_from_above(
     across, up, towards = found["set_property", f"{CAMERA}/<object>"]["value"]
     assert (across, towards) == (0.0, 0.0)
     assert 5.0 < up < 20.0
-    # What is seen is centred.
+    # The view is centred.
     center = -matrix(found["set_transform", "/meshcat"])[:3, 3]
     assert 0.0 < center[0] < 4.8
     assert -0.8 < center[1] < 4.0
@@ -488,7 +492,7 @@ def test_flat_arm_is_looked_at_from_above(
     assert floor + center[2] < -0.8
 
 
-def test_spatial_arm_is_looked_at_from_the_side(tmp_path: Path) -> None:
+def test_spatial_arm_is_viewed_from_the_side(tmp_path: Path) -> None:
     robot = simple_arm(tmp_path, ["0 0 1", "0 1 0", "0 1 0"])
     problem = Problem(robot, np.zeros(3), PositionGoal("l3", (1.0, 1.0, 0.5)))
     motion = quintic(robot, np.zeros(3), np.ones(3), 1.0, 5)
@@ -498,7 +502,7 @@ def test_spatial_arm_is_looked_at_from_the_side(tmp_path: Path) -> None:
     assert np.hypot(across, towards) > up
 
 
-def test_all_obstacles_and_a_pose_goal() -> None:
+def test_all_obstacles_and_a_pose_goal_are_drawn() -> None:
     pose = pin.SE3(pin.utils.rotate("z", 0.5), np.array([1.0, 2.0, 0.0]))
     problem = planar_problem(PoseGoal("tip", pose), four_shapes())
     motion = quintic(problem.robot, START, END, 1.0, 5)
@@ -555,7 +559,7 @@ def test_motion_that_stands_still_has_no_path() -> None:
         ("__proto__", "__proto___"),
     ],
 )
-def test_names_in_paths(name: str, expected: str) -> None:
+def test_names_of_nodes_are_escaped(name: str, expected: str) -> None:
     assert node_name(name) == expected
 
 
@@ -575,7 +579,7 @@ def page_commands(page: str) -> list[Command]:
     return [umsgpack.unpackb(base64.b64decode(text)) for text in json.loads(found)]
 
 
-def test_page_holds_everything(tmp_path: Path) -> None:
+def test_page_contains_title_caption_and_all_objects(tmp_path: Path) -> None:
     problem, held, _ = planar_motions()
     path = play(problem, held, path=tmp_path / "motion.html", rate=0.25)
     assert path == tmp_path / "motion.html"
@@ -626,7 +630,7 @@ def test_names_cannot_break_the_page() -> None:
     assert page_commands(page) == [{"type": "delete", "path": nasty}]
 
 
-def test_missing_meshcat(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_error_without_meshcat_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, held, _ = planar_motions()
     monkeypatch.setitem(sys.modules, "meshcat", None)
     with pytest.raises(MissingDependency, match=r"tominpmp\[viz\]") as caught:
@@ -635,7 +639,7 @@ def test_missing_meshcat(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not Path("motion.html").exists()
 
 
-def test_wrong_arguments(tmp_path: Path) -> None:
+def test_wrong_arguments_are_refused_and_no_file_is_written(tmp_path: Path) -> None:
     problem, held, _ = planar_motions()
     for name, value in [
         ("rate", 0.0),
@@ -690,7 +694,7 @@ def test_browser_gets_the_page_once(
     assert seen == [path.read_bytes()]
 
 
-def test_nothing_is_opened_unless_wanted(
+def test_browser_is_not_opened_with_a_path_or_if_switched_off(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
@@ -702,19 +706,21 @@ def test_nothing_is_opened_unless_wanted(
     assert seen == []
 
 
-def test_no_browser_is_told_with_the_path(
+def test_missing_browser_gives_a_warning_with_the_path(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     monkeypatch.setattr(webbrowser, "open", lambda address, new=0: False)
     problem, held, _ = planar_motions()
-    with pytest.warns(TominpmpWarning, match="no browser could be opened") as told:
+    with pytest.warns(TominpmpWarning, match="no browser could be opened") as warned:
         path = play(problem, held)
-    assert str(path) in str(told[0].message)
+    assert str(path) in str(warned[0].message)
     assert path.exists()
 
 
-def test_browser_that_never_asks(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_show_page_gives_up_if_the_browser_never_loads_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(webbrowser, "open", lambda address, new=0: True)
     assert not show_page(b"page", patience=0.01)
 

@@ -1,4 +1,4 @@
-"""Tests of the figures: what is drawn, with which values."""
+"""Figures of motions: curves, limits, labels, arms, obstacles and files."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ def test_trajectory_shows_all_quantities(motions: Motions) -> None:
 def test_long_joint_names_are_written_in_lines(
     name: str, first: str, tmp_path: Path
 ) -> None:
-    """Their letters became smaller, and names met those of the next rows."""
+    """Regression: letters became smaller, and names met the names of the next rows."""
     path = tmp_path / "arm.urdf"
     path.write_text(describe([slide(1.0)]).replace("joint1", name))
     robot = load_robot(path, effort=1.0, velocity=1.0)
@@ -159,7 +159,7 @@ def test_long_joint_names_are_written_in_lines(
     assert solution.plot_certificate().axes[0].get_ylabel() == text.get_text()
 
 
-def test_near_limits_are_drawn_and_far_ones_named(motions: Motions) -> None:
+def test_near_limits_are_drawn_and_far_limits_are_written(motions: Motions) -> None:
     problem, held, _ = motions
     panels = np.array(plot_trajectory(problem, held).axes).reshape(3, 3)
     assert limits(panels[1, 0]) == [-3.0, 3.0]
@@ -173,7 +173,7 @@ def test_near_limits_are_drawn_and_far_ones_named(motions: Motions) -> None:
 
 
 @pytest.mark.parametrize("n", [1, 4, 14])
-def test_trajectory_of_any_number_of_joints(n: int, tmp_path: Path) -> None:
+def test_trajectory_has_three_panels_for_each_joint(n: int, tmp_path: Path) -> None:
     robot = simple_arm(tmp_path, ["0 0 1"] * n)
     problem = Problem(robot, np.zeros(n), JointGoal(np.full(n, 0.1)))
     motion = quintic(robot, np.zeros(n), np.full(n, 0.1), 1.0, 5)
@@ -196,7 +196,7 @@ def test_sliding_joints_have_their_units(tmp_path: Path) -> None:
 
 
 def test_long_joint_names_stay_beside_the_labels_of_the_axis(tmp_path: Path) -> None:
-    """The lines of a name were centred, and met the units and the numbers."""
+    """Regression: the lines of a name were centred, and met the units and numbers."""
     robot = simple_arm(tmp_path, ["1 0 0", "0 0 1"], ["prismatic", "revolute"])
     name = "a_joint_of_the_linear_axis_with_a_very_long_name"
     text = robot.urdf_path.read_text(encoding="utf-8")
@@ -214,7 +214,7 @@ def test_long_joint_names_stay_beside_the_labels_of_the_axis(tmp_path: Path) -> 
 
 
 def test_long_names_leave_room_for_the_bars(tmp_path: Path) -> None:
-    """A long name of a joint left a fraction of the figure for the bars."""
+    """Regression: a long name of a joint left a fraction of the figure for the bars."""
     name = "a_joint_of_the_linear_axis_with_a_very_long_name"
     path = tmp_path / "arm.urdf"
     path.write_text(describe([slide(1.0)]).replace("joint1", name))
@@ -266,8 +266,8 @@ def test_motion_shows_the_arm_at_instants(motions: Motions) -> None:
     assert "obstacle" in legend_texts(figure)
 
 
-def test_rounding_of_a_joint_at_rest_is_not_seen(motions: Motions) -> None:
-    """It filled the panel, below a power of ten that ran into the next column."""
+def test_rounding_of_a_joint_at_rest_is_not_magnified(motions: Motions) -> None:
+    """Regression: it filled the panel, and its power of ten met the next column."""
     problem, held, _ = motions
     rest = replace(held, v=1e-13 * np.sin(np.arange(held.v.size).reshape(held.v.shape)))
     for panel in plot_trajectory(problem, rest).axes[1::3]:
@@ -276,7 +276,7 @@ def test_rounding_of_a_joint_at_rest_is_not_seen(motions: Motions) -> None:
 
 @pytest.mark.parametrize("count", [1, 2, 4])
 def test_labels_of_panels_are_inside_the_figure(count: int, motions: Motions) -> None:
-    """The labels of the lowest axes were cut where panels are high."""
+    """Regression: the labels of the lowest axes were cut where panels are high."""
     problem, held, _ = motions
     q = np.linspace([0.8, 0.0, 0.0], [-0.8, 0.0, 0.0], held.t.size)
     high = replace(held, q=q, v=0.0 * q)
@@ -296,7 +296,7 @@ def test_a_goal_without_a_point_is_not_in_the_legend(motions: Motions) -> None:
     assert "goal" in legend_texts(plot_motion(problem, {"": held}))
 
 
-def test_outlines_of_the_other_obstacles() -> None:
+def test_boxes_cylinders_and_capsules_are_drawn_as_outlines() -> None:
     problem = planar_problem(scene=four_shapes())
     motion = quintic(problem.robot, START, END, 1.0, 5)
     (panel,) = plot_motion(problem, {"motion": motion}).axes
@@ -318,7 +318,7 @@ def test_outlines_of_the_other_obstacles() -> None:
 
 
 def test_a_flat_obstacle_is_drawn_as_a_line_from_its_edge() -> None:
-    """Its outline once ended in an error of Qhull."""
+    """Regression: the outline of the obstacle ended in an error of Qhull."""
     corners = np.array([[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1.0]])
     triangles = np.array([[0, 1, 2], [0, 2, 3]])
     wall = Mesh("wall", vertices=corners, triangles=triangles, position=(0, -3, 0))
@@ -346,7 +346,7 @@ def test_spatial_motion_is_projected_where_it_is_largest(tmp_path: Path) -> None
     np.testing.assert_allclose(points(goal_mark)[0], np.array([0.1, 0.2, 0.3])[axes])
 
 
-def test_joint_goal_and_chosen_frame(motions: Motions) -> None:
+def test_joint_goal_is_marked_at_the_chosen_frame(motions: Motions) -> None:
     problem = planar_problem(JointGoal(END))
     motion = quintic(problem.robot, START, END, 1.0, 5)
     (panel,) = plot_motion(problem, {"motion": motion}, frame="link3").axes
@@ -360,7 +360,7 @@ def test_joint_goal_and_chosen_frame(motions: Motions) -> None:
 # Files and wrong arguments
 
 
-def test_names_that_look_like_formulas_are_shown_as_they_are(
+def test_names_that_look_like_formulas_are_shown_verbatim(
     motions: Motions, tmp_path: Path
 ) -> None:
     problem, held, _ = motions
@@ -386,7 +386,9 @@ def test_figures_are_written(motions: Motions, ending: str, tmp_path: Path) -> N
     assert path.read_bytes() == content
 
 
-def test_wrong_arguments(motions: Motions, tmp_path: Path) -> None:
+def test_wrong_arguments_are_refused_and_no_file_is_written(
+    motions: Motions, tmp_path: Path
+) -> None:
     problem, held, _ = motions
     with pytest.raises(ProblemError, match=r"not written as \.xyz; there are: .*png"):
         plot_trajectory(problem, held, tmp_path / "figure.xyz")
@@ -405,14 +407,16 @@ def test_wrong_arguments(motions: Motions, tmp_path: Path) -> None:
     assert list(tmp_path.glob("*.png")) == []
 
 
-def test_missing_matplotlib(motions: Motions, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_error_without_matplotlib_names_the_extra(
+    motions: Motions, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(MissingDependency, match=r"tominpmp\[plots\]") as caught:
         plot_trajectory(motions[0], motions[1])
     assert caught.value.extra == "plots"
 
 
-def test_no_pyplot_figure_is_left(motions: Motions) -> None:
+def test_no_pyplot_figure_is_left_open(motions: Motions) -> None:
     from matplotlib import pyplot
 
     plot_trajectory(motions[0], motions[1])

@@ -1,4 +1,4 @@
-"""Tests of what a planning problem checks when it is made."""
+"""Checks of a planning problem when it is constructed."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ GOAL = JointGoal((0.9, -1.2, -0.9))
 BALL = Scene([Sphere("O", radius=0.8, position=(4, 0, 0))])
 
 
-def test_the_published_problem(planar3r: Robot) -> None:
+def test_problem_of_the_paper_is_accepted(planar3r: Robot) -> None:
     problem = Problem(planar3r, START, PositionGoal("tip", (4, 1, 0)), scene=BALL)
     assert problem.robot is planar3r
     np.testing.assert_array_equal(problem.q_start, START)
@@ -46,19 +46,19 @@ def test_the_published_problem(planar3r: Robot) -> None:
 
 
 @pytest.mark.parametrize("given", [list, tuple, np.array])
-def test_sequences_of_numbers_will_do(given: type, planar3r: Robot) -> None:
+def test_sequences_of_numbers_are_converted(given: type, planar3r: Robot) -> None:
     problem = Problem(planar3r, given(START), JointGoal(given([1, 0, 0])), margin=0)
     assert problem.q_start.dtype == np.float64
     assert type(problem.margin) is float
     assert problem.goal == JointGoal((1.0, 0.0, 0.0))
 
 
-def test_no_scene_is_an_empty_one(planar3r: Robot) -> None:
+def test_no_scene_is_an_empty_scene(planar3r: Robot) -> None:
     problem = Problem(planar3r, START, GOAL, scene=None)  # type: ignore[arg-type]
     assert problem.scene == Scene()
 
 
-def test_start_may_move(planar3r: Robot) -> None:
+def test_start_may_have_a_velocity(planar3r: Robot) -> None:
     problem = Problem(planar3r, START, GOAL, v_start=(1, -2, 3))
     np.testing.assert_array_equal(problem.v_start, [1.0, -2.0, 3.0])
 
@@ -81,7 +81,7 @@ def test_start_may_move(planar3r: Robot) -> None:
         ({"margin": [0.1]}, "margin", r"margin is \[0.1\]"),
     ],
 )
-def test_wrong_types(
+def test_arguments_of_wrong_type_are_refused(
     changes: dict[str, object], field: str, message: str, planar3r: Robot
 ) -> None:
     values = {"robot": planar3r, "q_start": START, "goal": GOAL}
@@ -113,7 +113,9 @@ def test_wrong_types(
         ([1, 0, -np.inf], "joint 'joint3' is -inf, expected a finite number"),
     ],
 )
-def test_bad_vectors(field: str, value: object, message: str, planar3r: Robot) -> None:
+def test_bad_vectors_are_refused(
+    field: str, value: object, message: str, planar3r: Robot
+) -> None:
     values = {"q_start": START, field: value}
     with pytest.raises(ProblemError, match=f"^{field}:? {message}") as caught:
         Problem(planar3r, goal=GOAL, **values)  # type: ignore[arg-type]
@@ -166,7 +168,7 @@ def test_start_is_needed(planar3r: Robot) -> None:
         ),
     ],
 )
-def test_outside_limits(
+def test_values_outside_limits_are_refused(
     field: str, values: dict[str, object], message: str, planar3r: Robot
 ) -> None:
     values = {"q_start": START, "goal": GOAL} | values
@@ -175,16 +177,16 @@ def test_outside_limits(
     assert caught.value.field == field
 
 
-def test_accelerations_by_joint_name(planar3r: Robot) -> None:
+def test_start_accelerations_are_read_by_joint_name(planar3r: Robot) -> None:
     problem = Problem(planar3r, START, GOAL, a_start={"joint2": 2.0})
     np.testing.assert_array_equal(problem.a_start, [0.0, 2.0, 0.0])
-    # A joint state has no accelerations, and its positions are none.
+    # A joint state has no accelerations; its positions must not be taken for them.
     state = SimpleNamespace(name=planar3r.joint_names, position=[1.0, 2.0, 3.0])
     with pytest.raises(ProblemError, match=r"^a_start is .*, expected 3 numbers"):
         Problem(planar3r, START, GOAL, a_start=state)
 
 
-def test_units_of_sliding_joints(tmp_path: Path) -> None:
+def test_messages_on_sliding_joints_have_metres_and_newtons(tmp_path: Path) -> None:
     arm = load(tmp_path, one_joint(kind="prismatic"), gravity=(0, 0, 0))
     goal = JointGoal([0.5])
     with pytest.raises(ProblemError, match=r"is 3 m, .*position limits \[-1, 2\] m"):
@@ -201,7 +203,7 @@ def test_units_of_sliding_joints(tmp_path: Path) -> None:
 @pytest.mark.parametrize("excess", [1e-9, 0.9 * SNAP])
 @pytest.mark.parametrize("side", ["lower", "upper"])
 @pytest.mark.parametrize("where", ["q_start", "v_start", "goal.q", "goal.v"])
-def test_a_hair_outside_limits_is_mended_with_a_warning(
+def test_values_slightly_outside_limits_are_corrected_with_a_warning(
     where: str, side: str, excess: float, planar3r: Robot
 ) -> None:
     sign = -1.0 if side == "lower" else 1.0
@@ -226,7 +228,7 @@ def test_a_hair_outside_limits_is_mended_with_a_warning(
         replace(problem)  # nothing is left to mend
 
 
-def test_limits_themselves_are_allowed(planar3r: Robot) -> None:
+def test_values_at_the_limits_are_accepted(planar3r: Robot) -> None:
     limits = planar3r.limits
     light = planar3r.with_changes(gravity=(0, 0, 0))
     goal = JointGoal(limits.position_upper)
@@ -236,7 +238,9 @@ def test_limits_themselves_are_allowed(planar3r: Robot) -> None:
 
 
 @pytest.mark.parametrize("last", [True, False])
-def test_no_joint_leaves_its_range_at_an_end(planar3r: Robot, last: bool) -> None:
+def test_velocity_out_of_the_position_range_at_an_end_is_refused(
+    planar3r: Robot, last: bool
+) -> None:
     at_limit, out = (3.0, 0.5, 0.5), (1.0, 0.0, 0.0)
     says = "joint 'joint1' {} its range there: it has {} rad/s at its limit of 3 rad"
     for sign, way in ((1, "leaves"), (-1, "enters")):
@@ -264,7 +268,7 @@ def test_joint_goal_of_the_wrong_length_names_the_joints(planar3r: Robot) -> Non
         Problem(planar3r, START, JointGoal((1, 2)))
 
 
-def test_unknown_frame_lists_those_there_are(planar3r: Robot) -> None:
+def test_error_on_an_unknown_frame_lists_the_frames(planar3r: Robot) -> None:
     with pytest.raises(FrameNotFound, match=r"'hand'; the robot has: .*tip"):
         Problem(planar3r, START, PositionGoal("hand", (4, 1, 0)))
 
@@ -274,7 +278,7 @@ def test_unknown_frame_lists_those_there_are(planar3r: Robot) -> None:
     [("tip", (0.0, 6.5, 0.0), 6.0), ("link3", (4.0, 4.0, 0.0), 5.0)],
 )
 @pytest.mark.parametrize("make", [PositionGoal, PoseGoal])
-def test_goal_beyond_reach(
+def test_goal_beyond_reach_is_refused(
     make: type, frame: str, point: tuple[float, ...], reach: float, planar3r: Robot
 ) -> None:
     place = point if make is PositionGoal else pin.SE3(np.eye(3), np.array(point))
@@ -288,17 +292,17 @@ def test_goal_beyond_reach(
 
 
 @pytest.mark.parametrize("far", [6.0, 6.0 * (1 + 1e-12)])
-def test_goal_at_full_reach(far: float, planar3r: Robot) -> None:
+def test_goal_at_full_reach_is_accepted(far: float, planar3r: Robot) -> None:
     Problem(planar3r, START, PositionGoal("tip", (far, 0, 0)))
 
 
 @pytest.mark.parametrize("far", [1e6, 1e200])
-def test_goal_far_beyond_reach(far: float, planar3r: Robot) -> None:
+def test_goal_far_beyond_reach_is_refused(far: float, planar3r: Robot) -> None:
     with pytest.raises(ProblemError, match="outside reach"):
         Problem(planar3r, START, PositionGoal("tip", (far, far, 0)))
 
 
-def test_reached_goals_are_fine(rng: np.random.Generator) -> None:
+def test_goals_of_random_configurations_are_accepted(rng: np.random.Generator) -> None:
     arm = load_robot("ur5", limits="urdf")
     kinematics = RobotKinematics(arm)
     for _ in range(20):
@@ -309,11 +313,13 @@ def test_reached_goals_are_fine(rng: np.random.Generator) -> None:
             Problem(arm, np.zeros(6), PoseGoal(frame, place))
 
 
-# Weight
+# Gravity
 
 
-def test_arm_that_cannot_be_held(planar3r: Robot) -> None:
-    # Stretched out, the sections have their centres at 1.5, 4 and 5.5 m.
+def test_goal_where_gravity_exceeds_the_torque_limit_is_refused(
+    planar3r: Robot,
+) -> None:
+    # Stretched out, the links have their centres of mass at 1.5, 4 and 5.5 m.
     moment = 9.81 * (0.3 * 1.5 + 0.2 * 4.0 + 0.1 * 5.5)
     weak = planar3r.with_changes(effort={"joint1": 17.0}, position_lower=-3.0)
     goal = JointGoal((0.0, 0.0, 0.0))
@@ -326,14 +332,14 @@ def test_arm_that_cannot_be_held(planar3r: Robot) -> None:
     Problem(weak.with_changes(effort={"joint1": moment * 1.0001}), START, goal)
 
 
-def test_goal_in_motion_need_not_be_held(planar3r: Robot) -> None:
+def test_goal_with_a_velocity_need_not_be_held_against_gravity(planar3r: Robot) -> None:
     weak = planar3r.with_changes(effort={"joint1": 1.0})
     Problem(weak, START, JointGoal((0.5, 0.0, 0.0), (1.0, 0.0, 0.0)))
     with pytest.raises(ProblemError, match="cannot hold"):
         Problem(weak, START, JointGoal((0.5, 0.0, 0.0), (0.0, 0.0, 0.0)))
 
 
-def test_limits_of_one_side_count(planar3r: Robot) -> None:
+def test_torque_limits_of_one_sign_are_checked_against_gravity(planar3r: Robot) -> None:
     pulling = planar3r.with_changes(effort={"joint3": (-2.0, -0.1)})
     with pytest.raises(ProblemError, match=r"'joint3' .*\[-2, -0.1\] allowed"):
         Problem(pulling, START, JointGoal((0.5, 0.0, 0.0)))
@@ -352,7 +358,7 @@ def test_passive_joints_rest_in_equilibrium_only(tmp_path: Path) -> None:
 # Collisions
 
 
-def test_start_in_collision(planar3r: Robot) -> None:
+def test_start_in_collision_is_refused(planar3r: Robot) -> None:
     scene = Scene([Box("far", size=(1, 1, 1), position=(0, -9, 0)), *BALL])
     with pytest.raises(
         ProblemError,
@@ -363,7 +369,7 @@ def test_start_in_collision(planar3r: Robot) -> None:
     assert caught.value.field == "q_start"
 
 
-def test_goal_in_collision(planar3r: Robot) -> None:
+def test_goal_in_collision_is_refused(planar3r: Robot) -> None:
     with pytest.raises(
         ProblemError, match=r"^goal in collision: link 'link2' and obstacle 'O' overlap"
     ) as caught:
@@ -396,7 +402,7 @@ def test_touching_is_no_collision(planar3r: Robot) -> None:
     Problem(planar3r, START, GOAL, scene=scene)
 
 
-def test_robot_without_shapes_in_a_scene(tmp_path: Path) -> None:
+def test_robot_without_shapes_is_refused_in_a_scene(tmp_path: Path) -> None:
     arm = load(tmp_path, one_joint())
     Problem(arm, [0.0], JointGoal([1.0]))
     with pytest.raises(SceneError, match="no collision geometry"):
@@ -416,7 +422,7 @@ def test_problems_are_frozen(planar3r: Robot) -> None:
                 array[0] = 1.0
 
 
-def test_caller_keeps_the_arrays(planar3r: Robot) -> None:
+def test_problem_copies_the_arrays_of_the_caller(planar3r: Robot) -> None:
     q = np.array(START)
     problem = Problem(planar3r, q, GOAL)
     q[:] = 9.0
@@ -433,7 +439,7 @@ def test_problems_of_one_robot_are_equal_by_value(planar3r: Robot) -> None:
     assert problem != replace(problem, v_start=(0, 0, 1))
 
 
-def test_pickle(planar3r: Robot) -> None:
+def test_problem_can_be_pickled(planar3r: Robot) -> None:
     problem = Problem(planar3r, START, GOAL, scene=BALL, margin=0.01)
     back = pickle.loads(pickle.dumps(problem))
     for name in ("goal", "scene", "margin"):
@@ -454,13 +460,15 @@ def test_pickle(planar3r: Robot) -> None:
         {"q_start": 10**400},
     ],
 )
-def test_errors_are_of_one_family(changes: dict[str, object], planar3r: Robot) -> None:
+def test_errors_have_one_base_class(
+    changes: dict[str, object], planar3r: Robot
+) -> None:
     values = {"robot": planar3r, "q_start": START, "goal": GOAL}
     with pytest.raises(TominpmpError):
         Problem(**(values | changes))  # type: ignore[arg-type]
 
 
-def test_goal_within_an_obstacle_is_told(planar3r: Robot) -> None:
+def test_frame_goal_within_an_obstacle_is_refused(planar3r: Robot) -> None:
     ball = Sphere("O", radius=0.8, position=(4.0, 1.0, 0.0))
     start, scene = (0.5, 1.7, -1.7), Scene([ball])
     for goal in (
@@ -469,6 +477,6 @@ def test_goal_within_an_obstacle_is_told(planar3r: Robot) -> None:
     ):
         with pytest.raises(ProblemError, match=r"0\.6 m deep in obstacle 'O'.*'link3'"):
             Problem(planar3r, start, goal, scene)
-    # On its surface there may be room, and with a tolerance that reaches out of it.
+    # A goal on the surface of the ball is accepted, or one with enough tolerance.
     Problem(planar3r, start, PositionGoal("tip", (4.0, 1.80001, 0.0)), scene)
     Problem(planar3r, start, PositionGoal("tip", (4.0, 1.2, 0.0), tolerance=0.7), scene)

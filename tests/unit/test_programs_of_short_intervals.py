@@ -1,4 +1,4 @@
-"""Linear programs of short intervals: coefficients of 1e10 are no reason to give up."""
+"""Linear programs of short intervals: PIQP copes with coefficients of 1e10."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tominpmp.linear_programs.program import LinearProgram
 
 
 def second_differences(sharpest: float) -> LinearProgram:
-    """The steepest descent of points whose second differences cost something."""
+    """The steepest descent of points whose second differences have a cost."""
     n = 40
     rng = np.random.default_rng(0)
     scale = np.geomspace(sharpest, 1.0, n - 2)
@@ -37,7 +37,7 @@ def second_differences(sharpest: float) -> LinearProgram:
     )
 
 
-def test_interior_points_solve_them_without_the_simplex_method(
+def test_piqp_solves_huge_coefficients_without_the_simplex_method(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def never(self: HighsSolver, program: LinearProgram) -> None:
@@ -55,7 +55,7 @@ def test_interior_points_solve_them_without_the_simplex_method(
     assert program.cost @ again.x == pytest.approx(program.cost @ found.x, abs=1e-5)
 
 
-def test_duals_are_those_of_the_equations_as_they_were_given() -> None:
+def test_duals_refer_to_the_unscaled_equations() -> None:
     matrix = sp.csc_matrix(np.array([[1e6, 0.0], [1.0, 1.0]]))
     program = LinearProgram(
         np.array([1.0, 2.0]),
@@ -73,14 +73,14 @@ def test_duals_are_those_of_the_equations_as_they_were_given() -> None:
     assert found.row_duals == pytest.approx(exact.row_duals, rel=1e-3)
 
 
-def test_equations_have_coefficients_of_one_at_most() -> None:
+def test_equation_scale_makes_coefficients_one_at_most() -> None:
     matrix = sp.csr_matrix(np.array([[1e10, -2.0], [0.5, 0.1]]))
     assert equation_scale(matrix) == pytest.approx([1e-10, 1.0])
     assert equation_scale(matrix[:0]).shape == (0,)
 
 
 def overlapping_limits() -> LinearProgram:
-    """Steep rows, each of them there three times: any mix of them is a multiplier."""
+    """Steep rows, each of which occurs three times: multipliers are not unique."""
     rng = np.random.default_rng(0)
     rows = 1e5 * np.tile(rng.normal(size=(60, 30)), (3, 1))
     return LinearProgram(
@@ -95,7 +95,7 @@ def overlapping_limits() -> LinearProgram:
     )
 
 
-def test_the_last_digits_of_multipliers_are_not_waited_for() -> None:
+def test_termination_does_not_wait_for_exact_multipliers() -> None:
     program = overlapping_limits()
     found, exact = (
         PiqpSolver(n).solve(program)
@@ -106,7 +106,7 @@ def test_the_last_digits_of_multipliers_are_not_waited_for() -> None:
     assert np.all(program.matrix @ found.x <= 1.0 + 1e-6)
 
 
-def test_rows_that_are_kept_too_roughly_are_solved_for_again(
+def test_program_is_solved_again_if_its_rows_are_not_kept_closely(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     program = second_differences(1e2)

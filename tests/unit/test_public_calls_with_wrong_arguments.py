@@ -1,6 +1,6 @@
-"""Every public method, called with what does not belong: errors of the library alone.
+"""Public methods with wrong arguments raise errors of the library, and no others.
 
-All public classes are walked, so that a new method is tried as soon as it is there.
+The tests walk all public classes, so that they cover a new method at once.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ WRONG = (
     None, "a", math.nan, -1, 10**400, 1j, [], ["a"], {1: 2}, np.zeros((2, 5)),
     np.zeros(0), np.array([None, "x"]), object(), [[1.0], [2.0, 3.0]],
 )  # fmt: skip
-# Without those that may be names of something else, which is then said to fit nothing.
+# Without lists and dicts of one item, which may be names that the error calls unknown.
 ANY = [item for item in WRONG if not (isinstance(item, list | dict) and len(item) == 1)]
-# Classes that nobody but the library makes, and which have no methods with arguments.
+# Classes that only the library instantiates, and whose methods have no arguments.
 RESULTS = {
     "Certificate", "ClearanceProof", "ExportCheck", "ImprovedPlacement", "Outcome",
     "IterationRecord", "Refusal", "Scenario", "State", "Tour", "Verification", "Visit",
@@ -38,7 +38,7 @@ RESULTS = {
 BASES = {"Goal", "Motion", "Obstacle", "PathConstraint"}
 # Ends of the names of methods that take several states at once.
 SEVERAL = ("_rows", "sizes")
-# These draw, write or plan, which takes time; tools/fuzz and other tests try them.
+# Methods that draw, write or plan take time; tools/fuzz and other tests cover them.
 SLOW = {
     "plot", "play", "export", "plot_certificate", "replay", "prove_clearance",
     "with_payload", "with_changes", "with_locked",
@@ -52,7 +52,7 @@ def world() -> World:
 
 @cache
 def samples() -> dict[str, Any]:
-    """A sound object of each class that has methods."""
+    """A valid object of each class that has methods."""
     robot, tip = world().robot, "tip"
     pose = np.eye(4)
     goals = [
@@ -103,8 +103,8 @@ KINDS = ("robot", "problem", "options", "solution", "trajectory", "samples", "wo
 
 
 @cache
-def sound() -> dict[str, Any]:
-    """Sound arguments by the names that they have all over the library."""
+def valid_arguments() -> dict[str, Any]:
+    """Valid arguments, by their names, which are the same in the whole library."""
     robot, rest = world().robot, np.zeros(3)
     start = Placement(np.eye(3), np.zeros(3))
     return {
@@ -144,7 +144,9 @@ def public_classes() -> list[str]:
 
 
 @pytest.mark.parametrize("name", public_classes())
-def test_wrong_arguments(name: str, tmp_path: Path, monkeypatch: Any) -> None:
+def test_wrong_arguments_raise_only_errors_of_the_library(
+    name: str, tmp_path: Path, monkeypatch: Any
+) -> None:
     monkeypatch.chdir(tmp_path)
     leaks = []
     for where, function in calls(name):
@@ -152,7 +154,11 @@ def test_wrong_arguments(name: str, tmp_path: Path, monkeypatch: Any) -> None:
         keys = [k for k, p in known.items() if p.kind not in (p.VAR_POSITIONAL,)]
         keys = [k for k in keys if known[k].kind is not known[k].VAR_KEYWORD]
         several = where.endswith(SEVERAL)
-        base = {k: sound().get(k) for k in keys if known[k].default is inspect._empty}
+        base = {
+            k: valid_arguments().get(k)
+            for k in keys
+            if known[k].default is inspect._empty
+        }
         if several:
             base |= {k: base[k][None] for k in ("q", "v", "a")}
         for key in keys:
@@ -163,7 +169,7 @@ def test_wrong_arguments(name: str, tmp_path: Path, monkeypatch: Any) -> None:
 
 
 def leak(function: Callable[..., Any], given: dict[str, Any]) -> Exception | None:
-    """What a call raises that is no error of the library."""
+    """The exception of a call that is no error of the library, or None."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -171,34 +177,34 @@ def leak(function: Callable[..., Any], given: dict[str, Any]) -> Exception | Non
     except tm.TominpmpError as error:
         assert len(str(error)) < 3100
     except NotImplementedError:
-        pass  # what a kind of constraint does not have
+        pass  # a method that this kind of constraint does not have
     except Exception as error:
         return error
     return None
 
 
-def test_every_class_with_methods_is_tried() -> None:
+def test_every_class_with_methods_is_covered() -> None:
     tried = samples().keys() | RESULTS | BASES
-    # Those that need a mesh or a load that is held are of families that are tried.
+    # Classes that need a mesh or a held load belong to families that are covered.
     assert set(public_classes()) - tried <= {"FirmGrasp", "Mesh", "StableContact"}
 
 
 @cache
-def sound_calls() -> dict[str, Any]:
+def valid_calls() -> dict[str, Any]:
     return make_cases(world())
 
 
-# Of these a file is read first, which is not there, or a robot for each call.
+# These calls read a file first, which does not exist, or load a robot each time.
 UNTRIED = RARE | {"Options", "load_robot", "load_moveit"}
 
 
-@pytest.mark.parametrize("name", sorted(sound_calls().keys() - UNTRIED))
-def test_the_one_wrong_argument_is_named(
+@pytest.mark.parametrize("name", sorted(valid_calls().keys() - UNTRIED))
+def test_error_names_the_wrong_argument(
     name: str, tmp_path: Path, monkeypatch: Any
 ) -> None:
-    """Of calls that are sound but for one argument."""
+    """All arguments of a call are valid except for one argument."""
     monkeypatch.chdir(tmp_path)
-    function, given = sound_calls()[name]
+    function, given = valid_calls()[name]
     unnamed = []
     for key in given:
         for value in ANY:
@@ -208,14 +214,14 @@ def test_the_one_wrong_argument_is_named(
                     function(**{**given, key: value})
             except tm.TominpmpError as error:
                 text = f"{error} {getattr(error, 'field', '')}"
-                # What is not found is called by its own name, as "no frame 'a'".
+                # An object that is not found is called by name, as "no frame 'a'".
                 known = (key, brief(value)[:60], "there is no", "robots: ")
                 if not any(part in text for part in known):
                     unnamed.append(f"{key}={value!r:.40}: {text:.120}")
     assert not unnamed, "\n".join(unnamed)
 
 
-# -- what is said ----------------------------------------------------------------------
+# -- messages --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -249,13 +255,15 @@ def test_the_one_wrong_argument_is_named(
         ),
     ],
 )
-def test_what_is_said(call: Callable[[Any], Any], message: str) -> None:
+def test_messages_name_value_and_expectation(
+    call: Callable[[Any], Any], message: str
+) -> None:
     with pytest.raises(tm.ProblemError, match=message):
         call(world().robot)
 
 
 @pytest.mark.parametrize("integrator", ["a", 5, ["DOP853"], np.zeros(2)])
-def test_integrators_that_there_are_not(integrator: Any) -> None:
+def test_unknown_integrators_are_refused(integrator: Any) -> None:
     with pytest.raises(tm.TominpmpError, match="integrator"):
         tm.verify(world().problem, world().trajectory, integrator=integrator)
 

@@ -1,4 +1,4 @@
-"""Every reader with every documented key, and with unknown ones: used, refused, told.
+"""Readers of files use documented keys, and refuse unknown keys or warn of them.
 
 For joint_limits.yaml see test_joint_limits_kept.py, for groups test_groups.py.
 """
@@ -26,7 +26,7 @@ from tominpmp.robot.robot import Robot, load_robot
 
 
 @pytest.mark.parametrize(
-    ("steps", "told"),
+    ("steps", "warning"),
     [
         (
             ("reference_trajectories", [{"joint_trajectory": [{"x": 1}]}]),
@@ -45,11 +45,11 @@ from tominpmp.robot.robot import Robot, load_robot
         (("max_acceleration_scaling_factor", 0.5), "no limits of accelerations"),
     ],
 )
-def test_requests_tell_what_is_not_read(
-    planar3r: Robot, steps: tuple[Any, ...], told: str, tmp_path: Path
+def test_unread_keys_of_requests_give_a_warning(
+    planar3r: Robot, steps: tuple[Any, ...], warning: str, tmp_path: Path
 ) -> None:
     paths = write_moveit(tmp_path, request=changed(REQUEST, *steps))
-    with pytest.warns(TominpmpWarning, match=told):
+    with pytest.warns(TominpmpWarning, match=warning):
         tm.load_moveit(planar3r, *paths)
 
 
@@ -73,7 +73,7 @@ def test_requests_tell_what_is_not_read(
         (("group_name", 7), "group_name"),
     ],
 )
-def test_requests_refuse_what_would_be_broken(
+def test_requests_with_unsupported_conditions_are_refused(
     planar3r: Robot, steps: tuple[Any, ...], key: str, tmp_path: Path
 ) -> None:
     paths = write_moveit(tmp_path, request=changed(REQUEST, *steps))
@@ -82,10 +82,10 @@ def test_requests_refuse_what_would_be_broken(
     assert caught.value.key == key
 
 
-def test_requests_may_say_how_to_look_for_a_motion(
+def test_planner_settings_of_requests_give_no_warning(
     planar3r: Robot, tmp_path: Path
 ) -> None:
-    """As all files of MotionBenchMaker do; what is at its default says nothing."""
+    """All files of MotionBenchMaker have them; keys at their default are ignored."""
     request = REQUEST | {
         "workspace_parameters": {"min_corner": [-1, -1, -1], "max_corner": [1, 1, 1]},
         "planner_id": "RRTConnect",
@@ -104,7 +104,9 @@ def test_requests_may_say_how_to_look_for_a_motion(
     assert problem == tm.load_moveit(planar3r, *write_moveit(tmp_path))
 
 
-def test_accelerations_are_scaled(planar3r: Robot, tmp_path: Path) -> None:
+def test_acceleration_limits_are_scaled_by_the_request(
+    planar3r: Robot, tmp_path: Path
+) -> None:
     from dataclasses import replace
 
     limits = tm.MotionLimits(acceleration={"joint1": 8.0}, jerk=100.0)
@@ -119,7 +121,7 @@ def test_accelerations_are_scaled(planar3r: Robot, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("steps", "told"),
+    ("steps", "warning"),
     [
         (("wold", {"collision_objects": [{"id": "a"}]}), "not read: wold"),
         (("world", "collision_object", [{"id": "a"}]), r"world\.collision_object"),
@@ -134,12 +136,12 @@ def test_accelerations_are_scaled(planar3r: Robot, tmp_path: Path) -> None:
         ),
     ],
 )
-def test_scenes_tell_what_is_not_read(
-    steps: tuple[Any, ...], told: str, tmp_path: Path
+def test_unread_keys_of_scenes_give_a_warning(
+    steps: tuple[Any, ...], warning: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "scene.yaml"
     path.write_text(json.dumps(changed(SCENE, *steps)))
-    with pytest.warns(TominpmpWarning, match=told):
+    with pytest.warns(TominpmpWarning, match=warning):
         tm.load_moveit_scene(path)
 
 
@@ -215,7 +217,7 @@ def test_accelerations_and_jerks_of_a_urdf_file_are_limits(tmp_path: Path) -> No
     text = one_joint(limit=limit.format('deceleration="5"'))
     robot = load_robot(write(tmp_path, text))
     assert robot.motion_limits == tm.MotionLimits(acceleration={"j1": 5.0})
-    # Drake's files have them with a prefix; what else has one is another program's.
+    # Files of Drake have a prefix; attributes with another prefix are not read.
     text = one_joint(limit=limit.format('drake:acceleration="6" x:velocitys="1"'))
     robot = load_robot(write(tmp_path, text))
     assert robot.motion_limits == tm.MotionLimits(acceleration={"j1": 6.0})
@@ -227,7 +229,7 @@ def test_accelerations_and_jerks_of_a_urdf_file_are_limits(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "warning"),
     [
         ("<inertial>", "<inertials>", r"<inertials> of link l1 .*<inertial>"),
         (" effort=", " effort_=", "'effort_' of <limit> of joint j1"),
@@ -241,22 +243,22 @@ def test_accelerations_and_jerks_of_a_urdf_file_are_limits(tmp_path: Path) -> No
         ),
     ],
 )
-def test_urdf_files_tell_what_would_change_a_motion(
-    old: str, new: str, told: str, tmp_path: Path
+def test_unread_urdf_parts_that_change_motions_give_a_warning(
+    old: str, new: str, warning: str, tmp_path: Path
 ) -> None:
     text = one_joint().replace(old, new)
     if "inertials" in new:
         text = text.replace("</inertial>", "</inertials>")
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        # Nothing may be left of the limit, or of the inertia.
+        # The robot may be refused, as it has no limit or no inertia.
         with contextlib.suppress(RobotLoadError):
             load_robot(write(tmp_path, text))
     found = [str(item.message) for item in caught]
-    assert any(re.search(told, message) for message in found), found
+    assert any(re.search(warning, message) for message in found), found
 
 
-def test_urdf_files_may_say_what_is_for_others(tmp_path: Path) -> None:
+def test_urdf_parts_for_other_programs_give_no_warning(tmp_path: Path) -> None:
     inside = (
         '<safety_controller soft_lower_limit="-1" soft_upper_limit="2" k_velocity="9"/>'
         '<calibration rising="0"/><limits_of_others/>'

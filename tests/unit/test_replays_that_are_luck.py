@@ -1,4 +1,7 @@
-"""Replays count where tighter tolerances of the integrator change nothing."""
+"""Replays in which errors of the integrator grow are repeated with tighter tolerances.
+
+If the two replays disagree, the motion is replayed with feedback.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ from tominpmp.options import Tolerances
 from tominpmp.verification.feedback import ends_agree, errors_matter
 from tominpmp.verification.replay import Integration
 
-# Raised slowly, this arm lets errors grow by 2e10.
+# In this slow motion upwards, errors of the integrator grow by a factor of 2e10.
 START = [-0.872, 2.293, 4.992, 2.843, 1.309, -2.691]
 GOAL = [-0.08, 3.867, 5.097, -0.136, 2.149, -1.747]
 
@@ -23,7 +26,7 @@ def raised() -> tm.Solution:
     return tm.plan(tm.Problem(kinova, START, tm.JointGoal(GOAL)))
 
 
-def test_what_a_finer_integration_moves_is_judged_with_feedback(
+def test_replay_that_finer_integration_changes_is_made_with_feedback(
     raised: tm.Solution,
 ) -> None:
     problem, motion = raised.problem, raised.trajectory
@@ -37,20 +40,20 @@ def test_what_a_finer_integration_moves_is_judged_with_feedback(
     moves = float(np.max(np.abs(ends[0] - ends[1])))
     misses = float(np.max(np.abs(ends[0] - GOAL)))
     assert 0.0 < moves < 1e-3
-    # Tolerances that the replay keeps, and that the finer one moves by a good share of.
+    # A tolerance that the replay keeps, though finer integration changes a large share.
     strict = Tolerances(goal=max(1.5 * misses, 2.0 * moves))
     found = tm.verify(problem, motion, strict, integrator="DOP853")
     assert found.growth > 1e9
     assert found.feedback is not None
     assert "feedback" in found.message or not found.ok
-    # With room to spare it counts as it is.
+    # With a wide tolerance the replay counts without feedback.
     loose = Tolerances(goal=max(2 * misses, 50.0 * moves))
     loose = tm.verify(problem, motion, loose, integrator="DOP853")
     assert loose.ok
     assert loose.feedback is None
 
 
-def test_replays_settle_where_both_end_at_one_place(raised: tm.Solution) -> None:
+def test_replays_agree_if_their_ends_are_close(raised: tm.Solution) -> None:
     replay, tolerances = raised.verification.replay, Tolerances()
     assert ends_agree(replay, replay, tolerances)
     q = np.array(replay.q)
@@ -61,7 +64,7 @@ def test_replays_settle_where_both_end_at_one_place(raised: tm.Solution) -> None
     assert not ends_agree(replay, replace(replay, complete=False), tolerances)
 
 
-def test_a_second_replay_is_for_motions_whose_errors_grow() -> None:
+def test_errors_matter_only_where_they_grow_enough() -> None:
     assert not errors_matter(1e4, 1e-3, 1e-9)
     assert errors_matter(1e6, 1e-3, 1e-9)
     assert not errors_matter(1e6, 1e-3, 2e-11)

@@ -1,4 +1,4 @@
-"""Replays that fail, and those of a plan that is interrupted."""
+"""Replays that fail, and replays of a plan that is interrupted."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 from robot_samples import INERTIAL, joint, link, load, robot
 
 import tominpmp as tm
-from tominpmp.planner import candidate as attempts
+from tominpmp.planner import candidate as candidates
 from tominpmp.verification.verification import verify
 
 BALL = "<collision><geometry><sphere radius='0.05'/></geometry></collision>"
@@ -17,7 +17,7 @@ LIMIT = '<limit lower="-3" upper="3" effort="100" velocity="8"/>'
 
 @pytest.fixture
 def problem(tmp_path):
-    """A ball on a rail, with another one beside its way."""
+    """A ball on a rail, with another ball as obstacle beside its way."""
     rail = load(
         tmp_path,
         robot(
@@ -32,33 +32,33 @@ def problem(tmp_path):
 
 @pytest.fixture
 def replays(monkeypatch):
-    """Replays that a plan makes; those whose numbers are in ``fail`` go wrong."""
-    made, fail = [], set()
+    """Replays of a plan; the replays whose numbers are in ``fail`` do not pass."""
+    verifications, fail = [], set()
 
     def count(*arguments, **options):
         found = verify(*arguments, **options)
-        made.append(found)
-        return replace(found, ok=False) if len(made) in fail else found
+        verifications.append(found)
+        return replace(found, ok=False) if len(verifications) in fail else found
 
-    monkeypatch.setattr(attempts, "verify", count)
-    return made, fail
+    monkeypatch.setattr(candidates, "verify", count)
+    return verifications, fail
 
 
-def test_a_replay_that_fails_leads_to_another_motion(problem, replays):
-    made, fail = replays
+def test_failed_replay_leads_to_another_motion(problem, replays):
+    verifications, fail = replays
     fail.add(1)
     solution = tm.plan(problem)
     assert solution.success and solution.verification.ok
-    assert len(made) >= 2
+    assert len(verifications) >= 2
 
 
 @pytest.mark.parametrize("again", [False, True])
-def test_what_was_found_when_a_plan_is_interrupted_is_replayed(problem, replays, again):
-    made, fail = replays
+def test_motion_of_an_interrupted_plan_is_replayed(problem, replays, again):
+    verifications, fail = replays
     records = []
     tm.plan(problem, callback=lambda record: records.append(record))
     last = len(records)
-    made.clear()
+    verifications.clear()
     if again:
         fail.add(1)
     records.clear()
@@ -69,7 +69,7 @@ def test_what_was_found_when_a_plan_is_interrupted_is_replayed(problem, replays,
 
     solution = tm.plan(problem, callback=stop)
     assert solution.status is tm.Status.INTERRUPTED
-    assert made
+    assert verifications
     if solution.success:
         assert solution.verification is not None and solution.verification.ok
     else:

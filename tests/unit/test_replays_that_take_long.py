@@ -15,14 +15,14 @@ from sample_arms import DOWNWARD, make_arm
 import tominpmp as tm
 from tominpmp.stopping import Stop
 
-# The module, beside which there is a function of its name.
+# The module; the package has a function of the same name.
 REPLAYS = importlib.import_module("tominpmp.verification.replay")
 INTEGRATORS = ("LSODA", "DOP853", "Radau")
 
 
 @pytest.fixture(scope="module")
 def swinging() -> tuple[tm.Problem, tm.Trajectory]:
-    """A pendulum let go, for ten seconds that are one piece of torque."""
+    """A pendulum that swings freely for ten seconds, in one interval of torque."""
     robot = make_arm(ROD, effort=1.0, gravity=DOWNWARD)
     problem = tm.Problem(robot, [HANGING + 2.0], tm.JointGoal([HANGING]))
     t, none = np.array([0.0, 10.0]), np.zeros((2, 1))
@@ -30,12 +30,12 @@ def swinging() -> tuple[tm.Problem, tm.Trajectory]:
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_a_replay_stops_within_a_piece(swinging, integrator, monkeypatch) -> None:
-    asked = []
+def test_replay_stops_within_an_interval(swinging, integrator, monkeypatch) -> None:
+    calls = []
 
     def check() -> None:
-        asked.append(1)
-        if len(asked) > 2:
+        calls.append(1)
+        if len(calls) > 2:
             raise Stop(requested=False)
 
     monkeypatch.setattr(REPLAYS, "check", check)
@@ -44,7 +44,9 @@ def test_a_replay_stops_within_a_piece(swinging, integrator, monkeypatch) -> Non
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_a_replay_is_given_up_within_a_piece(swinging, integrator, monkeypatch) -> None:
+def test_replay_is_abandoned_within_an_interval(
+    swinging, integrator, monkeypatch
+) -> None:
     most = 2 * REPLAYS.WATCH
     monkeypatch.setattr(REPLAYS, "MAX_EVALUATIONS", most)
     found = replay(*swinging, integrator=integrator)
@@ -53,7 +55,7 @@ def test_a_replay_is_given_up_within_a_piece(swinging, integrator, monkeypatch) 
     assert most < found.evaluations <= most + REPLAYS.WATCH
 
 
-def test_one_thread_at_a_time_is_in_lsoda(swinging, monkeypatch) -> None:
+def test_lsoda_is_called_by_one_thread_at_a_time(swinging, monkeypatch) -> None:
     inside, most = [], []
     odeint = REPLAYS.odeint
 
@@ -82,8 +84,8 @@ def refusing(*_args, **_options):
     raise REPLAYS.ODEintWarning("Illegal input detected (internal error).")
 
 
-def test_an_arm_at_rest_in_a_piece_that_lsoda_refuses(monkeypatch) -> None:
-    """With dry friction this was an IndexError: rows of the piece were looked for."""
+def test_arm_at_rest_is_replayed_although_lsoda_refuses(monkeypatch) -> None:
+    """Regression: with dry friction, rows of the interval raised an IndexError."""
     robot = make_arm(ROD, effort=1.0, friction=0.5)
     problem = tm.Problem(robot, [0.0], tm.JointGoal([0.0]))
     t, none = np.array([0.0, 0.1]), np.zeros((2, 1))
@@ -92,10 +94,13 @@ def test_an_arm_at_rest_in_a_piece_that_lsoda_refuses(monkeypatch) -> None:
     assert found.complete and not found.q.any()
 
 
-def test_a_piece_that_lsoda_refuses_is_integrated_step_by_step(
+def test_interval_that_lsoda_refuses_is_integrated_step_by_step(
     swinging, monkeypatch
 ) -> None:
-    """Without dry friction the replay of a valid motion of 28 segments was lost."""
+    """Regression: the replay of a valid motion of 28 segments was lost.
+
+    The robot had no dry friction.
+    """
     whole = replay(*swinging)
     monkeypatch.setattr(REPLAYS, "odeint", refusing)
     found = replay(*swinging)

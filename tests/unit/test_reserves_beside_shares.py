@@ -1,4 +1,4 @@
-"""Torque reserves of a problem that leaves some of its torques unused already."""
+"""Torque reserves of problems whose motion limits have an effort scale."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def rail() -> tm.Problem:
 
 
 @pytest.mark.parametrize("segmented", [False, True])
-def test_reserves_are_shares_of_what_motions_may_use(
+def test_reserves_are_shares_of_the_scaled_efforts(
     rail: tm.Problem, segmented: bool
 ) -> None:
     problem = rail
@@ -35,7 +35,7 @@ def test_reserves_are_shares_of_what_motions_may_use(
         problem = tm.Problem(rail.robot, [0.0], segments=[part])
     how: dict[str, Any] = {"disturbances": CALM, "samples": 1, "reserves": (0.0, 0.15)}
     found = robustness(problem, OPTIONS, **how)
-    # T is as the root of the force: 0.8, and 0.8 times 0.85 of it.
+    # T is proportional to 1 / sqrt(force): to 0.8, and to 0.8 times 0.85 of it.
     assert found.T[1] / found.T[0] == pytest.approx(0.85**-0.5, rel=1e-3)
     if not segmented:
         assert found.effort_scale == 0.8
@@ -43,26 +43,26 @@ def test_reserves_are_shares_of_what_motions_may_use(
         assert "15% of the 80% that motions may use (effort_scale=0.68)" in above
 
 
-def test_the_cost_is_told_where_the_first_has_no_motion(rail: tm.Problem) -> None:
+def test_cost_is_relative_to_the_least_reserve_with_a_motion(rail: tm.Problem) -> None:
     how: dict[str, Any] = {"disturbances": CALM, "samples": 1, "reserves": (0.0,)}
     found = robustness(rail, OPTIONS, **how)
     one = {"reserves": [0.0, 0.1, 0.2], "T": [np.inf, 1.0, 1.1], "kept": [0, 0, 1]}
-    told = replace(found, **one, errors=np.zeros(3))
-    assert told.cost == pytest.approx(0.1)
+    changed = replace(found, **one, errors=np.zeros(3))
+    assert changed.cost == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize(
     ("name", "wrong"),
     [("disturbances", "a"), ("seed", "a"), ("seed", -1), ("samples", 10**400)],
 )
-def test_what_is_wrong_is_told_before_anything_is_planned(
+def test_wrong_arguments_are_refused_before_planning(
     rail: tm.Problem, name: str, wrong: Any
 ) -> None:
     with pytest.raises(tm.ProblemError, match=f"{name} is "):
         robustness(rail, OPTIONS, **{name: wrong})
 
 
-def test_loads_on_the_way_are_refused(rail: tm.Problem) -> None:
+def test_payload_that_changes_during_the_motion_is_refused(rail: tm.Problem) -> None:
     frame = rail.robot.frame_names[-1]
     parts = [
         tm.Segment(tm.JointGoal([0.5]), stop=True),

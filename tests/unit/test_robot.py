@@ -1,4 +1,4 @@
-"""Tests of loading and changing robots."""
+"""Robots from files: values, frames, shapes; changed and pickled robots."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_planar_arm_has_the_published_data() -> None:
     assert arm.passive_joints == ()
 
 
-def test_planar_arm_moves_as_the_formulas_say() -> None:
+def test_planar_arm_matches_closed_form_position_and_gravity() -> None:
     arm = load_robot("planar3r")
     q = [0.5, 1.7, -1.7]
     angles = np.cumsum(q)
@@ -80,7 +80,7 @@ def test_planar_arm_moves_as_the_formulas_say() -> None:
     np.testing.assert_allclose(holding, moments, rtol=1e-12)
 
 
-def test_planar_arm_collides_as_line_sections() -> None:
+def test_collision_shapes_of_the_planar_arm_are_thin_capsules() -> None:
     arm = load_robot("planar3r")
     shapes = list(arm.collision_model.geometryObjects)
     assert [type(shape.geometry).__name__ for shape in shapes] == ["Capsule"] * 3
@@ -100,7 +100,7 @@ def test_planar_arm_collides_as_line_sections() -> None:
     assert len(colors) == 4
 
 
-def test_planar_arm_names_its_start() -> None:
+def test_planar_arm_has_a_group_state_start() -> None:
     arm = load_robot("planar3r")
     np.testing.assert_array_equal(arm.group_state("start"), [0.5, 1.7, -1.7])
     assert arm.srdf is not None
@@ -163,7 +163,7 @@ def test_panda_fingers_follow_or_are_locked() -> None:
     assert free.model.nv == 9
     q = np.append(np.zeros(7), 0.02)
     np.testing.assert_array_equal(free.expand(q)[-2:], [0.02, 0.02])
-    # Both fingers rub.
+    # The friction of both fingers adds up.
     assert free.damping[-1] == 0.6
 
     locked = load_robot("panda", limits="urdf", locked_joints=FINGER)
@@ -213,7 +213,7 @@ def test_geometry_of_locked_fingers_is_where_the_fingers_are() -> None:
 # Robots as values
 
 
-def test_changes_leave_the_first_robot_alone() -> None:
+def test_changes_leave_the_original_robot_unchanged() -> None:
     arm = load_robot("planar3r")
     fast = arm.with_changes(velocity=4 * arm.limits.velocity, gravity=(0, 0, 0))
     np.testing.assert_array_equal(fast.limits.velocity, [400, 400, 400])
@@ -255,7 +255,7 @@ def test_robot_survives_pickling() -> None:
     assert copy.collision_model == arm.collision_model
 
 
-def test_frames() -> None:
+def test_error_on_an_unknown_frame_lists_the_frames() -> None:
     arm = load_robot("planar3r")
     assert arm.model.frames[arm.frame_id("tip")].name == "tip"
     assert set(arm.frame_names) == {
@@ -266,7 +266,7 @@ def test_frames() -> None:
         arm.frame_id("hand")
 
 
-def test_link_goes_before_a_joint_of_its_name(tmp_path: Path) -> None:
+def test_frame_name_of_link_and_joint_refers_to_the_link(tmp_path: Path) -> None:
     text = robot(link("base", ""), link("arm"), joint("arm", "base", "arm"))
     arm = load(tmp_path, text)
     assert arm.model.frames[arm.frame_id("arm")].type == pin.FrameType.BODY
@@ -275,7 +275,7 @@ def test_link_goes_before_a_joint_of_its_name(tmp_path: Path) -> None:
 # Files
 
 
-def test_capsules_by_either_way(tmp_path: Path) -> None:
+def test_capsules_and_cylinders_are_distinguished(tmp_path: Path) -> None:
     arm = load(tmp_path, one_shape('<capsule radius="0.1" length="0.6"/>'))
     (shape,) = arm.collision_model.geometryObjects
     assert type(shape.geometry).__name__ == "Capsule"
@@ -295,22 +295,24 @@ def test_scaled_mesh_is_read(tmp_path: Path) -> None:
     np.testing.assert_allclose(box.max_ - box.min_, [2, 3, 4], atol=1e-6)
 
 
-def test_mesh_that_is_none(tmp_path: Path) -> None:
+def test_invalid_mesh_is_refused(tmp_path: Path) -> None:
     path = write(tmp_path, "not a mesh", "a.stl")
     with pytest.raises(RobotLoadError, match=r"geometry cannot be read.*a\.stl"):
         load(tmp_path, one_shape(f'<mesh filename="{path}"/>'))
 
 
 def test_errors_of_a_mesh_name_its_link_and_file(tmp_path: Path) -> None:
-    """A binary glTF file that is none was said to lack a value in line 1."""
+    """Regression: an invalid binary glTF file was said to lack a value in line 1."""
     path = write(tmp_path, "not a mesh", "a.glb")
     with pytest.raises(RobotLoadError, match=r"link l1, .*a\.glb: the geometry"):
         load(tmp_path, one_shape(f'<mesh filename="{path}"/>'))
 
 
 @pytest.mark.parametrize("number", ["nan", "1e300"])
-def test_mesh_with_corners_that_are_nowhere(number: str, tmp_path: Path) -> None:
-    """Distances from such a link are wrong, and it was loaded."""
+def test_mesh_with_vertices_that_are_not_finite_is_refused(
+    number: str, tmp_path: Path
+) -> None:
+    """Regression: a link with this mesh was loaded, and its distances were wrong."""
     corners = f"v {number} 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
     path = write(tmp_path, corners, "a.obj")
     with pytest.raises(
@@ -319,10 +321,10 @@ def test_mesh_with_corners_that_are_nowhere(number: str, tmp_path: Path) -> None
         load(tmp_path, one_shape(f'<mesh filename="{path}"/>'))
 
 
-def test_package_folder_must_be_there(tmp_path: Path) -> None:
+def test_missing_package_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RobotLoadError, match="package_dirs: there is no folder"):
         load(tmp_path, one_joint(), package_dirs=[tmp_path / "none"])
-    # One folder instead of a list of them is what many will write.
+    # One folder instead of a list of folders is accepted, as many will write it.
     arm = load(tmp_path, one_joint(), package_dirs=str(tmp_path))
     assert arm.package_dirs == (tmp_path,)
 
@@ -336,7 +338,7 @@ def test_srdf_of_another_robot_is_refused(tmp_path: Path) -> None:
     assert load(tmp_path, one_joint()).srdf is None
 
 
-def test_relative_path_is_a_robot(
+def test_relative_path_of_a_urdf_file_is_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write(tmp_path, one_joint())
@@ -348,7 +350,7 @@ def test_relative_path_is_a_robot(
         load_robot("other.urdf")
 
 
-def test_inertia_in_a_rotated_frame(tmp_path: Path) -> None:
+def test_inertia_in_a_rotated_frame_is_transformed(tmp_path: Path) -> None:
     turned = INERTIAL.replace(
         'xyz="0.5 0 0"', 'xyz="0 0 0" rpy="1.5707963267948966 0 0"'
     )
@@ -359,7 +361,9 @@ def test_inertia_in_a_rotated_frame(tmp_path: Path) -> None:
     np.testing.assert_allclose(mass_matrix(arm, np.zeros(1)), [[0.2]], rtol=1e-12)
 
 
-def test_lower_limits_of_the_model_are_the_opposite_ones(tmp_path: Path) -> None:
+def test_lower_limits_of_the_model_are_the_negative_upper_limits(
+    tmp_path: Path,
+) -> None:
     arm = load(tmp_path, one_joint()).with_changes(effort=7.0, velocity=2.5)
     assert arm.model.lowerEffortLimit.tolist() == [-7.0]
     assert arm.model.upperEffortLimit.tolist() == [7.0]

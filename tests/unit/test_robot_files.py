@@ -1,4 +1,4 @@
-"""Tests of finding robots and the files that their descriptions refer to."""
+"""Finding robots by name or path, and the files that their descriptions refer to."""
 
 from __future__ import annotations
 
@@ -57,14 +57,14 @@ def test_example_robots_have_the_names_of_their_loader(
     assert (found.srdf and found.srdf.name) == srdf
 
 
-def test_unknown_name_lists_the_known_and_the_close_ones() -> None:
+def test_error_on_an_unknown_name_lists_close_and_known_names() -> None:
     with pytest.raises(
         RobotLoadError, match=r"did you mean .*panda.*Known names: .*ur5"
     ):
         find_robot("pandra")
 
 
-def test_name_without_example_robots_says_that_they_are_not_installed(
+def test_error_says_if_example_robots_are_not_installed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(files, "_example_folder", lambda: None)
@@ -87,7 +87,7 @@ def test_example_folder_lies_beside_the_packages(
         files._example_folder.cache_clear()
 
 
-def test_bundled_robots_of_the_wheel_go_before_a_checkout(
+def test_bundled_robots_of_the_wheel_precede_a_checkout(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(files, "__file__", str(tmp_path / "a" / "tominpmp" / "d" / "f"))
@@ -98,7 +98,7 @@ def test_bundled_robots_of_the_wheel_go_before_a_checkout(
 
 
 @pytest.mark.parametrize("value", ["", None, 3])
-def test_what_is_neither_name_nor_path_is_refused(value: object) -> None:
+def test_value_that_is_neither_name_nor_path_is_refused(value: object) -> None:
     with pytest.raises(RobotLoadError, match="expected the name"):
         find_robot(value)  # type: ignore[arg-type]
 
@@ -140,13 +140,13 @@ def test_meshes_are_found_in_the_folders_above(
     assert mesh_file(read_urdf(path)) == str(expected)
 
 
-def test_mesh_by_absolute_path_and_file_url(tmp_path: Path) -> None:
+def test_mesh_is_found_by_absolute_path_and_file_url(tmp_path: Path) -> None:
     expected = write_tetrahedron(tmp_path / "b c" / "a.obj")
     for filename in (f"{expected}", f"file://{expected}"):
         assert mesh_file(read(tmp_path, mesh(filename))) == str(expected)
 
 
-def test_mesh_in_several_package_folders(tmp_path: Path) -> None:
+def test_mesh_is_found_in_one_of_several_package_folders(tmp_path: Path) -> None:
     expected = write_tetrahedron(tmp_path / "two" / "pkg" / "a.obj")
     path = write(tmp_path, mesh("package://pkg/a.obj"), "here/sample.urdf")
     (tmp_path / "one").mkdir()
@@ -156,14 +156,14 @@ def test_mesh_in_several_package_folders(tmp_path: Path) -> None:
     assert mesh_file(read_urdf(path, [tmp_path / "two" / "pkg"])) == str(expected)
 
 
-def test_mesh_in_a_checkout_of_another_name(tmp_path: Path) -> None:
+def test_mesh_is_found_in_a_checkout_of_another_name(tmp_path: Path) -> None:
     expected = write_tetrahedron(tmp_path / "checkout" / "a.obj")
     write(tmp_path, "<package/>", "checkout/package.xml")
     path = write(tmp_path, mesh("package://pkg/a.obj"), "checkout/urdf/sample.urdf")
     assert mesh_file(read_urdf(path)) == str(expected)
 
 
-def test_packages_are_known_by_their_manifests(tmp_path: Path) -> None:
+def test_packages_are_found_by_the_names_in_their_manifests(tmp_path: Path) -> None:
     expected = tmp_path / "maker" / "arms" / "a.obj"
     name = "package://maker_arms/a.obj"
     elsewhere = write(tmp_path, mesh(name), "else/where/sample.urdf")
@@ -174,7 +174,7 @@ def test_packages_are_known_by_their_manifests(tmp_path: Path) -> None:
     with pytest.raises(RobotLoadError, match="package_dirs"):
         read_urdf(elsewhere, [tmp_path])
     write_tetrahedron(expected)
-    # In a folder that is given, in a folder of such a one, beside the own package.
+    # In a given folder, in a folder within it, beside the robot's own package.
     for folder in (tmp_path / "maker", tmp_path):
         assert mesh_file(read_urdf(elsewhere, [folder])) == str(expected)
     beside = write(tmp_path, mesh(name), "maker/config/urdf/sample.urdf")
@@ -184,7 +184,7 @@ def test_packages_are_known_by_their_manifests(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("variable", "below"), [("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")]
 )
-def test_mesh_in_the_folders_of_ros(
+def test_mesh_is_found_in_the_folders_of_ros(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, variable: str, below: str
 ) -> None:
     expected = write_tetrahedron(tmp_path / "ros" / below / "pkg" / "a.obj")
@@ -205,7 +205,7 @@ def test_missing_mesh_names_the_file_and_the_folders_tried(tmp_path: Path) -> No
     assert "package_dirs" in message
 
 
-def test_folder_or_device_is_no_mesh(tmp_path: Path) -> None:
+def test_folder_or_device_is_refused_as_a_mesh(tmp_path: Path) -> None:
     for filename in (str(tmp_path), "/dev/zero"):
         with pytest.raises(RobotLoadError, match="does not exist"):
             read(tmp_path, mesh(filename))
@@ -222,7 +222,7 @@ def test_folder_or_device_is_no_mesh(tmp_path: Path) -> None:
         "model://pkg/../secret.obj",
     ],
 )
-def test_package_cannot_be_left(tmp_path: Path, filename: str) -> None:
+def test_path_out_of_a_package_is_refused(tmp_path: Path, filename: str) -> None:
     write_tetrahedron(tmp_path / "secret.obj")
     path = write(tmp_path, mesh(filename), "pkg/urdf/sample.urdf")
     with pytest.raises(RobotLoadError, match="leads out of its package"):
@@ -236,14 +236,14 @@ def test_double_slash_does_not_leave_the_package(tmp_path: Path) -> None:
         read_urdf(path)
 
 
-def test_upward_path_within_the_package_is_fine(tmp_path: Path) -> None:
+def test_upward_path_within_the_package_is_accepted(tmp_path: Path) -> None:
     expected = write_tetrahedron(tmp_path / "pkg" / "meshes" / "a.obj")
     filename = "package://pkg/urdf/../meshes/a.obj"
     urdf = tmp_path / "pkg" / "urdf" / "sample.urdf"
     assert resolve_resource(filename, urdf, [])[0] == expected
 
 
-def test_nothing_is_fetched(tmp_path: Path) -> None:
+def test_mesh_urls_are_not_fetched(tmp_path: Path) -> None:
     with pytest.raises(RobotLoadError, match="nothing is fetched"):
         read(tmp_path, mesh("https://example.org/a.obj"))
 
@@ -267,7 +267,9 @@ def test_nothing_is_fetched(tmp_path: Path) -> None:
         "file://../meshes/fore arm.obj",
     ],
 )
-def test_names_of_other_machines_and_tools(tmp_path: Path, filename: str) -> None:
+def test_mesh_names_of_other_machines_and_tools_are_resolved(
+    tmp_path: Path, filename: str
+) -> None:
     expected = write_tetrahedron(tmp_path / "pkg" / "meshes" / "fore arm.obj")
     path = write(tmp_path, mesh(filename), "pkg/urdf/sample.urdf")
     assert mesh_file(read_urdf(path)) == str(expected)
@@ -276,7 +278,7 @@ def test_names_of_other_machines_and_tools(tmp_path: Path, filename: str) -> Non
         assert mesh_file(read_urdf(elsewhere, [tmp_path])) == str(expected)
 
 
-def test_the_name_as_it_is_goes_before_what_it_may_mean(tmp_path: Path) -> None:
+def test_literal_mesh_name_precedes_decoded_names(tmp_path: Path) -> None:
     for name in ("a%20b.obj", "a b.obj", "A%20B.obj"):
         write_tetrahedron(tmp_path / name)
         assert mesh_file(read(tmp_path, mesh(name))) == str(tmp_path / name)
@@ -291,7 +293,7 @@ def test_the_name_as_it_is_goes_before_what_it_may_mean(tmp_path: Path) -> None:
         ("$(find pkg)/none.obj", "holds the package in package_dirs"),
     ],
 )
-def test_missing_mesh_names_what_is_nearly_it(
+def test_missing_mesh_error_suggests_similar_names_or_package_dirs(
     tmp_path: Path, filename: str, words: str
 ) -> None:
     for name in ("Fore.obj", "fOre.obj", "elbow.obj"):
@@ -303,13 +305,15 @@ def test_missing_mesh_names_what_is_nearly_it(
 @pytest.mark.parametrize(
     "filename", ["package://pkg/%2e%2e/%2e%2e/secret.obj", r"package://pkg\..\..\a.obj"]
 )
-def test_package_cannot_be_left_in_other_letters(tmp_path: Path, filename: str) -> None:
+def test_encoded_path_out_of_a_package_is_refused(
+    tmp_path: Path, filename: str
+) -> None:
     path = write(tmp_path, mesh(filename), "pkg/urdf/sample.urdf")
     with pytest.raises(RobotLoadError, match="leads out of its package"):
         read_urdf(path, [tmp_path])
 
 
-def test_mesh_scale_must_not_vanish(tmp_path: Path) -> None:
+def test_mesh_scale_of_zero_is_refused(tmp_path: Path) -> None:
     write_tetrahedron(tmp_path / "a.obj")
     with pytest.raises(RobotLoadError, match="scale"):
         read(tmp_path, one_shape('<mesh filename="a.obj" scale="1 0 1"/>'))

@@ -1,4 +1,4 @@
-"""Robots from what other libraries made of them: models, texts, modules, chains."""
+"""Robots from objects of other libraries, from texts and modules; chains as groups."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def tree() -> pin.Model:
         model.appendBodyToJoint(number, inertia, pin.SE3.Random())
     tool = pin.Frame("tool", 4, 0, pin.SE3.Random(), pin.FrameType.OP_FRAME)
     model.addFrame(tool)
-    # The joint without end has two numbers, and no place between limits.
+    # The continuous joint has two numbers, cosine and sine, and limits beyond them.
     model.lowerPositionLimit = np.array([-2.0, -1.0, -1.01, -1.01, -0.5])
     model.upperPositionLimit = np.array([2.0, 1.5, 1.01, 1.01, 0.5])
     model.velocityLimit = np.array([1.0, 2.0, 3.0, 1e308])
@@ -62,7 +62,7 @@ def tree() -> pin.Model:
 
 
 def shapes(model: pin.Model) -> pin.GeometryModel:
-    """A box on each joint, and shapes that no URDF file and no file holds."""
+    """Shapes on the joints, also shapes that neither URDF nor mesh files hold."""
     geometry = pin.GeometryModel()
     corners = np.vstack([np.zeros(3), np.eye(3)])
     solids = [
@@ -109,7 +109,7 @@ def full(model: pin.Model, q: np.ndarray) -> np.ndarray:
     return np.array([q[0], q[1], np.cos(q[2]), np.sin(q[2]), q[3]])
 
 
-def test_a_model_keeps_its_order_and_its_physics(model: pin.Model) -> None:
+def test_pinocchio_model_keeps_joint_order_and_dynamics(model: pin.Model) -> None:
     arm = tm.load_robot(model)
     assert arm.joint_names == ("right1", "left1", "right2", "left2")
     rng = np.random.default_rng(1)
@@ -146,7 +146,7 @@ def test_curved_shapes_are_inside_their_meshes(size: float) -> None:
         assert np.all(points @ mesh.face_normals.T <= heights + 1e-9 * size)
 
 
-def test_a_model_says_its_limits(model: pin.Model) -> None:
+def test_limits_of_a_pinocchio_model_are_read(model: pin.Model) -> None:
     limits = tm.load_robot(model).limits
     np.testing.assert_array_equal(limits.position_upper, [2.0, 1.5, np.inf, 0.5])
     np.testing.assert_array_equal(limits.velocity, [1.0, 2.0, 3.0, np.inf])
@@ -160,7 +160,7 @@ def test_a_model_says_its_limits(model: pin.Model) -> None:
     )
 
 
-def test_what_is_done_with_robots_is_done_with_models(model: pin.Model) -> None:
+def test_robot_of_a_model_has_the_methods_of_other_robots(model: pin.Model) -> None:
     geometry = shapes(model)
     arm = tm.load_robot(model, geometry=geometry)
     for twin in (pickle.loads(pickle.dumps(arm)), copy.deepcopy(arm)):
@@ -177,7 +177,7 @@ def test_what_is_done_with_robots_is_done_with_models(model: pin.Model) -> None:
         tm.save_scenario("never.toml", problem)
 
 
-def test_shapes_are_where_they_were(model: pin.Model) -> None:
+def test_shapes_of_a_model_keep_their_placements(model: pin.Model) -> None:
     geometry = shapes(model)
     arm = tm.load_robot((model, geometry, geometry))
     kinds = [type(g.geometry).__name__ for g in arm.collision_model.geometryObjects]
@@ -197,7 +197,7 @@ def test_shapes_are_where_they_were(model: pin.Model) -> None:
     for i in range(5):
         low, high = _box(arm.collision_model, placed, i)
         near = [abs(low - a).max() + abs(high - b).max() for a, b in bounds]
-        # What is round has become a polyhedron around it.
+        # A round shape has become a polyhedron around it.
         assert min(near) < 0.01
 
 
@@ -224,11 +224,11 @@ def test_collision_pairs_are_those_of_the_model(model: pin.Model) -> None:
     assert found == (("left1_link", "right1_link"),)
 
 
-def test_mimic_joints_of_a_model() -> None:
+def test_mimic_joints_of_a_model_follow_their_leader() -> None:
     follow = '<mimic joint="j1" multiplier="-2" offset="0.1"/>'
     text = chain("", follow, axis="0 -0.6 0.8")
-    made = pin.buildModelFromXML(text, mimic=True)
-    arm, same = tm.load_robot(made), tm.load_robot(text, velocity=3.0)
+    pin_model = pin.buildModelFromXML(text, mimic=True)
+    arm, same = tm.load_robot(pin_model), tm.load_robot(text, velocity=3.0)
     assert arm.joint_names == same.joint_names == ("j1",)
     for q in ([0.0], [0.3]):
         found = RobotKinematics(arm).placement(q, "l2").homogeneous
@@ -244,14 +244,14 @@ def test_mimic_joints_of_a_model() -> None:
         (pin.JointModelHX(0.1), "'odd' is a JointModelHX"),
     ],
 )
-def test_joints_that_cannot_be_planned_for(kind: object, match: str) -> None:
-    made = pin.Model()
-    made.addJoint(0, kind, pin.SE3.Identity(), "odd")
+def test_unsupported_joint_types_are_refused(kind: object, match: str) -> None:
+    pin_model = pin.Model()
+    pin_model.addJoint(0, kind, pin.SE3.Identity(), "odd")
     with pytest.raises(tm.RobotLoadError, match=match):
-        tm.load_robot(made)
+        tm.load_robot(pin_model)
 
 
-def test_shapes_that_no_link_has(model: pin.Model) -> None:
+def test_unsupported_shapes_are_refused(model: pin.Model) -> None:
     geometry = pin.GeometryModel()
     plane = coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
     item = pin.GeometryObject("floor", 1, 1, pin.SE3.Identity(), plane)
@@ -272,14 +272,14 @@ def test_contact_points_are_left_out(model: pin.Model) -> None:
 
 
 @pytest.mark.parametrize("geometry", [5, "x", (1, 2), [None] * 3, np.zeros(3), {}])
-def test_what_is_no_geometry(geometry: object, model: pin.Model) -> None:
+def test_invalid_geometry_is_refused(geometry: object, model: pin.Model) -> None:
     with pytest.raises(tm.RobotLoadError, match=r"geometry is .*, expected"):
         tm.load_robot(model, geometry=geometry)
     with pytest.raises(tm.RobotLoadError, match=r"belongs to a pinocchio\.Model"):
         tm.load_robot("planar2r", geometry=geometry)
 
 
-def test_models_as_others_return_them(tmp_path: Path) -> None:
+def test_models_with_geometry_and_robot_wrappers_are_read(tmp_path: Path) -> None:
     path = write(tmp_path, chain("", ""))
     parts = pin.buildModelsFromUrdf(str(path))
     plain = tm.load_robot(path)
@@ -289,7 +289,7 @@ def test_models_as_others_return_them(tmp_path: Path) -> None:
         np.testing.assert_array_equal(arm.limits.velocity, plain.limits.velocity)
 
 
-def test_texts_are_as_good_as_files(tmp_path: Path) -> None:
+def test_urdf_texts_yield_the_same_robot_as_files(tmp_path: Path) -> None:
     text = chain("", "")
     plain = tm.load_robot(write(tmp_path, text))
     declared = f'<?xml version="1.0" encoding="utf-8"?>\n{text}'
@@ -305,7 +305,7 @@ def test_texts_are_as_good_as_files(tmp_path: Path) -> None:
         tm.load_robot("<robot")
 
 
-def test_what_yourdfpy_has_read(tmp_path: Path) -> None:
+def test_robots_of_yourdfpy_are_read(tmp_path: Path) -> None:
     write_tetrahedron(tmp_path / "meshes" / "a.obj")
     shape = '<mesh filename="meshes/a.obj"/>'
     inside = f"<collision><geometry>{shape}</geometry></collision>"
@@ -317,7 +317,7 @@ def test_what_yourdfpy_has_read(tmp_path: Path) -> None:
     assert len(arm.collision_model.geometryObjects) == 1
 
 
-def test_modules_of_robot_descriptions(
+def test_modules_of_robot_descriptions_are_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = write(tmp_path, chain("", ""), "arm/urdf/arm.urdf")
@@ -351,7 +351,7 @@ def test_modules_of_robot_descriptions(
 
 
 @pytest.mark.parametrize("source", [5, None, [], {}, 3.5, np.zeros(2), object(), b"a"])
-def test_what_is_no_robot(source: object) -> None:
+def test_values_that_are_not_robots_are_refused(source: object) -> None:
     with pytest.raises(tm.RobotLoadError, match=r"expected the name of a robot, the"):
         tm.load_robot(source)
 
@@ -372,14 +372,14 @@ def forked() -> str:
         ({"jr2"}, ("jr2",)),
     ],
 )
-def test_chains_and_joints_instead_of_groups(group: object, joints: tuple) -> None:
+def test_group_may_be_a_chain_or_joint_names(group: object, joints: tuple) -> None:
     arm = tm.load_robot(forked(), group=group, locked_joints={"jr1": 0.5})
     assert arm.joint_names == tuple(name for name in joints if name != "jr1")
     assert arm.locked_joints["jr1"] == 0.5
 
 
 @pytest.mark.parametrize("group", ["l9", 3, ["l1", "l9"], ["jl1", 3], [], b"l1", {}])
-def test_what_is_no_group(group: object) -> None:
+def test_invalid_groups_are_refused(group: object) -> None:
     with pytest.raises(tm.OptionsError, match=r"no group .*two links") as caught:
         tm.load_robot(forked(), group=group)
     assert caught.value.option == "group"
@@ -387,7 +387,7 @@ def test_what_is_no_group(group: object) -> None:
         tm.load_robot(forked(), group="base")
 
 
-def test_groups_that_are_nearly_named() -> None:
+def test_error_suggests_a_similar_group_name() -> None:
     semantic = '<robot name="x"><group name="left"><joint name="jl1"/></group></robot>'
     with pytest.raises(tm.OptionsError, match="did you mean left"):
         tm.load_robot(forked(), srdf=semantic, group="lefft")

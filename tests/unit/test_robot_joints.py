@@ -1,4 +1,4 @@
-"""Tests of special joints, and of values per joint that are given or missing."""
+"""Special joints of robots, and values by joint that are given or missing."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from tominpmp.robot.robot import load_robot
 FINGER = {"panda_finger_joint1": 0.03}
 
 
-# Joints that are special
+# Special joints
 
 
 def test_continuous_joint_is_one_angle(tmp_path: Path) -> None:
@@ -59,7 +59,7 @@ def test_prismatic_joint_slides_along_its_axis(tmp_path: Path) -> None:
 FOLLOW = '<mimic joint="j1" multiplier="-2" offset="0.5"/><dynamics damping="3"/>'
 
 
-def test_follower_moves_with_its_leader(tmp_path: Path) -> None:
+def test_mimic_joint_moves_with_its_leader(tmp_path: Path) -> None:
     arm = load(tmp_path, chain("", FOLLOW, ""))
     assert arm.joint_names == ("j1", "j3")
     assert arm.n == 2
@@ -70,7 +70,7 @@ def test_follower_moves_with_its_leader(tmp_path: Path) -> None:
     np.testing.assert_allclose(arm.expand(q), [[0.2, 0.1, 0.7], [0, 0.5, 0]])
     np.testing.assert_allclose(arm.expand_tangent([1.0, 5.0]), [1, -2, 5])
     np.testing.assert_allclose(arm.reduce_tangent([1.0, 10.0, 100.0]), [-19, 100])
-    # The friction of the follower, its limits and speed come to bear on the leader:
+    # Friction, position limits and speed of the mimic joint apply to its leader:
     # q2 = 0.5 - 2 q1 in [-1, 2] and |2 v1| <= 3.
     np.testing.assert_allclose(arm.damping, [12, 0])
     np.testing.assert_allclose(arm.limits.position_lower, [-0.75, -1])
@@ -79,13 +79,13 @@ def test_follower_moves_with_its_leader(tmp_path: Path) -> None:
     np.testing.assert_allclose(arm.limits.effort_upper, [10, 10])
     np.testing.assert_allclose(arm.model.lowerPositionLimit, [-0.75, -1, -1])
     np.testing.assert_allclose(arm.model.upperPositionLimit, [0.75, 2, 2])
-    # Without followers the two are the same thing.
+    # Without mimic joints the full and the reduced vectors are the same.
     plain = load_robot("planar3r")
     np.testing.assert_array_equal(plain.expand([1, 2, 3]), [1, 2, 3])
     np.testing.assert_array_equal(plain.reduce_tangent([1, 2, 3]), [1, 2, 3])
 
 
-def test_follower_has_the_dynamics_of_a_gear(tmp_path: Path) -> None:
+def test_mimic_joint_has_the_dynamics_of_a_gear(tmp_path: Path) -> None:
     arm = load(tmp_path, chain("", FOLLOW, ""), armature=[0.5, 0])
     rng = np.random.default_rng(3)
     q, v, a = rng.uniform(-0.5, 0.5, (3, 2))
@@ -112,7 +112,7 @@ def test_follower_has_the_dynamics_of_a_gear(tmp_path: Path) -> None:
         assert tau[i] == pytest.approx(rate - force, rel=1e-5)
 
 
-def test_follower_agrees_with_the_mimic_joints_of_pinocchio(tmp_path: Path) -> None:
+def test_mimic_joint_agrees_with_pinocchio(tmp_path: Path) -> None:
     text = chain("", FOLLOW, "")
     arm = load(tmp_path, text)
     try:
@@ -126,7 +126,7 @@ def test_follower_agrees_with_the_mimic_joints_of_pinocchio(tmp_path: Path) -> N
     np.testing.assert_allclose(mass_matrix(arm, q), expected, rtol=1e-12)
 
 
-def test_limits_of_a_follower_that_leave_no_room_are_ignored(tmp_path: Path) -> None:
+def test_mimic_limits_that_leave_the_leader_no_room_are_ignored(tmp_path: Path) -> None:
     wrong = '<mimic joint="j1" multiplier="-1"/>'
     text = chain(
         "", wrong, limit='<limit lower="0" upper="1" effort="1" velocity="1"/>'
@@ -162,7 +162,7 @@ def test_lock_outside_the_limits_warns(tmp_path: Path) -> None:
         load(tmp_path, chain("", ""), locked_joints={"j1": 2})
 
 
-def test_wrong_locks(tmp_path: Path) -> None:
+def test_wrong_locked_joints_are_refused(tmp_path: Path) -> None:
     with pytest.raises(JointNotFound, match="'j9'"):
         load(tmp_path, chain("", ""), locked_joints={"j9": 0})
     with pytest.raises(OptionsError, match="positions by joint name"):
@@ -248,7 +248,7 @@ def test_effort_of_zero_makes_a_joint_passive(tmp_path: Path) -> None:
         ("gravity", "down", "three finite numbers"),
     ],
 )
-def test_wrong_overrides(
+def test_wrong_overrides_are_refused(
     tmp_path: Path, option: str, value: object, message: str
 ) -> None:
     with pytest.raises(OptionsError, match=message) as caught:
@@ -260,7 +260,9 @@ def test_wrong_overrides(
 
 
 @pytest.mark.parametrize("option", ["effort", "velocity", "damping", "position_upper"])
-def test_overrides_of_joints_that_are_not_free(tmp_path: Path, option: str) -> None:
+def test_overrides_of_joints_that_are_not_free_are_refused(
+    tmp_path: Path, option: str
+) -> None:
     text = chain("", '<mimic joint="j1"/>', "")
     options: dict[str, object] = {"locked_joints": {"j3": 0.0}}
     with pytest.raises(JointNotFound, match="'j9'; the robot has: j1"):
@@ -271,10 +273,10 @@ def test_overrides_of_joints_that_are_not_free(tmp_path: Path, option: str) -> N
         load(tmp_path, text, **options, **{option: {"j3": 1}})
 
 
-# What is missing
+# Missing values
 
 
-def test_missing_limits_are_told_of_together(tmp_path: Path) -> None:
+def test_missing_limits_are_named_in_one_error(tmp_path: Path) -> None:
     text = robot(
         *map(link, ("base", "l1", "l2", "l3")),
         joint("j1", "base", "l1", limit=""),
@@ -317,7 +319,7 @@ def test_limits_of_joints_that_are_not_free_may_be_missing(tmp_path: Path) -> No
     np.testing.assert_array_equal(arm.limits.velocity, [3])
 
 
-def test_links_without_inertia_are_told_of_by_joint(tmp_path: Path) -> None:
+def test_error_on_links_without_inertia_names_the_joint(tmp_path: Path) -> None:
     text = robot(
         link("base"),
         link("l1"),
@@ -336,7 +338,7 @@ def test_links_without_inertia_are_told_of_by_joint(tmp_path: Path) -> None:
         arm.with_changes(armature=0)
 
 
-def test_joints_that_share_an_inertia_are_both_told_of(tmp_path: Path) -> None:
+def test_error_names_both_joints_that_share_an_inertia(tmp_path: Path) -> None:
     # Two coaxial joints with nothing between them: only their sum has inertia.
     text = robot(
         link("base"),
@@ -351,7 +353,7 @@ def test_joints_that_share_an_inertia_are_both_told_of(tmp_path: Path) -> None:
         load(tmp_path, text)
 
 
-def test_joints_that_share_an_inertia_somewhere_are_told_of_there(
+def test_joints_that_share_an_inertia_at_start_or_goal_are_refused(
     tmp_path: Path,
 ) -> None:
     # A wrist without inertia but at its end, whose outer joints are in line at q2 = 0.
@@ -367,10 +369,10 @@ def test_joints_that_share_an_inertia_somewhere_are_told_of_there(
     arm = load(tmp_path, text)
     bent, straight = np.array([0.1, 0.8, 0.2]), np.array([0.1, 0.0, 0.2])
     away = JointGoal(np.array([0.3, 0.9, 0.1]))
-    told = r"j1 and j3 can move without any inertia there.*armature={'j1'"
-    with pytest.raises(ProblemError, match="start: " + told) as start:
+    words = r"j1 and j3 can move without any inertia there.*armature={'j1'"
+    with pytest.raises(ProblemError, match="start: " + words) as start:
         Problem(arm, straight, away)
-    with pytest.raises(ProblemError, match="goal: " + told) as goal:
+    with pytest.raises(ProblemError, match="goal: " + words) as goal:
         Problem(arm, bent, JointGoal(straight))
     assert (start.value.field, goal.value.field) == ("q_start", "goal")
     heavier = arm.with_changes(armature=0.01)

@@ -21,13 +21,13 @@ def path():
     return RoundedPath.through(CORNERS, np.array([1.0, 2.0]))
 
 
-def test_a_path_runs_from_the_first_to_the_last_corner(path):
+def test_path_runs_from_the_first_to_the_last_corner(path):
     q, _, _ = path.evaluate(np.array([0.0, 1.0]))
     np.testing.assert_allclose(q, CORNERS[[0, -1]], atol=1e-15)
 
 
-def test_pieces_share_s_by_the_time_at_the_speed_limits(path):
-    # Joint 1 rules all pieces but the second, where joint 2 needs 1.5 / 2 s.
+def test_path_parameter_is_shared_by_time_at_the_speed_limits(path):
+    # Joint 1 is slowest on all pieces but the second, where joint 2 needs 1.5 / 2 s.
     np.testing.assert_allclose(np.diff(path.s), np.array([1.0, 0.75, 0.5]) / 2.25)
 
 
@@ -42,7 +42,7 @@ def test_derivatives_of_a_path_agree_with_differences(path):
     assert np.abs(after[2] - before[2]).max() < 1e-2
 
 
-def test_a_path_leaves_the_polyline_only_at_rounded_corners(path):
+def test_path_leaves_the_polyline_only_at_rounded_corners(path):
     s = np.linspace(0, 1, 1001)
     columns = [np.interp(s, path.s, column) for column in CORNERS.T]
     off = np.abs(path.evaluate(s)[0] - np.stack(columns, axis=1)).max(axis=1)
@@ -95,7 +95,7 @@ def test_timing_of_collinear_corners_is_that_of_the_line():
     assert timing.duration == pytest.approx(line.duration, rel=2e-3)
 
 
-def test_torques_hold_along_a_timed_path():
+def test_torques_are_saturated_along_a_timed_path():
     robot = tm.load_robot("planar3r")
     problem = tm.Problem(robot, (0.5, 1.7, -1.7), tm.JointGoal((1.5, 0.2, 0.5)))
     system = ProblemFunctions.of(problem)
@@ -109,7 +109,7 @@ def test_torques_hold_along_a_timed_path():
     v, a = (after - before) / (2 * h), (after - 2 * q + before) / h**2
     load = np.abs(system.torque(q, v, a)).max(axis=1)
     assert np.quantile(load, 0.9) < 1.05
-    assert np.mean(load > 0.95) > 0.8  # nearly always a limit is met
+    assert np.mean(load > 0.95) > 0.8  # nearly always saturated
     np.testing.assert_allclose(
         timing.position(np.array([timing.duration]))[0], corners[-1]
     )
@@ -139,7 +139,7 @@ def test_path_guess_is_timed_and_free(tmp_path):
     np.testing.assert_allclose(guess.q[[0, -1]], [START, END], atol=1e-9)
 
 
-def test_path_guess_without_the_torque_to_stand_is_not_timed():
+def test_path_guess_where_gravity_exceeds_torques_is_not_timed():
     robot = tm.load_robot("planar3r", effort={"joint1": 2.0})
     start, goal = (np.pi / 2, 0.0, 0.0), (np.pi / 2 + 0.01, 0.0, 0.0)
     system = ProblemFunctions.of(tm.Problem(robot, start, tm.JointGoal(goal)))
@@ -151,8 +151,8 @@ def test_path_guess_without_the_torque_to_stand_is_not_timed():
 
 
 @pytest.mark.parametrize("count", [2, 3])
-def test_path_guess_without_length_rests(tmp_path, count):
-    """A sampled path ended where it began, and its parameter was no number."""
+def test_path_guess_without_length_is_at_rest(tmp_path, count):
+    """Regression: a sampled path ended at its start, and its parameter was NaN."""
     system = maze(tmp_path, wall("low", 0.0, -2.0, 0.8))
     guess = along(system, np.tile(START, (count, 1)), SAMPLED, clear=True)
     assert not guess.timed and guess.duration > 0.0

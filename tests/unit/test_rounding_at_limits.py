@@ -1,7 +1,7 @@
-"""States that lie beyond a limit by rounding are put on it, wherever they come from.
+"""States that are beyond a limit by rounding are set to the limit, with a warning.
 
-Files round: pi is 3.1415926 in one and 3.14159 in another. Beyond 1e-4 rad or m, or a
-hundredth of the room between the limits, a state is refused.
+Files round: pi is 3.1415926 in one file and 3.14159 in another. Beyond 1e-4 rad or m,
+or a hundredth of the room between the limits, a state is refused.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from scenario_samples import JOINTS, REQUEST, SCENE
 import tominpmp as tm
 
 QUICK = tm.Options(effort="quick", intervals=16, refine=None)
-# Of joint2 of the planar arm [rad].
+# Upper position limit of joint2 of the planar arm [rad].
 LIMIT = 3.0
 JUST, BEYOND = LIMIT + 9e-5, LIMIT + 1.1e-4
 START, END = (0.5, LIMIT, -1.7), (1.0, 2.0, 0.5)
-TOLD = r"joint 'joint2' is 3.00009 rad, outside its position limits \[-3, 3\] rad"
+MESSAGE = r"joint 'joint2' is 3.00009 rad, outside its position limits \[-3, 3\] rad"
 
 
 @pytest.fixture(scope="module")
@@ -50,11 +50,13 @@ GOALS = {
 
 
 @pytest.mark.parametrize("kind", GOALS)
-def test_goals(kind: str, robot: tm.Robot) -> None:
+def test_goals_are_set_to_the_limit(kind: str, robot: tm.Robot) -> None:
     goal = GOALS[kind]
-    with pytest.warns(tm.TominpmpWarning, match=f"^goal.q.*: {TOLD}.*set to") as told:
+    with pytest.warns(
+        tm.TominpmpWarning, match=f"^goal.q.*: {MESSAGE}.*set to"
+    ) as warned:
         problem = tm.Problem(robot, END, goal(JUST))
-    assert len(told) == 1 and told[0].filename == __file__
+    assert len(warned) == 1 and warned[0].filename == __file__
     if kind.startswith("range"):
         assert problem.goal.joint_ranges(robot)[1][1] == LIMIT
     solution = tm.plan(problem, QUICK)
@@ -65,31 +67,31 @@ def test_goals(kind: str, robot: tm.Robot) -> None:
     assert caught.value.field == "goal.q"
 
 
-def test_joints_that_a_goal_does_not_name(robot: tm.Robot) -> None:
-    """They stay at the start, which is told of once."""
-    with pytest.warns(tm.TominpmpWarning, match=f"^q_start: {TOLD}") as told:
+def test_joints_not_in_the_goal_give_no_second_warning(robot: tm.Robot) -> None:
+    """The joints stay at the start, which has a warning of its own."""
+    with pytest.warns(tm.TominpmpWarning, match=f"^q_start: {MESSAGE}") as warned:
         problem = tm.Problem(robot, at(JUST), tm.JointGoal({"joint1": 0.8}))
-    assert len(told) == 1
+    assert len(warned) == 1
     assert problem.goal.configuration.tolist() == [0.8, LIMIT, 0.5]
 
 
-def test_alternatives(robot: tm.Robot) -> None:
+def test_alternatives_are_set_to_the_limit_or_left_out(robot: tm.Robot) -> None:
     goal = tm.AnyGoal([tm.JointGoal(at(JUST)), tm.JointGoal(at(BEYOND))])
-    with pytest.warns(tm.TominpmpWarning) as told:
+    with pytest.warns(tm.TominpmpWarning) as warned:
         problem = tm.Problem(robot, END, goal)
     assert [one.configuration.tolist() for one in problem.goal.goals] == [[*at(LIMIT)]]
-    assert "set to the limit" in str(told[0].message)
-    assert "left out" in str(told[1].message)
+    assert "set to the limit" in str(warned[0].message)
+    assert "left out" in str(warned[1].message)
 
 
 @pytest.mark.parametrize("stop", [False, True])
-def test_segments(robot: tm.Robot, stop: bool) -> None:
-    """Also the last one, whose goal is that of the whole problem."""
+def test_segment_goals_are_set_to_the_limit(robot: tm.Robot, stop: bool) -> None:
+    """Also the goal of the last segment, which is the goal of the whole problem."""
     goals = [tm.JointGoal((2.0, -JUST, 0.5)), tm.JointGoal(at(JUST))]
     segments = [tm.Segment(goals[0], stop=stop), tm.Segment(goals[1])]
-    with pytest.warns(tm.TominpmpWarning) as told:
+    with pytest.warns(tm.TominpmpWarning) as warned:
         problem = tm.Problem(robot, (0.5, JUST, -1.7), segments=segments)
-    begins = [str(item.message).partition(" joint ")[0] for item in told]
+    begins = [str(item.message).partition(" joint ")[0] for item in warned]
     assert begins == ["q_start:", "segment 1: goal.q:", "segment 2: goal.q:"]
     assert problem.q_start[1] == LIMIT
     assert [part.goal.q[1] for part in problem.segments] == [-LIMIT, LIMIT]
@@ -100,8 +102,10 @@ def test_segments(robot: tm.Robot, stop: bool) -> None:
         assert solution.success and solution.verification.ok
 
 
-def test_what_is_planned_from_there_holds(robot: tm.Robot, tmp_path: Path) -> None:
-    """Start and goal on limits, with motion files, their check, and a warm start."""
+def test_plan_between_limits_passes_replay_files_and_warm_start(
+    robot: tm.Robot, tmp_path: Path
+) -> None:
+    """Start and goal are on limits, also in motion files and their check."""
     with pytest.warns(tm.TominpmpWarning, match="set to the limit"):
         problem = tm.Problem(robot, (0.5, JUST, -1.7), tm.JointGoal((2.0, -JUST, 0.5)))
     assert problem.q_start.tolist() == [*START]
@@ -124,12 +128,12 @@ def test_what_is_planned_from_there_holds(robot: tm.Robot, tmp_path: Path) -> No
     assert np.abs(again.trajectory.q[:, 1]).max() <= LIMIT - 5e-5 + 1e-9
 
 
-def test_tours(robot: tm.Robot) -> None:
+def test_stations_are_set_to_the_limit(robot: tm.Robot) -> None:
     stations = {
         "low": tm.JointGoal((2.0, -JUST, 0.5)),
         "range": tm.JointRegionGoal((1.5, JUST, 0.3), 0.0),
     }
-    with pytest.warns(tm.TominpmpWarning) as told:
+    with pytest.warns(tm.TominpmpWarning) as warned:
         tour = tm.plan_tour(
             robot,
             (0.5, JUST, -1.7),
@@ -139,7 +143,7 @@ def test_tours(robot: tm.Robot) -> None:
             effort="quick",
             refine=None,
         )
-    begins = [str(item.message).partition(" joint ")[0] for item in told]
+    begins = [str(item.message).partition(" joint ")[0] for item in warned]
     assert begins == [
         "q_start:",
         "station 1 ('low'): goal.q:",
@@ -175,12 +179,12 @@ def moveit(folder: Path, start: float, goal: float) -> tuple[Path, Path]:
     return files
 
 
-def test_requests_of_moveit(robot: tm.Robot, tmp_path: Path) -> None:
+def test_moveit_requests_are_set_to_the_limit(robot: tm.Robot, tmp_path: Path) -> None:
     files = moveit(tmp_path, LIMIT + 1e-5, LIMIT + 3e-6)
-    with pytest.warns(tm.TominpmpWarning, match="set to the limit") as told:
+    with pytest.warns(tm.TominpmpWarning, match="set to the limit") as warned:
         problem = tm.load_moveit(robot, *files)
     assert problem.q_start[1] == LIMIT == problem.goal.configuration[1]
-    named = [str(item.message) for item in told if "set to" in str(item.message)]
+    named = [str(item.message) for item in warned if "set to" in str(item.message)]
     assert "q_start: joint 'joint2' is 3.00001 rad" in named[0]
     assert "goal.q: joint 'joint2' is 3.000003 rad" in named[1]
     for start, goal, key in ((BEYOND, 1.0, "start_state"), (1.0, BEYOND, "goal_cons")):
@@ -188,16 +192,16 @@ def test_requests_of_moveit(robot: tm.Robot, tmp_path: Path) -> None:
             tm.load_moveit(robot, *moveit(tmp_path, start, goal))
 
 
-def test_scenario_files_and_the_command_line(tmp_path: Path) -> None:
+def test_scenario_files_and_flags_are_set_to_the_limit(tmp_path: Path) -> None:
     path = tmp_path / "scenario.toml"
     path.write_text(
         f'goal = {{type = "joint", q = [1.0, {JUST}, 0.5]}}\n'
         f'robot = {{name = "planar3r"}}\nstart = {{q = [0.5, {JUST}, -1.7]}}\n',
         encoding="utf-8",
     )
-    with pytest.warns(tm.TominpmpWarning, match="set to the limit") as told:
+    with pytest.warns(tm.TominpmpWarning, match="set to the limit") as warned:
         problem = tm.load_scenario(path).problem
-    assert len(told) == 2
+    assert len(warned) == 2
     assert problem.q_start[1] == LIMIT == problem.goal.configuration[1]
     saved = tm.save_scenario(tmp_path / "again.toml", problem)
     with warnings.catch_warnings():
@@ -211,12 +215,12 @@ def test_scenario_files_and_the_command_line(tmp_path: Path) -> None:
     assert "as read        passes" in done.stdout
 
 
-# What rounding is
+# The size of rounding
 
 
 @pytest.mark.parametrize("travel", [1e-3, 5e-5])
-def test_tiny_axes_have_less_of_it(travel: float) -> None:
-    """Else a stage of a tenth of a millimetre could start anywhere."""
+def test_rounding_is_a_share_of_the_travel_of_tiny_axes(travel: float) -> None:
+    """Otherwise a stage that travels a tenth of a millimetre could start anywhere."""
     stage = tm.load_robot(
         '<robot name="stage"><link name="base"/><link name="table"><inertial>'
         '<mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
@@ -233,18 +237,20 @@ def test_tiny_axes_have_less_of_it(travel: float) -> None:
         tm.Problem(stage, [travel + 1.1 * room], tm.JointGoal([0.0]))
 
 
-def test_speeds_are_rounded_as_positions_are(robot: tm.Robot) -> None:
+def test_velocities_are_set_to_the_limit(robot: tm.Robot) -> None:
     goal = tm.JointGoal(END, (0.0, -2.00009, 0.0))
-    with pytest.warns(tm.TominpmpWarning, match="outside its velocity limits") as told:
+    with pytest.warns(
+        tm.TominpmpWarning, match="outside its velocity limits"
+    ) as warned:
         problem = tm.Problem(robot, END, goal, v_start=(0, 2.00009, 0))
-    assert len(told) == 2
+    assert len(warned) == 2
     assert problem.v_start[1] == 2.0 == -problem.goal.final_velocity(3)[1]
     with pytest.raises(tm.ProblemError, match="outside its velocity limits"):
         tm.Problem(robot, END, goal, v_start=(0, 2.00011, 0))
 
 
-def test_overlaps_are_no_rounding(robot: tm.Robot) -> None:
-    """A start 5e-5 m deep in an obstacle is refused as ever."""
+def test_small_overlap_at_the_start_is_refused(robot: tm.Robot) -> None:
+    """A start 5e-5 m deep in an obstacle is not taken for rounding."""
     scene = [tm.Sphere("ball", radius=0.5, position=(5, 5, 0))]
     problem = tm.Problem(robot, END, tm.JointGoal(at(1.0)), scene=scene)
     room = float(problem.checker.distances(problem.q_start[None], np.inf).min())

@@ -1,4 +1,4 @@
-"""Rows between the nodes join the running iteration; nothing restarts."""
+"""Row exchange: rows between the nodes join the running iteration without a restart."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def shadow(angles):
 
 
 def worst_angle(program, z):
-    """The program with the angle at which the iterate breaks it."""
+    """The program with a row at the angle of the largest violation, or None."""
     worst = float(np.arctan2(z[1], z[0]))
     if np.hypot(z[0], z[1]) - z[2] < 1e-6:
         return None
@@ -62,7 +62,7 @@ def solve(exchange, **changes):
     return least_time(shadow([0.0, 1.5]), start, "highs", options, exchange=exchange)
 
 
-def test_rows_join_until_none_is_missing():
+def test_rows_join_until_no_row_is_violated():
     result = solve(RowExchange(revise=worst_angle))
     assert result.status is Status.CONVERGED
     assert result.best is not None
@@ -72,13 +72,13 @@ def test_rows_join_until_none_is_missing():
     assert numbers == list(range(len(numbers)))
 
 
-def test_without_exchange_the_rows_are_as_they_were():
+def test_rows_do_not_change_without_row_exchange():
     result = solve(None)
     assert result.program.rows.size == 3
     assert result.best.duration < 1.4
 
 
-def test_trust_region_goes_on():
+def test_trust_region_radius_is_kept_when_rows_join():
     seen = []
 
     def revise(program, z):
@@ -89,9 +89,9 @@ def test_trust_region_goes_on():
     assert len(seen) >= 2
     radii = np.array([record.radius for record in result.history])
     durations = np.array([record.duration for record in result.history])
-    # A restart would begin with the radius of a warm start each time: it neither falls
-    # nor grows faster than steps alone make it, but for the least that rows may need,
-    # and for motions whose duration has settled.
+    # A restart would begin with the radius of a warm start each time: the radius
+    # neither falls nor grows faster than by steps alone, except up to the least radius
+    # that rows may need, and for motions whose duration has settled.
     change = radii[1:] / radii[:-1]
     moving = np.abs(np.diff(durations)) > SETTLED * durations[1:]
     assert np.all(change[moving] > 0.3 - 1e-9)
@@ -99,14 +99,14 @@ def test_trust_region_goes_on():
     assert np.all((change < GROWTH + 1e-9) | (radii[1:] <= GROWTH * LEAST_RADIUS))
 
 
-def test_rows_that_join_bring_iterations_of_their_own():
+def test_rows_that_join_bring_additional_iterations():
     few = solve(RowExchange(revise=worst_angle), max_iterations=7)
     assert few.best is not None
     assert few.best.duration == pytest.approx(2.0**0.5, rel=1e-2)
     assert 7 < len(few.history) <= 7 + 12 * ITERATIONS
 
 
-def test_rows_that_never_end_are_a_limit_that_is_said():
+def test_endless_row_exchange_ends_at_the_iteration_limit():
     def forever(program, z):
         return shadow([*program.angles, float(np.arctan2(z[1], z[0])) + 1e-3]), z
 
@@ -114,7 +114,7 @@ def test_rows_that_never_end_are_a_limit_that_is_said():
     assert result.status is Status.ITERATION_LIMIT
 
 
-def test_programs_that_are_hard_for_interior_points_go_to_the_simplex_method(
+def test_piqp_leaves_hard_programs_to_the_simplex_method(
     monkeypatch,
 ):
     p = random_program(np.random.default_rng(2), rows=40, columns=30)
@@ -133,14 +133,14 @@ def test_programs_that_are_hard_for_interior_points_go_to_the_simplex_method(
     assert piqp.PIQP_SOLVED == solver._solver.result.info.status
 
 
-def test_a_motion_that_ends_is_looked_at_between_the_rows():
-    """However it has ended: its rows are not all that it needs."""
+def test_final_motion_is_inspected_between_its_rows():
+    """Also at the iteration limit, a motion may need rows that are missing."""
     result = solve(RowExchange(revise=worst_angle), max_iterations=3)
     assert result.best is not None
     assert result.best.duration == pytest.approx(2.0**0.5, rel=1e-4)
 
 
-def test_who_gives_a_motion_up_has_it_looked_at_no_more():
+def test_abandoned_motion_is_not_inspected_between_its_rows():
     looks = []
 
     def revise(program, z):

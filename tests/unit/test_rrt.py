@@ -1,4 +1,4 @@
-"""Sampled paths."""
+"""Paths around obstacles by RRT-Connect: validity, seeds, failures, alternatives."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def zigzag(folder):
     return maze(folder, wall("first", -0.6, -2.0, 1.2), wall("second", 0.6, -1.2, 2.0))
 
 
-def test_a_path_leads_through_a_maze(tmp_path):
+def test_path_leads_through_a_maze(tmp_path):
     system = zigzag(tmp_path)
     path = sample_path(system, np.array(END), 1, PathSearches())
     np.testing.assert_array_equal(path[[0, -1]], [START, END])
@@ -40,7 +40,7 @@ def test_a_path_leads_through_a_maze(tmp_path):
     assert len(path) < 20  # it was simplified
 
 
-def test_a_path_depends_on_its_seed_alone(tmp_path):
+def test_path_depends_on_its_seed_alone(tmp_path):
     system = zigzag(tmp_path)
     paths = [
         sample_path(system, np.array(END), seed, PathSearches())
@@ -51,7 +51,7 @@ def test_a_path_depends_on_its_seed_alone(tmp_path):
     assert paths[0].shape != paths[2].shape or not np.allclose(paths[0], paths[2])
 
 
-def test_an_arm_reaches_around_a_ball(planar3r):
+def test_path_of_an_arm_leads_around_a_ball(planar3r):
     # Stretched out it would sweep across the ball: it has to fold.
     scene = tm.Scene([tm.Sphere("O", radius=0.6, position=(3.2, 3.2, 0))])
     goal = tm.JointGoal((1.4, 0.0, 0.0))
@@ -66,8 +66,8 @@ def test_an_arm_reaches_around_a_ball(planar3r):
     assert np.all((path >= limits.position_lower) & (path <= limits.position_upper))
 
 
-def test_joints_may_have_next_to_no_room():
-    """Less than there is between two checks of a branch."""
+def test_path_within_very_narrow_joint_ranges_is_found():
+    """The joint ranges are narrower than the distance between checks of a branch."""
     room = {"position_lower": -0.005, "position_upper": 0.005}
     scene = tm.Scene([tm.Sphere("O", radius=0.6, position=(3.2, 3.2, 0))])
     start, end = np.full(3, -0.004), np.full(3, 0.004)
@@ -77,7 +77,7 @@ def test_joints_may_have_next_to_no_room():
     np.testing.assert_array_equal(path, [start, end])
 
 
-def test_no_path_through_a_closed_wall(tmp_path):
+def test_message_on_a_closed_wall_names_joint_and_obstacle(tmp_path):
     system = maze(tmp_path, wall("closed", 0.0, -3.0, 3.0))
     rng, searches = np.random.default_rng(0), PathSearches(checks=500)
     assert not list(sample_paths(system, [np.array(END)], rng, searches))
@@ -88,8 +88,8 @@ def test_no_path_through_a_closed_wall(tmp_path):
     assert closed in searches.impasse
 
 
-def test_searches_without_a_path_are_followed_by_longer_ones(tmp_path):
-    """Searches of equal length failed one after the other."""
+def test_failed_searches_are_followed_by_longer_searches(tmp_path):
+    """Regression: searches of equal length failed one after the other."""
     system, searches = zigzag(tmp_path), PathSearches(checks=50)
     rng, ends, failed = np.random.default_rng(0), [np.array(END)], 0
     while (path := next(sample_paths(system, ends, rng, searches), None)) is None:
@@ -98,7 +98,7 @@ def test_searches_without_a_path_are_followed_by_longer_ones(tmp_path):
     assert searches.checks > 50
 
 
-def test_no_path_once_the_time_is_up(tmp_path):
+def test_search_stops_when_the_time_is_up(tmp_path):
     system, searches, past = zigzag(tmp_path), PathSearches(), Deadline()
     past.end = time.perf_counter() - 1.0
     with past.in_force(), pytest.raises(Stop):
@@ -107,7 +107,7 @@ def test_no_path_once_the_time_is_up(tmp_path):
     assert not searches.impasse
 
 
-def test_no_path_to_an_end_in_collision(tmp_path):
+def test_end_in_collision_has_no_path(tmp_path):
     system = zigzag(tmp_path)
     inside = np.array([0.6, 0.0])
     assert sample_path(system, inside, 1, PathSearches()) is None
@@ -156,7 +156,7 @@ def test_lines_are_checked_along_their_length(tmp_path):
     assert is_free_line(system, np.array((-1.5, 1.2)), np.array((1.5, 1.2)))
 
 
-def test_paths_are_alike_if_they_shift_into_each_other(tmp_path):
+def test_paths_are_alike_if_they_deform_into_each_other(tmp_path):
     system = maze(tmp_path, wall("block", 0.0, -0.5, 0.5))
     over = np.array([START, (0.0, 0.8), END])
     high = np.array([START, (-1.0, 1.6), (1.0, 1.6), END])
@@ -167,8 +167,8 @@ def test_paths_are_alike_if_they_shift_into_each_other(tmp_path):
     assert not alike(system, over, elsewhere)
 
 
-def test_searches_for_further_paths_say_nothing(tmp_path):
-    """One path was known, and the message was that none was found."""
+def test_failed_search_for_further_paths_gives_no_message(tmp_path):
+    """Regression: one path was known, and the message was that no path was found."""
     system = maze(tmp_path, wall("closed", 0.0, -3.0, 3.0))
     ends, known = [np.array(END)], [np.array([START, END])]
     rng, searches = np.random.default_rng(0), PathSearches(checks=500)
@@ -176,8 +176,8 @@ def test_searches_for_further_paths_say_nothing(tmp_path):
     assert not list(paths) and not searches.impasse
 
 
-def test_a_single_joint_has_no_other_way(monkeypatch):
-    """It was looked for with 80 000 checks, 10 s in a gap narrower than the padding."""
+def test_search_for_a_single_joint_ends_early(monkeypatch):
+    """Regression: in a gap narrower than the padding it took 80 000 checks, 10 s."""
     begin, end = np.array([-0.5]), np.array([0.5])
     wall = tm.Box("wall", size=(0.1, 0.2, 1.0), position=(0.0, 0.14, 0.0))
     arm, scene = tm.load_robot(RAIL), tm.Scene([wall])

@@ -1,4 +1,4 @@
-"""Equations of motion simple enough to check by hand, behind the library's protocol."""
+"""Equations of motion simple enough to check by hand, with the methods of Dynamics."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from tominpmp.dynamics import ForwardJacobians
 
 
 class Pendulum:
-    """Independent joints: inertia a + weight sin q + friction v = u, on rows."""
+    """Independent joints: inertia a + weight sin q + friction v = u, row by row."""
 
     def __init__(self, inertia, friction, weight):
         self.inertia, self.friction, self.weight = (
