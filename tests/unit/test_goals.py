@@ -29,7 +29,7 @@ def pose_of_tip(arm: Robot) -> pin.SE3:
 
 
 def every_goal(arm: Robot) -> dict[str, Goal]:
-    """A goal of each kind that Q reaches; the final velocities of "moving" differ."""
+    """A goal of each kind, reached at Q; the "moving" kinds have a final velocity."""
     pose = pose_of_tip(arm)
     return {
         "joint": JointGoal(Q),

@@ -76,7 +76,7 @@ def test_goal_closer_than_the_padding_is_reached(
 
 @pytest.mark.parametrize("kind", ["joints", "pose"])
 def test_goal_exactly_at_the_margin_is_reached(planar3r: Robot, kind: str) -> None:
-    """Regression: a pose goal was refused, as its clearance lacked -5.56e-16 m."""
+    """Regression: a pose goal was refused for a lack of -5.56e-16 m of clearance."""
     scene, margin = ball_near(planar3r, 0.01), 0.01
     goal = goals(planar3r)[kind]
     problem = tm.Problem(planar3r, START, goal, scene, margin=margin)

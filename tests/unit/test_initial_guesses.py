@@ -92,7 +92,7 @@ def test_torques_are_saturated_along_a_timed_line(share):
     load = np.abs(system.torque(q, v, a))
     # The acceleration is constant between grid points, which costs a few per cent.
     assert np.quantile(load.max(axis=1), 0.95) < 1.02
-    assert np.mean(load.max(axis=1) > 0.97) > 0.9  # a joint is always saturated
+    assert np.mean(load.max(axis=1) > 0.97) > 0.9  # nearly always saturated
 
 
 def test_line_where_gravity_exceeds_the_torque_limit_has_no_timing(tmp_path):

@@ -118,7 +118,7 @@ def test_mimic_fingers_move_together() -> None:
 # Reach
 
 
-def test_reach_of_the_planar_arm(planar3r: Robot) -> None:
+def test_reach_of_the_planar_arm_is_the_sum_of_its_links(planar3r: Robot) -> None:
     kinematics = RobotKinematics(planar3r)
     assert kinematics.reach() == pytest.approx(6.0)
     assert kinematics.reach("tip") == pytest.approx(6.0)
@@ -154,7 +154,7 @@ def test_reach_includes_the_travel_of_sliding_joints(tmp_path: Path) -> None:
     assert far.reach("l2") == np.inf
 
 
-def test_reach_goes_along_each_branch(tmp_path: Path) -> None:
+def test_reach_is_computed_along_each_branch(tmp_path: Path) -> None:
     parts = [link("base", ""), link("l1"), link("l2"), link("l3")]
     parts += [
         joint("j1", "base", "l1"),

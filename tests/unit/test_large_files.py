@@ -54,7 +54,9 @@ def test_archive_of_many_members_is_refused(tmp_path: Path) -> None:
         read(tmp_path / "a.npz", file.getvalue())
 
 
-def test_rows_of_a_table_take_little_more_than_their_numbers(tmp_path: Path) -> None:
+def test_rows_of_a_table_take_little_more_memory_than_their_numbers(
+    tmp_path: Path,
+) -> None:
     count = 50_000
     read(tmp_path / "few.csv", HEAD + b"0,0.5\n1,0.5\n")  # imports its modules
     content = HEAD + b"".join(b"%d,0.5\n" % i for i in range(count))

@@ -154,7 +154,7 @@ def test_error_on_an_unknown_solver_lists_the_known_solvers():
 
 
 def test_highs_solves_many_columns_by_interior_points_first(monkeypatch):
-    """A crossover yields a basis, from which the simplex method solves the next one."""
+    """A crossover yields the basis from which the simplex method starts afterwards."""
     monkeypatch.setattr("tominpmp.linear_programs.highs.MANY_COLUMNS", 30)
     p = random_program(np.random.default_rng(5), rows=60, columns=40)
     solver = make_solver("highs")
@@ -257,7 +257,7 @@ def test_curved_programs_of_huge_coefficients_are_solved_by_piqp(largest):
 
 
 def test_matrices_with_unsorted_indices_are_solved():
-    """Products of sparse matrices have them; PIQP by itself may end the process."""
+    """Products of sparse matrices are unsorted; PIQP itself may end the process."""
     rng = np.random.default_rng(1)
     root = sp.random(80, 60, 0.1, format="csr", random_state=rng)
     product = sp.csc_matrix(root.T @ root)

@@ -73,7 +73,7 @@ def test_bounds_of_torque_rate_and_jerk_match_the_closed_form() -> None:
     ramp = push / jerk
     plateau = 0.5 * (-3.0 * ramp + math.sqrt(ramp**2 + 4.0 / push))
     assert both == pytest.approx(4 * ramp + 2 * plateau)
-    # Dry friction takes longer, and the bound is close where friction is viscous.
+    # Dry friction takes longer; viscous friction hardly makes the bound smaller.
     dry = lower_bound(rail(MotionLimits(effort_rate=60.0), friction=2.0)).T
     assert dry > both
     rates = MotionLimits(effort_rate=60.0)

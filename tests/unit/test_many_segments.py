@@ -49,7 +49,7 @@ def test_instant_depends_on_durations_of_near_segments_only(degree: int) -> None
 
 
 def test_joined_motions_keep_the_holding_torque_after_their_end() -> None:
-    """Regression: it was NaN after the end of joined motions of given torques."""
+    """Regression: the torque was NaN after joined motions of given torques."""
     arm = tm.load_robot("planar3r")
     q = [0.5, 1.7, -1.7], [0.6, 1.6, -1.6], [0.7, 1.5, -1.5]
     alone = [
@@ -63,9 +63,9 @@ def test_joined_motions_keep_the_holding_torque_after_their_end() -> None:
 
 
 def test_short_segments_on_a_clock_take_little_more_time() -> None:
-    """Regression: eight segments of a UR5 took 9.1 % longer on a clock of 4 ms.
+    """Regression: with a control period of 4 ms a motion of a UR5 took 9.1 % longer.
 
-    They now take 2.6 % longer.
+    The motion of eight segments now takes 2.6 % longer.
     """
     arm, q = tm.load_robot("ur5"), np.array([0.0, -1.2, 1.6, -2.0, -1.57, 0.0])
     x, joint = np.linspace(0.0, 1.0, 9)[:, None], np.arange(6)

@@ -39,7 +39,7 @@ def volume(mesh: tm.Mesh) -> float:
 
 @pytest.mark.parametrize("ending", FORMATS)
 def test_every_format_yields_the_same_bodies(ending: str, tmp_path: Path) -> None:
-    """The mesh has two instances of a shape, each at its place."""
+    """A file has a shape twice, the second time moved: the mesh has both."""
     scene = trimesh.Scene()
     scene.add_geometry(trimesh.creation.box((1.0, 2.0, 3.0)), geom_name="box")
     place = trimesh.transformations.translation_matrix((5.0, 0.0, 0.0))

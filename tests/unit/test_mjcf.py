@@ -131,7 +131,7 @@ def test_dynamics_match_mujoco() -> None:
     ],
 )
 def test_rotations_match_mujoco(order: str, rotation: str, inherited: str) -> None:
-    """Regression: the rotation of a class often replaced one in another notation."""
+    """Regression: the rotation of a class often replaced that of the element."""
     mujoco = pytest.importorskip("mujoco")
     text = changed(
         ('angle="degree"', f'angle="degree" eulerseq="{order}"'),

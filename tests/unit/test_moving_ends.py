@@ -101,7 +101,7 @@ def test_motion_that_cannot_stop_in_time_overshoots():
 
 
 @pytest.mark.parametrize("share", [0.1, 0.2, 0.4])
-def test_guess_keeps_its_velocity_from_start_to_goal(share):
+def test_moving_guess_has_the_given_velocities_at_both_ends(share):
     """The duration of the guess is in the short interval of feasible durations."""
     guess = first_guess(moving_on(share))
     assert guess.name == MOVING
@@ -166,7 +166,7 @@ def test_guesses_pass_via_points_without_a_stop(given):
 
 
 def test_arm_with_its_goal_ahead_takes_no_run_up():
-    """Regression: the arm stopped, went back, and took a run-up, 17 times as long."""
+    """Regression: the motion took 17 times as long, with a stop and a run-up."""
     solution = tm.plan(moving_on(0.1), effort="quick")
     assert solution.success and solution.T < 0.1 / SPEED
     assert solution.T == pytest.approx(solution.lower_bound.T, rel=5e-3)

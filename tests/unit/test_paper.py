@@ -116,7 +116,7 @@ def test_interruption_keeps_the_last_iterate():
     with pytest.raises(KeyboardInterrupt):
         solved(nlp, z, interrupt, keep)
     assert kept[-1].violation <= 1e-6
-    assert len(kept) == 63  # the first, one for each iteration, and the last again
+    assert len(kept) == 63  # the first iterate, one per iteration, the last again
 
 
 @pytest.mark.parametrize("obstacle", [False, True])

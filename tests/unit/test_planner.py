@@ -45,7 +45,7 @@ def around(planar3r):
 def test_weight_of_control_jumps_depends_on_obstacles_and_options(
     planar3r, scene, refined, changes, expected
 ):
-    """Squares among obstacles; in free space torques jump between their limits."""
+    """Squared jumps among obstacles; in free space torques jump between limits."""
     problem = tm.Problem(planar3r, START, REACH, scene=scene)
     options = resolve_options(problem, tm.Options(**changes))
     system = ProblemFunctions.of(problem)

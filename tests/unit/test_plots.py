@@ -267,7 +267,7 @@ def test_motion_shows_the_arm_at_instants(motions: Motions) -> None:
 
 
 def test_rounding_of_a_joint_at_rest_is_not_magnified(motions: Motions) -> None:
-    """Regression: it filled the panel, and its power of ten met the next column."""
+    """Regression: rounding filled the panel; its power of ten met the next column."""
     problem, held, _ = motions
     rest = replace(held, v=1e-13 * np.sin(np.arange(held.v.size).reshape(held.v.shape)))
     for panel in plot_trajectory(problem, rest).axes[1::3]:

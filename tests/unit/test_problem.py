@@ -395,7 +395,7 @@ def test_margin_counts_at_start_and_goal(planar3r: Robot) -> None:
         Problem(planar3r, q, GOAL, scene=scene, margin=gap + 0.01)
 
 
-def test_touching_is_no_collision(planar3r: Robot) -> None:
+def test_start_that_only_touches_an_obstacle_is_accepted(planar3r: Robot) -> None:
     scene = Scene([Sphere("o", radius=0.999, position=(0, -1, 0))])
     with pytest.raises(ProblemError, match="start in collision"):
         Problem(planar3r, START, GOAL, scene=scene, margin=0.1)

@@ -85,7 +85,7 @@ def test_requests_with_unsupported_conditions_are_refused(
 def test_planner_settings_of_requests_give_no_warning(
     planar3r: Robot, tmp_path: Path
 ) -> None:
-    """All files of MotionBenchMaker have them; keys at their default are ignored."""
+    """All files of MotionBenchMaker have settings; default values are ignored."""
     request = REQUEST | {
         "workspace_parameters": {"min_corner": [-1, -1, -1], "max_corner": [1, 1, 1]},
         "planner_id": "RRTConnect",

@@ -40,7 +40,7 @@ def test_replay_that_finer_integration_changes_is_made_with_feedback(
     moves = float(np.max(np.abs(ends[0] - ends[1])))
     misses = float(np.max(np.abs(ends[0] - GOAL)))
     assert 0.0 < moves < 1e-3
-    # A tolerance that the replay keeps, though finer integration changes a large share.
+    # The replay keeps a tolerance of which finer integration changes a large share.
     strict = Tolerances(goal=max(1.5 * misses, 2.0 * moves))
     found = tm.verify(problem, motion, strict, integrator="DOP853")
     assert found.growth > 1e9

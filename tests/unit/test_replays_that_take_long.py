@@ -85,7 +85,7 @@ def refusing(*_args, **_options):
 
 
 def test_arm_at_rest_is_replayed_although_lsoda_refuses(monkeypatch) -> None:
-    """Regression: with dry friction, rows of the interval raised an IndexError."""
+    """Regression: with dry friction the search for rows raised an IndexError."""
     robot = make_arm(ROD, effort=1.0, friction=0.5)
     problem = tm.Problem(robot, [0.0], tm.JointGoal([0.0]))
     t, none = np.array([0.0, 0.1]), np.zeros((2, 1))
@@ -97,10 +97,7 @@ def test_arm_at_rest_is_replayed_although_lsoda_refuses(monkeypatch) -> None:
 def test_interval_that_lsoda_refuses_is_integrated_step_by_step(
     swinging, monkeypatch
 ) -> None:
-    """Regression: the replay of a valid motion of 28 segments was lost.
-
-    The robot had no dry friction.
-    """
+    """Regression: without dry friction a valid motion of 28 segments had no replay."""
     whole = replay(*swinging)
     monkeypatch.setattr(REPLAYS, "odeint", refusing)
     found = replay(*swinging)

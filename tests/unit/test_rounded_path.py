@@ -31,7 +31,7 @@ def test_path_parameter_is_shared_by_time_at_the_speed_limits(path):
     np.testing.assert_allclose(np.diff(path.s), np.array([1.0, 0.75, 0.5]) / 2.25)
 
 
-def test_derivatives_of_a_path_agree_with_differences(path):
+def test_derivatives_of_a_path_match_finite_differences(path):
     s, h = np.linspace(0.003, 0.997, 400), 1e-6
     _, first, second = path.evaluate(s)
     before, after = path.evaluate(s - h), path.evaluate(s + h)

@@ -52,7 +52,7 @@ def test_path_depends_on_its_seed_alone(tmp_path):
 
 
 def test_path_of_an_arm_leads_around_a_ball(planar3r):
-    # Stretched out it would sweep across the ball: it has to fold.
+    # The stretched arm would sweep across the ball: it has to fold.
     scene = tm.Scene([tm.Sphere("O", radius=0.6, position=(3.2, 3.2, 0))])
     goal = tm.JointGoal((1.4, 0.0, 0.0))
     system = ProblemFunctions.of(
@@ -177,7 +177,7 @@ def test_failed_search_for_further_paths_gives_no_message(tmp_path):
 
 
 def test_search_for_a_single_joint_ends_early(monkeypatch):
-    """Regression: in a gap narrower than the padding it took 80 000 checks, 10 s."""
+    """Regression: in a gap narrower than the padding, 80 000 checks took 10 s."""
     begin, end = np.array([-0.5]), np.array([0.5])
     wall = tm.Box("wall", size=(0.1, 0.2, 1.0), position=(0.0, 0.14, 0.0))
     arm, scene = tm.load_robot(RAIL), tm.Scene([wall])
