@@ -1,6 +1,6 @@
 """Readers of files use documented keys, and refuse unknown keys or warn of them.
 
-For joint_limits.yaml see test_joint_limits_kept.py, for groups test_groups.py.
+For joint_limits.yaml see test_joint_limits_files.py, for groups test_groups.py.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ import pytest
 from robot_samples import INERTIAL, joint, link, load, robot
 
 import tominpmp as tm
-from tominpmp.planner import candidate as candidates
+from tominpmp.planner import candidate
 from tominpmp.verification.verification import verify
 
 BALL = "<collision><geometry><sphere radius='0.05'/></geometry></collision>"
@@ -40,7 +40,7 @@ def replays(monkeypatch):
         verifications.append(found)
         return replace(found, ok=False) if len(verifications) in fail else found
 
-    monkeypatch.setattr(candidates, "verify", count)
+    monkeypatch.setattr(candidate, "verify", count)
     return verifications, fail
 
 
