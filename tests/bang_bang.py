@@ -6,9 +6,9 @@ transition matrix are integrated from switch to switch (DOP853, relative toleran
 costate follows from the conditions at the switches, and Pontryagin's conditions are
 then checked along the whole motion.
 
-Which torques switch in what order came from a direct method (IPOPT with Runge-Kutta
+The order in which the torques switch came from a direct method (IPOPT with Runge-Kutta
 steps on the same equations, from many random starts; benchmarks/known_optima.py repeats
-that), which also found nothing faster.
+this), which also found no faster motion.
 """
 
 from __future__ import annotations
@@ -54,10 +54,10 @@ class Extremal:
 
     Attributes:
         task: The problem.
-        structure: Its torques, with the exact times.
+        structure: The structure of its torques, with exact times.
         miss: Distance of the final state from the goal.
         at_switches: Largest value of a switching function where it should vanish, as a
-            share of the largest value that it takes at all.
+            share of its largest value.
         wrong_sign: Largest value of a switching function where the torque has the wrong
             sign, as the same share.
         hamiltonian: Largest deviation of 1 + p^T f from zero.
@@ -77,7 +77,7 @@ class Extremal:
 
 
 class Shooting:
-    """Motions of a task with given orders of switches."""
+    """Motions of a task whose torques switch in a given order."""
 
     def __init__(self, task: Task, structure: Structure) -> None:
         self.task = task
@@ -147,7 +147,7 @@ class Shooting:
         return arcs[-1][0][-1], np.stack(columns, axis=1)
 
     def polish(self, times: Array) -> Array:
-        """Bring the end onto the goal by the least change of nearly right times."""
+        """Newton's method: the least change of good times so that the goal is met."""
         for _ in range(POLISHING):
             x, by_times = self.end(times)
             step, *_ = np.linalg.lstsq(by_times, x - self.task.ends[1], rcond=None)
@@ -157,7 +157,7 @@ class Shooting:
         raise ArithmeticError("the times of the switches do not converge")
 
     def search(self) -> Array:
-        """Nearly right times from rough ones: the least T that brings the end there."""
+        """Nearly exact times from rough times: the least T that meets the goal."""
         goal = self.task.ends[1]
         memory: dict[bytes, tuple[Array, Array]] = {}
 
@@ -190,7 +190,7 @@ class Shooting:
         return np.asarray(found.x)
 
     def costate(self, arcs: list[tuple[Array, Array]]) -> Array:
-        """Costate p at the start, shape (2n,), from the conditions on it.
+        """Costate p at the start, shape (2n,), from Pontryagin's conditions.
 
         With p^T f = -1 the torques of least time minimise p^T f, so that p^T f_u of a
         joint vanishes where the joint switches. As p(t) = Phi(t)^-T p(0), these are

@@ -1,27 +1,27 @@
-"""A clock for tests: what they say of time does not depend on the machine's speed."""
+"""A clock for tests, whose times do not depend on the speed of the machine."""
 
 from __future__ import annotations
 
 
 class Clock:
-    """Stands still, or goes on by as much each time that somebody looks at it.
+    """Stands still, or advances by a tick at each reading.
 
-    In place of ``time.perf_counter``. Limits in such tests are long: what native code
-    is given to watch by itself is never used up by the machine.
+    It replaces ``time.perf_counter``. Time limits in tests with this clock are long, as
+    native code watches its limit by the clock of the machine, and must not reach it.
 
     Attributes:
-        now: What it shows [s].
-        tick: By how much it goes on when it is looked at [s].
+        now: Time that the clock shows [s].
+        tick: Advance at each reading [s].
     """
 
     def __init__(self, tick: float = 0.0) -> None:
         self.now, self.tick = 1e5, tick
 
     def __call__(self) -> float:
-        """What it shows [s]."""
+        """Advance by the tick, and return the time [s]."""
         self.now += self.tick
         return self.now
 
     def advance(self, seconds: float) -> None:
-        """Let time go by."""
+        """Advance by a time [s]."""
         self.now += seconds

@@ -1,4 +1,4 @@
-"""Runs the command line within a test."""
+"""Running the command line within a test."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tominpmp.cli.app import run
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a command line wrote, and its exit code."""
+    """Output of a command line, and its exit code."""
 
     exit_code: int
     stdout: str
@@ -20,12 +20,12 @@ class Outcome:
 
     @property
     def output(self) -> str:
-        """What it wrote to a terminal."""
+        """Text on a terminal: standard output, then standard error."""
         return self.stdout + self.stderr
 
 
 def invoke(words: Sequence[object]) -> Outcome:
-    """Run a command line."""
+    """Run a command line with the given words."""
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         code = run([str(word) for word in words])

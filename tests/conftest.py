@@ -24,18 +24,18 @@ settings.register_profile("repeatable", deadline=None, derandomize=True)
 settings.load_profile("repeatable")
 
 
-# Planning times that slow machines, with several tests at a time, stay below.
+# Time limits that slow machines, with several tests at a time, do not reach.
 for _effort in TIME_LIMITS:
     TIME_LIMITS[_effort] *= 10.0
 
-# Tests that take longest, often some of many cases of one, by pytest's names for them:
-# only `make test-all` runs these.
+# Node ids of the longest tests, often some cases of a parametrised test: only
+# `make test-all` runs them.
 NIGHTLY = Path(__file__).with_name("nightly.txt").read_text("utf-8").splitlines()
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests that take long before those that are marked are left out."""
+    """Mark the longest tests before pytest deselects marked tests."""
     long = set(NIGHTLY)
     for item in items:
         if item.nodeid in long:
@@ -50,10 +50,10 @@ def rng(request: pytest.FixtureRequest) -> np.random.Generator:
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
-    """A clock that stands still, by which the library keeps its times."""
+    """A clock that stands still, which the library reads as its own."""
     found = Clock()
     monkeypatch.setattr(time, "perf_counter", found)
-    # What another clock has shown says nothing on this one, nor the reverse.
+    # Times that another clock has shown cannot be compared with times of this clock.
     monkeypatch.setattr("tominpmp.initial_guess.parallel._idle_since", -math.inf)
     return found
 

@@ -12,6 +12,6 @@ from tominpmp.constraints.clearance import ClearanceConstraint
 def gradients(
     of: CollisionChecker | ClearanceConstraint, q: Array, pairs: IntArray
 ) -> Array:
-    """Gradients of some pairs, shape (k, n)."""
+    """Gradients of the distances of some pairs at a configuration, shape (k, n)."""
     first = np.zeros(pairs.size, dtype=np.int64)
     return of.derivatives_at(q[None], first, pairs).gradients

@@ -1,4 +1,4 @@
-"""Derivatives of energies of motions against differences."""
+"""Check of the derivatives of energies of motions by finite differences."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ DIRECTIONS = 3
 def check_gradient(
     energy: Energy, z: Array, rng: np.random.Generator, step: float, rel: float
 ) -> None:
-    """Assert that an energy is its model's, and changes as that along random steps.
+    """Assert that an energy and its model have equal values and derivatives.
 
     Args:
         energy: The energy.
-        z: Where.
-        rng: Draws the directions.
-        step: How far the differences reach.
-        rel: How far apart both may be, as a share.
+        z: Unknowns of a program.
+        rng: Draws random directions.
+        step: Scale of the finite differences.
+        rel: Largest relative difference of energy and model along the directions.
     """
     far = np.ones(z.size)
     model = energy.model(z, StepBounds(-far, far))
@@ -30,5 +30,5 @@ def check_gradient(
     for _ in range(DIRECTIONS):
         d = step * rng.standard_normal(z.size)
         difference = energy(z + d) - energy(z - d)
-        promised = model.without_curvature(z + d) - model.without_curvature(z - d)
-        assert promised == pytest.approx(difference, rel=rel)
+        predicted = model.without_curvature(z + d) - model.without_curvature(z - d)
+        assert predicted == pytest.approx(difference, rel=rel)

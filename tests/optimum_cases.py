@@ -1,7 +1,7 @@
 """Planning problems of one joint whose minimum time is known without the library.
 
-Each case has its robot, made from a description, and the same mechanism once more as
-equations written by hand (reference_optima.py): they give T and replay the motion.
+Each case has its robot, made from a description, and the same mechanism as equations
+written by hand (reference_optima.py), which give T and replay the motion.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ class Case:
     """A problem with a known minimum time.
 
     Attributes:
-        name: Its name.
-        robot: Makes the robot.
-        task: The same problem by hand.
-        reference: Minimum time in closed form [s]; None where it is an extremal's.
-        structures: Switches of the extremals that are known, the fastest first.
+        name: Name of the case.
+        robot: Function that makes the robot.
+        task: The same problem with equations written by hand.
+        reference: Minimum time in closed form [s]; None if the first extremal has it.
+        structures: Switches of the known extremals, the fastest first.
     """
 
     name: str
@@ -61,7 +61,7 @@ class Case:
 
     @cached_property
     def extremals(self) -> tuple[Extremal, ...]:
-        """The extremals."""
+        """The known extremals, the fastest first."""
         return tuple(find_extremal(self.task, item) for item in self.structures)
 
     @cached_property
@@ -244,7 +244,7 @@ def pendulum_case(
 
 
 def pendulum_cases() -> list[Case]:
-    """Pendulums whose torque lifts the rod at once: one switch."""
+    """Pendulums whose torque lifts the rod without a swing: one switch."""
     lift, damped = switches("+", "1", 0.24287, 0.39449), {"friction": 1.0}
     upright = switches("+", "1", 0.48037, 0.75093)
     return [
@@ -274,7 +274,7 @@ def pendulum_cases() -> list[Case]:
 
 
 def swing_cases() -> list[Case]:
-    """Pendulums that must swing before they get up: two and three switches."""
+    """Pendulums that must swing before they reach the top: two and three switches."""
     return [
         pendulum_case(
             "pendulum, one swing",

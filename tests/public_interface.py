@@ -1,11 +1,11 @@
-"""What users of the library see, as text: names, files and commands.
+"""The public interface of the library as text: names, files and commands.
 
-    python -m tests.public_interface            # what differs from the stored texts
-    python -m tests.public_interface --accept   # store them anew, for a change meant
+    python -m tests.public_interface            # show differences from the stored texts
+    python -m tests.public_interface --accept   # store the texts of an intended change
 
-The texts are in ``tests/interface``. Only what users can see is looked at: public names
-of :mod:`tominpmp` with what they take and have, keys of the files that are written and
-read, and the help of the commands. How the library does it may change as it likes.
+The texts are in ``tests/interface``. They contain the public names of :mod:`tominpmp`
+with their parameters and members, the keys of the files that are written and read, and
+the help of the commands. The implementation is free to change.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ ACCEPT = "python -m tests.public_interface --accept"
 COMMANDS = (
     "plan", "batch", "verify", "replay", "play", "app", "tour", "info", "robots",
 )  # fmt: skip
-# Methods with underscores that users call by signs and built-in functions.
-SIGNS = ("__bool__", "__call__", "__contains__", "__getitem__", "__iter__", "__len__")
-WIDE = {
+# Methods with underscores that users call by operators and built-in functions.
+DUNDERS = ("__bool__", "__call__", "__contains__", "__getitem__", "__iter__", "__len__")
+WIDE_TERMINAL = {
     "COLUMNS": "200",
     "NO_COLOR": "1",
     "TERM": "dumb",
@@ -84,7 +84,7 @@ def _described(name: str) -> Iterator[str]:
 
 
 def _members(kind: type[Any]) -> set[str]:
-    """What a class has beside its fields and what public classes give it."""
+    """Members of a class, except its fields and those of public base classes."""
     fields = (
         {item.name for item in dataclasses.fields(kind)}
         if (dataclasses.is_dataclass(kind))
@@ -102,13 +102,13 @@ def _members(kind: type[Any]) -> set[str]:
                 or isinstance(value, property | classmethod | staticmethod)
                 or type(value).__name__ == "cached_property"
             )
-            if shown and (not name.startswith("_") or name in SIGNS):
+            if shown and (not name.startswith("_") or name in DUNDERS):
                 found.add(name)
     return found - fields
 
 
 def _parameters(value: Any) -> str:
-    """Names, kinds and defaults; what they may be is told in words elsewhere."""
+    """Names, kinds and defaults of the parameters, without their annotations."""
     try:
         signature = inspect.signature(value)
     except (TypeError, ValueError):
@@ -123,7 +123,7 @@ def _parameters(value: Any) -> str:
 
 
 def _choices(kind: type[Any], name: str) -> str:
-    """Values that an option may have, where these are words."""
+    """Values of a field that is one of several words."""
     try:
         hints = typing.get_type_hints(kind, localns=vars(tm) | {"Any": Any})
     except NameError:
@@ -142,8 +142,8 @@ def _words(hint: Any) -> Iterator[Any]:
 
 # -- files -----------------------------------------------------------------------------
 
-# Scenario files that have every key there is; what is stored is how they are read and
-# written again. Links of the planar arm may touch nothing far from its plane.
+# Scenario files that together have every key; the stored text is that of the files
+# after they are read and written again. Obstacles are far from the plane of the arm.
 ARM = '[robot]\nname = "planar3r"\n'
 JOINT_GOAL = '[goal]\ntype = "joint"\nq = [0.2, 1.0, -1.0]\n'
 START = "[start]\nq = [0.5, 1.7, -1.7]\n"
@@ -509,14 +509,14 @@ q = [0.3, 1.5, -1.5]
 
 
 def files() -> str:
-    """Scenario files read and written again, and what files of motions have."""
+    """Scenario files read and written again, and the contents of motion files."""
     with tempfile.TemporaryDirectory() as folder:
         parts = [*_scenarios(Path(folder)), *_motions(Path(folder))]
     return "\n".join(parts)
 
 
 def _scenarios(folder: Path) -> Iterator[str]:
-    """Each file as it is written again; what is written is read as the same."""
+    """Each scenario file as it is written again; a second time changes nothing."""
     (folder / "arm.urdf").write_text((ROOT / "robots/planar3r.urdf").read_text())
     (folder / "arm.srdf").write_text((ROOT / "robots/planar3r.srdf").read_text())
     limits = "joint_limits:\n  joint1: {has_velocity_limits: true, max_velocity: 2.0}\n"
@@ -524,24 +524,26 @@ def _scenarios(folder: Path) -> Iterator[str]:
     for name, text in SCENARIOS.items():
         path = folder / "scenario.toml"
         path.write_text(text, encoding="utf-8")
-        again = folder / "again.toml"
+        rewritten = folder / "again.toml"
         scenario = tm.load_scenario(path)
-        tm.save_scenario(again, scenario.problem, scenario.options)
-        written = again.read_text(encoding="utf-8")
-        tm.save_scenario(path, *_of(tm.load_scenario(again)))
+        tm.save_scenario(rewritten, scenario.problem, scenario.options)
+        written = rewritten.read_text(encoding="utf-8")
+        tm.save_scenario(path, *_problem_and_options(tm.load_scenario(rewritten)))
         if path.read_text(encoding="utf-8") != written:
-            raise ValueError(f"{name}: is written in another way when it is read again")
+            raise ValueError(
+                f"{name}: the file changes when it is read and written again"
+            )
         yield f"---- scenario: {name}\n{written}"
     path.write_text(TOUR, encoding="utf-8")
     yield f"---- tour: {_tour(path)}\n"
 
 
-def _of(scenario: tm.Scenario) -> tuple[tm.Problem, tm.Options]:
+def _problem_and_options(scenario: tm.Scenario) -> tuple[tm.Problem, tm.Options]:
     return scenario.problem, scenario.options
 
 
 def _tour(path: Path) -> str:
-    """What the command says first of a tour."""
+    """The first sentence that the command prints about a tour."""
     return re.split(r"\.\s", printed("tour", str(path))[0])[0]
 
 
@@ -614,7 +616,7 @@ def _two_joints() -> tm.Robot:
 # -- commands --------------------------------------------------------------------------
 
 
-# Commands that are run, and what is looked at: keys of reports, and exit codes.
+# Commands that are run; the keys of their reports and their exit codes are stored.
 TASK = ("planar3r", "--start", "start", "--goal", "0.2", "1.2", "-1.2")
 QUICK = ("--intervals", "8", "--planning-effort", "quick", "--refine", "none")
 RUNS = (
@@ -629,7 +631,7 @@ RUNS = (
 
 
 def commands() -> str:
-    """Help of every command, its flags, and what commands report."""
+    """Help and flags of every command, and the keys of the reports."""
     parts = []
     for name in ("", *COMMANDS):
         words = [name, "--help"] if name else ["--help"]
@@ -652,7 +654,7 @@ def commands() -> str:
 
 
 def _keys(value: Any, place: str) -> Iterator[str]:
-    """Where a report has what, names of joints aside."""
+    """Paths of the values in a report with their types; names of joints are *."""
     if isinstance(value, dict):
         for key, item in value.items():
             name = re.sub(r"^(joint\d|link\d|base|tip)$", "*", key)
@@ -665,7 +667,7 @@ def _keys(value: Any, place: str) -> Iterator[str]:
 
 
 def printed(*words: str) -> tuple[str, int]:
-    """What the command line prints, in this process, and its exit code.
+    """Output of the command line, run in this process, and its exit code.
 
     Args:
         *words: The command and its arguments.
@@ -673,12 +675,12 @@ def printed(*words: str) -> tuple[str, int]:
     out, code = io.StringIO(), 0
     with (
         mock.patch.object(sys, "argv", ["tominpmp", *words]),
-        mock.patch.dict(os.environ, WIDE),
+        mock.patch.dict(os.environ, WIDE_TERMINAL),
         contextlib.redirect_stdout(out),
         contextlib.redirect_stderr(io.StringIO()),
     ):
         try:
-            # Other tests may have imported it, and it is run anew.
+            # Another test may have imported the module, which has to run anew.
             sys.modules.pop("tominpmp.__main__", None)
             runpy.run_module("tominpmp", run_name="__main__")
         except SystemExit as end:
@@ -696,12 +698,12 @@ PARTS: dict[str, Callable[[], str]] = {
 
 
 def stored(part: str) -> Path:
-    """Where a text is stored."""
+    """Path of a stored text."""
     return STORED / f"{part}.txt"
 
 
 def difference(part: str) -> str:
-    """How a text differs from the stored one; empty where it does not.
+    """Difference of a text from the stored text; empty if they are equal.
 
     Args:
         part: One of :data:`PARTS`.

@@ -1,4 +1,4 @@
-"""Records of iterations for tests of what is told of them."""
+"""Records of iterations, for tests of reports and progress lines."""
 
 from __future__ import annotations
 
@@ -22,5 +22,5 @@ NUMBERS: dict[str, Any] = {
 
 
 def record(iteration: int, **changes: Any) -> IterationRecord:
-    """A record, with numbers that are all right unless others are given."""
+    """A record with valid numbers, except those that are given."""
     return IterationRecord(iteration=iteration, **(NUMBERS | changes))

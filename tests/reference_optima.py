@@ -44,10 +44,10 @@ def rail_time(
     """
     brake = push if brake is None else brake
     v0, v1 = start_speed, end_speed
-    # Going from one speed to the other at once brings the mass this far.
+    # Distance within which the mass changes from the start speed to the end speed.
     rate = push if v1 > v0 else -brake
     if distance < (v1**2 - v0**2) / (2.0 * rate):
-        # The goal is passed and approached from behind: the mirror image.
+        # The mass passes the goal and approaches it from behind: the mirror image.
         distance, v0, v1, push, brake = -distance, -v0, -v1, brake, push
     peak = np.sqrt(
         (2.0 * push * brake * distance + brake * v0**2 + push * v1**2) / (push + brake)
@@ -68,8 +68,8 @@ def friction_time(
 ) -> float:
     """Minimum time from rest to rest with viscous friction.
 
-    With the time constant m/D and the terminal speeds push/D and brake/D both phases
-    are exponentials; the length of the first is the root of a scalar equation.
+    With the time constant m/D and the terminal speeds push/D and brake/D, both phases
+    are exponentials; the duration of the first is the root of a scalar equation.
 
     Args:
         distance: Distance to the goal [m].
@@ -83,7 +83,7 @@ def friction_time(
     backwards = (push if brake is None else brake) / friction
 
     def phases(first: float) -> tuple[float, float]:
-        """Distance, and time of the braking."""
+        """Distance of both phases, and duration of the braking."""
         gain = -np.expm1(-first / delay)
         speed = forwards * gain
         braking = delay * np.log1p(speed / backwards)
@@ -154,8 +154,8 @@ class TwoLink:
         elbow: I2 + m2 c2^2 [kg m^2].
         coupling: m2 l1 c2 [kg m^2].
         friction: Viscous friction of both joints [N m s].
-        weights: Torques of gravity about each joint of what it carries, the link
-            stretched level: (m1 c1 + m2 l1) g and m2 c2 g [N m].
+        weights: Torques of gravity about each joint with the arm stretched level:
+            (m1 c1 + m2 l1) g and m2 c2 g [N m].
     """
 
     shoulder: float

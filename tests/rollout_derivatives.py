@@ -1,4 +1,4 @@
-"""Derivatives of a rollout by its intervals: its steps, one after the other."""
+"""Derivatives of a rollout over its intervals, chained from those of its steps."""
 
 from __future__ import annotations
 

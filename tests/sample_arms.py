@@ -1,6 +1,6 @@
 """Small arms with known equations of motion, written as robot descriptions.
 
-All of them move in the x-y plane: sliders along a given axis, turning joints about z.
+All arms move in the x-y plane: sliders along a given axis, turning joints about z.
 Gravity is off unless it is given; "vertical" arms have it along -y.
 """
 
@@ -76,7 +76,7 @@ def describe(links: Sequence[Link]) -> str:
     parent, origin = "base", 0.0
     for number, link in enumerate(links, 1):
         axis = " ".join(str(part) for part in link.axis)
-        # Only the inertia about z matters; the others keep the tensor a possible one.
+        # Only the inertia about z matters; the others make the tensor a possible one.
         parts.append(
             f'<link name="link{number}"><inertial><origin xyz="{link.centre} 0 0"/>'
             f'<mass value="{link.mass}"/><inertia ixx="{0.6 * link.inertia}" ixy="0" '
@@ -108,7 +108,7 @@ def make_arm(
         *links: The links, from the base on.
         effort: Effort limits, as for :func:`~tominpmp.load_robot`.
         gravity: Gravity [m/s^2].
-        **limits: What else :func:`~tominpmp.load_robot` takes per joint.
+        **limits: Other values per joint that :func:`~tominpmp.load_robot` takes.
     """
     with TemporaryDirectory() as folder:
         path = Path(folder) / "sample.urdf"
@@ -131,10 +131,10 @@ def swinging_arm(*effort: float) -> Robot:
 
 
 def two_link_arm(length: float = 1.0) -> Robot:
-    """Two turning joints with a frame at the end, whose torques never limit it.
+    """Two turning joints with a frame at the end, and torque limits that never bind.
 
     Args:
-        length: Of both links [m].
+        length: Length of both links [m].
     """
     return make_arm(
         rod(1.0, length),

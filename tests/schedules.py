@@ -1,4 +1,4 @@
-"""Schedules of the planner, carried out without a plan round them."""
+"""Running schedules of the planner without a plan."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ T = TypeVar("T")
 
 
 def carried_out(state: PlanState, schedule: Schedule[T]) -> T:
-    """Do all that a schedule says, whatever is cut short; returns what it ends with."""
+    """Run a schedule to its end, also if works are cut short; returns its result."""
     results = list[T]()
 
     def whole() -> Schedule[None]:
@@ -26,6 +26,6 @@ def carried_out(state: PlanState, schedule: Schedule[T]) -> T:
 
 
 def loop_with(records: list[Any], **attributes: Any) -> Any:
-    """A loop of a solver as far as rules look at it."""
+    """The attributes of a solver's loop that stop rules read."""
     drop = {"drop": lambda: Status.STALLED}
     return SimpleNamespace(history=records, **drop, **attributes)
