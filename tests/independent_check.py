@@ -1,7 +1,8 @@
-"""A motion judged without the library's verification: torques integrated, limits, goal.
+"""A check of motions without the library's verification.
 
-Only Pinocchio's forward dynamics and SciPy's integrator are used, on a model that was
-not made from the file that the library read.
+Torques are integrated, and limits, obstacles and goals are checked. Only Pinocchio's
+forward dynamics and SciPy's integrator are used, on a model that was not made from the
+file that the library read.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ import tominpmp as tm
 
 Array = NDArray[np.float64]
 
-# What a success may be off by: the documented tolerances, with a tenth of them for the
-# differences between two integrations and two grids of samples.
+# Tolerances of a success: the documented ones, with a tenth of them for the differences
+# between two integrations and two grids of samples.
 GOAL, SPEED, LIMITS, CONTACT = 1.1e-3, 1.1e-2, 5.5e-3, 2e-5
 # Largest share of the effort that an unstable motion may take as feedback.
 FEEDBACK = 2e-3
@@ -27,12 +28,12 @@ SAMPLES = 8
 
 
 def faults(case: Case, solution: tm.Solution) -> list[str]:
-    """What is wrong with a motion that is said to be right; nothing should be."""
+    """Faults of a motion that counts as a success; the list should be empty."""
     motion = solution.trajectory
     assert motion is not None
     verification = solution.verification
     rate = 0.0
-    # An error of 1e-9, as of an integrator, grows into a tenth of what is tolerated.
+    # An error of 1e-9, as of an integrator, grows into a tenth of a tolerance.
     if verification is not None and verification.growth > 1e5:
         rate = 20.0 + 4.0 * np.log(max(verification.growth, 1.0)) / motion.duration
     q, v, u = _integrate(case, motion, rate)
@@ -48,8 +49,8 @@ def faults(case: Case, solution: tm.Solution) -> list[str]:
     return found
 
 
-def numbers_that_are_none(solution: tm.Solution) -> list[str]:
-    """Where a solution holds NaN, or infinity where there should be a number."""
+def nonfinite_values(solution: tm.Solution) -> list[str]:
+    """Names of the values in a solution that are NaN, or infinite by mistake."""
     found = []
     values: dict[str, object] = {"planning_time": solution.planning_time}
     for label in ("trajectory", "initial"):
@@ -77,7 +78,7 @@ def numbers_that_are_none(solution: tm.Solution) -> list[str]:
 def _integrate(
     case: Case, motion: tm.Trajectory, rate: float
 ) -> tuple[Array, Array, Array]:
-    """Replay: positions, velocities, torques; with feedback at a rate [1/s]."""
+    """Positions, velocities and torques of a replay with feedback at a rate [1/s]."""
     model = case.arm.model()
     data = model.createData()
     n, damping = case.arm.n, case.arm.column("damping")
@@ -135,32 +136,34 @@ def _limit_faults(case: Case, q: Array, v: Array, u: Array) -> list[str]:
 
 
 def _goal_faults(case: Case, q: Array, v: Array) -> list[str]:
-    found = [_one_goal(case, kind, values, q, v) for kind, values in case.goals]
+    found = [_faults_of_goal(case, kind, values, q, v) for kind, values in case.goals]
     if case.any_of:
-        return [] if not all(found) else ["none of the goals: " + str(found)]
+        return [] if not all(found) else ["no goal is reached: " + str(found)]
     return [text for texts in found for text in texts]
 
 
-def _apart(case: Case, change: Array, columns: Sequence[int]) -> Array:
-    """Distances of joints; those of continuous ones are angles."""
+def _distances(case: Case, change: Array, columns: Sequence[int]) -> Array:
+    """Distances of joint positions; those of continuous joints are angles."""
     turns = np.array([case.arm.bodies[i].kind == "continuous" for i in columns])
     angle = np.abs((change + np.pi) % (2.0 * np.pi) - np.pi)
     return np.where(turns, angle, np.abs(change))
 
 
-def _one_goal(case: Case, kind: str, values: dict, q: Array, v: Array) -> list[str]:
-    off: dict[str, float] = {}
+def _faults_of_goal(
+    case: Case, kind: str, values: dict, q: Array, v: Array
+) -> list[str]:
+    excess_of: dict[str, float] = {}
     speed = v
     if kind == "joint":
-        off["joint"] = np.max(_apart(case, q - values["q"], range(q.size)))
+        excess_of["joint"] = np.max(_distances(case, q - values["q"], range(q.size)))
         speed = v if values["v"] is None else v - values["v"]
     elif kind == "joint region":
         columns = [NAMES.index(name) for name in values["joints"]]
-        apart = _apart(case, q[columns] - values["q"], columns)
-        off["joint"] = np.max(apart) - values["tolerance"]
+        apart = _distances(case, q[columns] - values["q"], columns)
+        excess_of["joint"] = np.max(apart) - values["tolerance"]
     else:
-        off = _frame_errors(case, kind, values, q)
-    found = [f"{kind}: {k} is {x:.2e} off" for k, x in off.items() if x > GOAL]
+        excess_of = _frame_errors(case, kind, values, q)
+    found = [f"{kind}: {k} is {x:.2e} off" for k, x in excess_of.items() if x > GOAL]
     if np.max(np.abs(speed)) > SPEED:
         found.append(f"{kind}: speed is {np.max(np.abs(speed)):.2e} off")
     return found
@@ -168,35 +171,35 @@ def _one_goal(case: Case, kind: str, values: dict, q: Array, v: Array) -> list[s
 
 def _frame_errors(case: Case, kind: str, values: dict, q: Array) -> dict[str, float]:
     model = case.arm.model()
-    place = place_of(case.arm, model, model.createData(), q)
+    placement = place_of(case.arm, model, model.createData(), q)
     within = values.get("tolerance", 0.0)
     angle = values.get("angle_tolerance", 0.0)
-    off: dict[str, float] = {}
+    excess_of: dict[str, float] = {}
     if values.get("position") is not None:
-        away = np.linalg.norm(place.translation - values["position"])
-        off["position"] = float(away) - within
+        away = np.linalg.norm(placement.translation - values["position"])
+        excess_of["position"] = float(away) - within
     if kind == "axis":
-        cosine = (place.rotation @ values["axis"]) @ values["direction"]
-        off["axis"] = float(np.arccos(np.clip(cosine, -1.0, 1.0))) - angle
-        # Beyond what the cosine can tell.
-        off["axis"] = off["axis"] if off["axis"] > 1e-3 else 0.0
+        cosine = (placement.rotation @ values["axis"]) @ values["direction"]
+        excess_of["axis"] = float(np.arccos(np.clip(cosine, -1.0, 1.0))) - angle
+        # Smaller angles cannot be computed from the cosine.
+        excess_of["axis"] = excess_of["axis"] if excess_of["axis"] > 1e-3 else 0.0
     if kind == "pose":
-        error = values["pose"].actInv(place)
-        off["position"] = float(np.linalg.norm(error.translation)) - within
-        off["turn"] = float(np.linalg.norm(pin.log3(error.rotation))) - angle
+        error = values["pose"].actInv(placement)
+        excess_of["position"] = float(np.linalg.norm(error.translation)) - within
+        excess_of["turn"] = float(np.linalg.norm(pin.log3(error.rotation))) - angle
     if kind == "region":
-        error = values["pose"].actInv(place)
+        error = values["pose"].actInv(placement)
         x = error.translation
-        off["region"] = float(
+        excess_of["region"] = float(
             np.max(np.maximum(x - values["upper"], values["lower"] - x))
         )
         if angle < np.pi:
-            off["turn"] = float(np.max(np.abs(pin.log3(error.rotation)))) - angle
-    return off
+            excess_of["turn"] = float(np.max(np.abs(pin.log3(error.rotation)))) - angle
+    return excess_of
 
 
 def _clearance(case: Case, q: Array, centre: Array, radius: float) -> float:
-    """Least distance of the balls on the links to a sphere."""
+    """Smallest distance of the balls on the links from a sphere."""
     model = case.arm.model()
     data = model.createData()
     least = np.inf

@@ -1,7 +1,7 @@
 """Random arms and problems for property tests.
 
 Arms have 1 to 9 joints of any kind about tilted axes, any inertia, friction, and limits
-that need neither hold zero nor be alike; each link may carry a ball for collisions.
+that need neither include zero nor be equal; each link may have a ball for collisions.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Arm:
         return np.array([getattr(body, name) for body in self.bodies])
 
     def model(self) -> pin.Model:
-        """The arm as Pinocchio has it, made joint by joint, not from a file."""
+        """The arm as a model of Pinocchio, made joint by joint, not from a file."""
         model, parent = pin.Model(), 0
         for name, body in zip(NAMES, self.bodies, strict=False):
             joint = (
@@ -95,23 +95,23 @@ class Arm:
                 ""
                 if body.ball is None
                 else (
-                    f'<collision><origin xyz="{_words(body.ball[0])}"/><geometry>'
+                    f'<collision><origin xyz="{_numbers(body.ball[0])}"/><geometry>'
                     f'<sphere radius="{body.ball[1]!r}"/></geometry></collision>'
                 )
             )
             parts.append(
-                f'<link name="l{i + 1}"><inertial><origin xyz="{_words(c)}"/>'
+                f'<link name="l{i + 1}"><inertial><origin xyz="{_numbers(c)}"/>'
                 f'<mass value="{m!r}"/><inertia {" ".join(entries)}/></inertial>{ball}'
                 f'</link><joint name="{NAMES[i]}" type="{body.kind}">'
-                f'<origin xyz="{_words(place[0])}" rpy="{_words(place[1])}"/>'
+                f'<origin xyz="{_numbers(place[0])}" rpy="{_numbers(place[1])}"/>'
                 f'<parent link="l{i}"/><child link="l{i + 1}"/>'
-                f'<axis xyz="{_words(body.axis)}"/><limit {limit}'
+                f'<axis xyz="{_numbers(body.axis)}"/><limit {limit}'
                 f'effort="{max(body.effort)!r}" velocity="{body.velocity!r}"/>'
                 f'<dynamics damping="{body.damping!r}"/></joint>'
             )
         parts.append(
             f'<link name="tip"/><joint name="end" type="fixed"><parent '
-            f'link="l{self.n}"/><child link="tip"/><origin xyz="{_words(self.tip)}"/>'
+            f'link="l{self.n}"/><child link="tip"/><origin xyz="{_numbers(self.tip)}"/>'
             "</joint></robot>"
         )
         return "".join(parts)
@@ -128,7 +128,7 @@ class Arm:
             return tm.load_robot(path, **(given | changes))
 
 
-def _words(values: Any) -> str:
+def _numbers(values: Any) -> str:
     return " ".join(repr(float(value)) for value in values)
 
 
@@ -146,7 +146,7 @@ def _unit(rng: np.random.Generator, size: int = 3) -> Array:
 
 
 def random_arm(rng: np.random.Generator, kinds: Sequence[str], balls: bool) -> Arm:
-    """An arm whose motors can hold it, more or less.
+    """An arm whose motors can hold it in most configurations.
 
     Args:
         rng: Random numbers.
@@ -164,7 +164,7 @@ def random_arm(rng: np.random.Generator, kinds: Sequence[str], balls: bool) -> A
         axis = np.eye(3)[rng.integers(3)] if rng.random() < 0.4 else _unit(rng)
         turn = np.eye(3) if rng.random() < 0.4 else random_rotation(rng)
         origin = pin.SE3(turn, size * rng.normal(size=3) if index else np.zeros(3))
-        # Point masses make an inertia that can be.
+        # The inertia of point masses is physically possible.
         points = 0.5 * size * rng.normal(size=(6, 3)) + 0.3 * size * rng.normal(size=3)
         mass = log_uniform(rng, 0.05, 10.0)
         centre = points.mean(axis=0)
@@ -198,7 +198,7 @@ def random_arm(rng: np.random.Generator, kinds: Sequence[str], balls: bool) -> A
 
 
 def _with_motors(rng: np.random.Generator, arm: Arm) -> Arm:
-    """Motors by what it takes to hold the arm and to bring it off its place."""
+    """The arm with effort limits by the torques that hold and accelerate it."""
     model = arm.model()
     data = model.createData()
     holds, masses = [np.zeros(arm.n)], []
@@ -218,7 +218,7 @@ def _with_motors(rng: np.random.Generator, arm: Arm) -> Arm:
 
 
 def random_configuration(rng: np.random.Generator, arm: Arm) -> Array:
-    """A configuration within the limits, sometimes with joints on them."""
+    """A configuration within the limits, sometimes with joints at a limit."""
     lower = np.where(np.isfinite(arm.column("lower")), arm.column("lower"), -4.0)
     upper = np.where(np.isfinite(arm.column("upper")), arm.column("upper"), 4.0)
     share = rng.random(arm.n)
@@ -233,12 +233,13 @@ class Case:
 
     Attributes:
         arm: The arm.
-        q_start: Start [rad or m].
-        v_start: Velocities there.
-        goals: Kinds of the goals with what they take; any of them if ``any_of``.
-        any_of: Whether any of the goals will do, else all are to be met.
+        q_start: Start configuration [rad or m].
+        v_start: Start velocities [rad/s or m/s].
+        goals: Kinds of the goals with their arguments.
+        any_of: Whether one of the goals suffices; otherwise all must be met.
         obstacles: Spheres: centres and radii [m].
-        margin: Distance to keep from them [m].
+        margin: Smallest allowed clearance [m].
+        options: Options of the plan.
     """
 
     arm: Arm
@@ -254,7 +255,7 @@ class Case:
         """The problem for the library.
 
         Raises:
-            TominpmpError: If it is none.
+            TominpmpError: If the case is no valid problem.
         """
         goals = [_goal(kind, values) for kind, values in self.goals]
         goal = goals[0]
@@ -298,14 +299,14 @@ def random_case(
     obstacles: int = 0,
     moving: bool = False,
 ) -> Case:
-    """A problem with an end that can be reached, as far as geometry goes.
+    """A problem with a goal that the geometry of the arm can reach.
 
     Args:
         rng: Random numbers.
         kinds: Kind of each joint.
         goal: One of GOALS.
-        obstacles: Number of obstacles, which may be in the way of everything.
-        moving: Whether the arm moves at the start, and at the goal where it can.
+        obstacles: Number of obstacles, which may block every way.
+        moving: Whether the arm moves at the start, and at a joint goal.
     """
     arm = random_arm(rng, kinds, obstacles > 0)
     q_start, end = random_configuration(rng, arm), random_configuration(rng, arm)
@@ -386,10 +387,10 @@ def place_of(arm: Arm, model: pin.Model, data: pin.Data, q: Array) -> pin.SE3:
 
 
 def plan_quietly(case: Case, **options: Any) -> tm.Solution:
-    """Plan; what the library warns of is no concern here, what NumPy does is.
+    """Plan without warnings of the library; warnings of NumPy are not suppressed.
 
     Raises:
-        TominpmpError: If there is no such problem.
+        TominpmpError: If the case is no valid problem.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tm.TominpmpWarning)

@@ -1,4 +1,4 @@
-"""The page on installation names what is installed, and nothing else."""
+"""The installation page lists each dependency and extra, with correct sizes."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ def name_of(requirement: str) -> str:
     return plain(re.split(r"[^\w.-]", requirement)[0])
 
 
-def test_every_dependency_has_a_line() -> None:
+def test_page_lists_exactly_the_dependencies() -> None:
     listed = set(re.findall(r"^\| ([\w-]+) \|", PAGE, re.MULTILINE)) - {"package"}
     assert listed - {"extra"} == {name_of(text) for text in PROJECT["dependencies"]}
 
 
-def test_every_extra_has_a_line() -> None:
+def test_page_lists_every_extra() -> None:
     listed = dict(re.findall(r"^\| `(\w+)` \(([\w-]+)\) \|", PAGE, re.MULTILINE))
     extras = PROJECT["optional-dependencies"]
     filled = {k: name_of(v[0]) for k, v in extras.items() if v and k != "all"}
     assert listed == filled
     for name in set(extras) - set(filled) - {"all"}:
-        assert f"`{name}`" in PAGE  # those that are empty
+        assert f"`{name}`" in PAGE  # an extra without packages of its own
 
 
-def test_sizes_are_those_of_files() -> None:
+def test_size_of_a_package_is_that_of_its_files() -> None:
     numpy = next(item for item in requirements() if item.name == "numpy")
     assert closure(numpy) == {"numpy"}
     assert own_size("numpy") > 10_000_000
@@ -46,6 +46,6 @@ def test_sizes_are_those_of_files() -> None:
 
 @pytest.mark.parametrize("name", ["numpy", "pin", "meshcat"])
 def test_sizes_on_the_page_are_about_right(name: str) -> None:
-    said = re.search(rf"^\| {name} \| ([\d.]+) \|", PAGE, re.MULTILINE)
-    assert said is not None
-    assert 0.4 < own_size(name) / 1e6 / float(said[1]) < 2.5
+    listed_size = re.search(rf"^\| {name} \| ([\d.]+) \|", PAGE, re.MULTILINE)
+    assert listed_size is not None
+    assert 0.4 < own_size(name) / 1e6 / float(listed_size[1]) < 2.5

@@ -1,4 +1,7 @@
-"""Plans in several processes that end early: what was found is kept, nobody stays."""
+"""Plans in several processes that end early.
+
+They return the best motion found so far, and leave no process behind.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ pytestmark = [
     pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="looks into /proc"),
 ]
 
-WAIT = 300.0  # for processes of a machine that does other things, too [s]
+WAIT = 300.0  # for the processes of a busy machine [s]
 
 # Processes ignore Ctrl-C where a shell has started them in the background.
 BEGIN = """
@@ -38,15 +41,15 @@ BEGIN = """
                 found.append(int(entry))
         return found
 
-    told, (signals, written) = [], os.pipe()
+    reported, (signals, written) = [], os.pipe()
     os.set_blocking(written, False)
     signal.set_wakeup_fd(written)
 
-    def tell(record, after=lambda: os.read(signals, 1)):
-        if record.violation <= 1e-6 and not told:
+    def report_children(record, after=lambda: os.read(signals, 1)):
+        if record.violation <= 1e-6 and not reported:
             from tominpmp.planner import plan_state
             plan_state.SAVING = 300.0  # a slow machine has time for the replay, too
-            told.append(record)
+            reported.append(record)
             print(json.dumps(children()), flush=True)
             after()  # a signal has come, and was handled
 """
@@ -62,10 +65,10 @@ PLAN = """
             now = [1e5]
             time.perf_counter = lambda: now[0]
             used_up = lambda: now.append(now.pop() + limit)
-            told_of = lambda record: tell(record, used_up)
+            report_last = lambda record: report_children(record, used_up)
         solution = tm.plan(problem, processes=2, starts=40,
-                           callback=tell if limit is None else told_of,
-                           intervals=20,  # whose starts are not judged first
+                           callback=report_children if limit is None else report_last,
+                           intervals=20,  # too few for a coarse search first
                            max_planning_time=limit, tolerance=1e-9)
         print(json.dumps([solution.status.name, bool(solution), solution.T]))
 """
@@ -77,18 +80,18 @@ COMMAND = """
 
         def call(self, record):
             usual(self, record)
-            tell(record)
+            report_children(record)
 
         Progress.__call__ = call
         main()
 """
-ASKED = (
+ARGUMENTS = (
     "plan planar3r --start 0.5 1.7 -1.7 --goal-position tip 4 1 0 --processes 2 "
     "--obstacle sphere:O:r=0.8:at=4,0,0 --starts 40 --intervals 20 -o motion.csv"
 ).split()
 
 
-def begin(code: str, *arguments: str, cwd: Path) -> subprocess.Popen[str]:
+def start_script(code: str, *arguments: str, cwd: Path) -> subprocess.Popen[str]:
     script = cwd / "script.py"
     script.write_text(textwrap.dedent(BEGIN) + textwrap.dedent(code))
     return subprocess.Popen(
@@ -100,19 +103,19 @@ def begin(code: str, *arguments: str, cwd: Path) -> subprocess.Popen[str]:
     )
 
 
-def processes_of(process: subprocess.Popen[str]) -> list[int]:
-    """What the process says once it has found a motion: those it has started."""
+def await_child_processes(process: subprocess.Popen[str]) -> list[int]:
+    """Ids of the child processes, which the script prints at its first motion."""
     assert process.stdout is not None
     for line in process.stdout:
         if line.startswith("["):
             pids = json.loads(line)
             assert len(pids) >= 2 and all(isinstance(pid, int) for pid in pids)
             return list(pids)
-    raise AssertionError("it ended before it had found anything")
+    raise AssertionError("the script ended before it had found a motion")
 
 
-def ended(process: subprocess.Popen[str]) -> tuple[str, str]:
-    """What is left of its output and errors, which end when nobody holds them."""
+def rest_of_output(process: subprocess.Popen[str]) -> tuple[str, str]:
+    """The rest of its output and errors, which end when no process holds the pipes."""
     assert process.stdout is not None and process.stderr is not None
     watch = threading.Timer(WAIT, process.kill)
     watch.start()
@@ -139,42 +142,44 @@ def all_end(pids: list[int]) -> bool:
     return not any(map(alive, pids))
 
 
-def test_an_interrupt_returns_the_motion(tmp_path: Path) -> None:
-    process = begin(PLAN, "0", cwd=tmp_path)
-    pids = processes_of(process)
+def test_interrupted_plan_returns_its_motion(tmp_path: Path) -> None:
+    process = start_script(PLAN, "0", cwd=tmp_path)
+    pids = await_child_processes(process)
     process.send_signal(signal.SIGINT)
-    out, errors = ended(process)
+    out, errors = rest_of_output(process)
     assert process.returncode == 0, errors
     status, success, T = json.loads(out.splitlines()[-1])
     assert status == "INTERRUPTED" and success and 0.0 < T < 10.0
     assert all_end(pids)
 
 
-def test_the_end_of_the_time_returns_the_motion(tmp_path: Path) -> None:
-    process = begin(PLAN, "300", cwd=tmp_path)
-    pids = processes_of(process)
-    out, errors = ended(process)
+def test_plan_returns_its_motion_at_the_time_limit(tmp_path: Path) -> None:
+    process = start_script(PLAN, "300", cwd=tmp_path)
+    pids = await_child_processes(process)
+    out, errors = rest_of_output(process)
     assert process.returncode == 0, errors
     status, success, T = json.loads(out.splitlines()[-1])
     assert status == "TIME_LIMIT" and success and 0.0 < T < 10.0
     assert all_end(pids)
 
 
-def test_nobody_stays_where_the_process_is_terminated(tmp_path: Path) -> None:
-    process = begin(PLAN, "0", cwd=tmp_path)
-    pids = processes_of(process)
+def test_child_processes_end_with_a_terminated_plan(tmp_path: Path) -> None:
+    process = start_script(PLAN, "0", cwd=tmp_path)
+    pids = await_child_processes(process)
     process.terminate()
-    ended(process)
+    rest_of_output(process)
     assert process.returncode == -signal.SIGTERM
     assert all_end(pids)
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_the_command_writes_the_motion(tmp_path: Path, number: signal.Signals) -> None:
-    process = begin(COMMAND, *ASKED, cwd=tmp_path)
-    pids = processes_of(process)
+def test_interrupted_command_writes_its_motion(
+    tmp_path: Path, number: signal.Signals
+) -> None:
+    process = start_script(COMMAND, *ARGUMENTS, cwd=tmp_path)
+    pids = await_child_processes(process)
     process.send_signal(number)
-    _, errors = ended(process)
+    _, errors = rest_of_output(process)
     assert process.returncode == 128 + number, errors
     rows = (tmp_path / "motion.csv").read_text().splitlines()
     assert len(rows) > 20

@@ -1,4 +1,4 @@
-"""The judge of the MotionBenchMaker benchmark, and the bookkeeping around it."""
+"""The MotionBenchMaker benchmark: its judge, its rival and its tables of results."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ def test_scene_is_read_with_sizes_and_turned_poses(folder: Path) -> None:
     np.testing.assert_allclose(drum.placement.rotation, pin.utils.rotate("x", angle))
 
 
-def test_strange_obstacles_are_refused(tmp_path: Path) -> None:
+def test_unsupported_obstacles_are_refused(tmp_path: Path) -> None:
     scene = tmp_path / "scene.yaml"
     scene.write_text(SCENE.replace("type: cylinder", "type: cone"))
     with pytest.raises(ValueError, match="cone"):
@@ -167,7 +167,9 @@ def test_smallest_clearance_is_that_of_all_pairs_and_instants(
         np.testing.assert_array_equal(free, every.min(axis=1) > 0.0)
 
 
-def test_bounds_lie_below_the_distances(surroundings, rng: np.random.Generator) -> None:
+def test_lower_bounds_are_at_most_the_distances(
+    surroundings, rng: np.random.Generator
+) -> None:
     q = rng.uniform(-3.0, 3.0, (30, 2))
     placed = surroundings._place(q)
     bounds = surroundings._lower_bounds(*placed)
@@ -185,7 +187,7 @@ def links_in_pairs(surroundings) -> set[frozenset[str]]:
     return {frozenset((bodies[i].name, bodies[j].name)) for i, j in surroundings._pairs}
 
 
-def test_pairs_that_cannot_touch_or_may_are_left_out(surroundings) -> None:
+def test_fixed_and_allowed_pairs_are_left_out(surroundings) -> None:
     pairs = links_in_pairs(surroundings)
     assert frozenset(("upper", "fore")) not in pairs  # by the SRDF
     assert frozenset(("fore", "tool")) not in pairs  # on one joint
@@ -194,12 +196,12 @@ def test_pairs_that_cannot_touch_or_may_are_left_out(surroundings) -> None:
 
 
 class Line:
-    """A straight motion with constant acceleration, then as much braking.
+    """A straight motion with constant acceleration, then the same deceleration.
 
     Args:
         arm: The arm.
-        start: Where it starts at rest.
-        goal: Where it ends at rest.
+        start: Configuration at the start, at rest.
+        goal: Configuration at the end, at rest.
         T: Duration [s].
     """
 
@@ -226,7 +228,7 @@ def verdict(folder: Path, arm, surroundings, motion, **options) -> judging.Verdi
     return judging.judge(arm, surroundings, request, motion, motion.knots, **options)
 
 
-def test_a_good_motion_passes_and_its_replay_is_exact(
+def test_valid_motion_passes_and_its_replay_is_exact(
     folder: Path, arm, surroundings
 ) -> None:
     motion = Line(arm, [0.1, -0.2], [-0.7, 0.3], 1.2)
@@ -250,7 +252,7 @@ def test_a_good_motion_passes_and_its_replay_is_exact(
         ([0.1, -0.2], [1.1, 0.3], 2.0, "contact"),
     ],
 )
-def test_each_fault_is_found(
+def test_judge_names_each_fault(
     folder: Path, arm, surroundings, start, goal, T: float, fault: str
 ) -> None:
     found = verdict(folder, arm, surroundings, Line(arm, start, goal, T))
@@ -258,7 +260,7 @@ def test_each_fault_is_found(
     assert not found.passed
 
 
-def test_friction_left_out_of_the_torque_shows_in_the_replay(
+def test_replay_detects_torques_without_friction(
     folder: Path, arm, surroundings
 ) -> None:
     motion = Line(arm, [0.1, -0.2], [-0.7, 0.3], 1.2)
@@ -275,7 +277,7 @@ def test_friction_left_out_of_the_torque_shows_in_the_replay(
     assert judging.judge(*case, replayed=False).passed
 
 
-def test_a_figure_that_is_no_number_is_a_fault() -> None:
+def test_nan_in_a_verdict_is_a_fault() -> None:
     clearance = exact_geometry.Clearance(np.nan, "a", "b", 0, 0)
     bad = judging.Verdict(clearance, 0.0, np.nan, np.nan, np.nan, np.nan, 0.0, 0.0)
     assert set(bad.faults) == {"position", "velocity", "effort", "contact", "goal"}
@@ -284,30 +286,28 @@ def test_a_figure_that_is_no_number_is_a_fault() -> None:
 @pytest.mark.parametrize(
     "name", ["judging.py", "exact_geometry.py", "rivals/rrt_toppra.py", "rivals/arm.py"]
 )
-def test_judge_and_rival_do_not_know_the_library(name: str) -> None:
+def test_judge_and_rival_do_not_import_the_library(name: str) -> None:
     tree = ast.parse((ROOT / "benchmarks" / name).read_text(encoding="utf-8"))
-    known = [
+    imported = [
         item.name if isinstance(node, ast.Import) else node.module
         for node in ast.walk(tree)
         if isinstance(node, ast.Import | ast.ImportFrom)
         for item in node.names
     ]
-    assert "numpy" in known
-    assert not [word for word in known if word and word.startswith("tominpmp")]
+    assert "numpy" in imported
+    assert not [word for word in imported if word and word.startswith("tominpmp")]
 
 
 @pytest.fixture(scope="module")
 def rival():
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # third parties, on their first import
+        warnings.simplefilter("ignore")  # of third parties, at their first import
         pytest.importorskip("toppra")
         pytest.importorskip("ompl")
         return importlib.import_module("benchmarks.rivals.rrt_toppra")
 
 
-def test_the_rival_goes_around_what_it_must_not_touch(
-    folder: Path, arm, surroundings, rival
-) -> None:
+def test_rival_plans_around_an_obstacle(folder: Path, arm, surroundings, rival) -> None:
     # The post is between the start and this goal.
     request = judging.read_request(folder / "request.yaml")
     request = judging.Request(request.start, {"shoulder": 1.3, "elbow": 0.2})
@@ -359,7 +359,7 @@ def test_subdivided_points_lie_on_the_path(rival) -> None:
 @pytest.mark.parametrize(
     ("text", "numbers"), [("3", [3]), ("1-3", [1, 2, 3]), ("2,1-2,7", [2, 1, 7])]
 )
-def test_ranges_of_problems(text: str, numbers: list[int]) -> None:
+def test_ranges_of_problems_are_parsed(text: str, numbers: list[int]) -> None:
     assert motionbenchmaker.parse_range(text) == numbers
 
 
@@ -384,7 +384,7 @@ def row(problem: int, success: bool, T: float = 1.0, scene: str = "box"):
     }
 
 
-def test_rows_are_on_disk_at_once_and_found_again(tmp_path: Path) -> None:
+def test_rows_are_written_at_once_and_read_again(tmp_path: Path) -> None:
     path = tmp_path / "out" / "rows.csv"
     table = results.Table(path, COLUMNS)
     for problem in (1, 2):
@@ -397,7 +397,7 @@ def test_rows_are_on_disk_at_once_and_found_again(tmp_path: Path) -> None:
         results.Table(path, (*COLUMNS, "more"))
 
 
-def test_a_row_that_an_interruption_cut_short_is_dropped(tmp_path: Path) -> None:
+def test_row_truncated_by_an_interruption_is_dropped(tmp_path: Path) -> None:
     path = tmp_path / "rows.csv"
     results.Table(path, COLUMNS).add(row(1, True))
     with path.open("a", encoding="utf-8") as file:
@@ -405,7 +405,7 @@ def test_a_row_that_an_interruption_cut_short_is_dropped(tmp_path: Path) -> None
     assert list(results.Table(path, COLUMNS).rows) == [("box", "1")]
 
 
-def test_table_of_results_counts_failures_and_compares_what_both_solved() -> None:
+def test_table_counts_failures_and_compares_problems_that_both_solved() -> None:
     ours = [row(1, True, 1.0), row(2, True, 2.0), row(3, False, 0.1)]
     theirs = [row(1, True, 2.0), row(2, False, 9.0), row(3, True, 9.0)]
     assert results.compare(ours, theirs) == (0.5, 1)
@@ -426,7 +426,7 @@ def test_durations_are_compared_with_the_shorter_motion_of_both_runs() -> None:
     assert "No problem" in results.excess_line(ours, [])
 
 
-def test_an_error_is_a_row_and_ends_nothing(tmp_path: Path) -> None:
+def test_error_is_a_row_and_the_next_problem_follows(tmp_path: Path) -> None:
     case = motionbenchmaker.Case("box", 1, tmp_path)
     arguments = argparse.Namespace(rival=False, time_limit=None)
     found = motionbenchmaker.run_case(case, arguments)
@@ -454,7 +454,7 @@ def test_meter_counts_nested_calls_once_and_restores_the_class() -> None:
     assert Worker().outer() and meter.seconds == after_one
 
 
-def test_data_folder_must_be_named(
+def test_missing_data_folder_is_named_in_the_error(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     monkeypatch.delenv(motionbenchmaker.VARIABLE, raising=False)

@@ -1,4 +1,4 @@
-"""The list of tests that only `make test-all` runs names tests that there are."""
+"""The list tests/nightly.txt of the tests that only `make test-all` runs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ ROOT = Path(__file__).parents[1]
 LINES = (ROOT / "tests" / "nightly.txt").read_text("utf-8").splitlines()
 
 
-def test_they_are_there() -> None:
+def test_every_entry_names_an_existing_test() -> None:
     missing = []
     for line in LINES:
         file, name = line.split("[")[0].split("::")
@@ -18,12 +18,12 @@ def test_they_are_there() -> None:
     assert missing == []
 
 
-def test_none_is_named_twice_and_all_are_sorted() -> None:
+def test_entries_are_unique_and_sorted() -> None:
     assert sorted(set(LINES)) == LINES
 
 
-def test_there_is_no_other_list() -> None:
-    """Marks in the code would be a second one."""
+def test_no_test_file_contains_the_mark_nightly() -> None:
+    """Marks in the code would be a second list of long tests."""
     mark = "mark." + "nightly"
     files = (ROOT / "tests").rglob("test_*.py")
     assert [file.name for file in files if mark in file.read_text("utf-8")] == []

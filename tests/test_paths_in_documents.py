@@ -1,4 +1,4 @@
-"""What the documents point at is there: files, folders, modules, layers, commands."""
+"""Documents name existing files, folders, modules, layers and benchmarks."""
 
 from __future__ import annotations
 
@@ -14,48 +14,48 @@ DOCUMENTS = [
     *(ROOT / folder / "README.md" for folder in ("benchmarks", "robots")),
     *sorted((ROOT / "docs").glob("*.md")),
 ]
-# Where a path in a document may start.
+# Folders to which a path in a document may be relative.
 FOLDERS = (ROOT, SOURCE, ROOT / "examples", ROOT / "docs", ROOT / "benchmarks")
-# Files and folders of the project in backticks or links; users have no Python files and
-# no folders that documents tell of.
+# Files and folders of the project in backticks or links: documents name no Python files
+# and no folders of users.
 PATHS = re.compile(r"`([\w./-]+(?:\.py|\.md|/))`|\]\(([^)#:]+)(?:#[^)]*)?\)")
 NAMES = re.compile(r"`(tominpmp(?:\.\w+)+)`")
 COMMANDS = re.compile(r"python -m (benchmarks(?:\.\w+)+)")
 
 
-def is_there(text: str, document: Path) -> bool:
-    """Whether there is such a file; one without a folder may be in any."""
+def path_exists(text: str, document: Path) -> bool:
+    """Whether a path exists; a file without a folder may be anywhere in the package."""
     if any((folder / text).exists() for folder in (document.parent, *FOLDERS)):
         return True
     return "/" not in text and any(SOURCE.rglob(text))
 
 
 def mentions(pattern: re.Pattern[str]) -> Iterator[tuple[Path, str]]:
-    """What a pattern finds in the documents, beside the document."""
+    """Matches of a pattern in the documents, each with its document."""
     for document in DOCUMENTS:
         for groups in pattern.finditer(document.read_text("utf-8")):
             yield document, next(group for group in groups.groups() if group)
 
 
-def test_files_and_folders_are_there() -> None:
+def test_files_and_folders_in_documents_exist() -> None:
     missing = [
         f"{document.relative_to(ROOT)}: {text}"
         for document, text in mentions(PATHS)
-        if not is_there(text, document)
+        if not path_exists(text, document)
     ]
     assert missing == []
 
 
-def test_names_are_there() -> None:
+def test_dotted_names_in_documents_exist() -> None:
     missing = [
         f"{document.relative_to(ROOT)}: {name}"
         for document, name in mentions(NAMES)
-        if not resolved(name)
+        if not name_exists(name)
     ]
     assert missing == []
 
 
-def test_benchmarks_are_there() -> None:
+def test_benchmark_commands_in_documents_exist() -> None:
     missing = []
     for document, name in mentions(COMMANDS):
         path = ROOT / Path(*name.split("."))
@@ -65,22 +65,22 @@ def test_benchmarks_are_there() -> None:
     assert missing == []
 
 
-def test_the_layers_are_those_that_are_checked() -> None:
+def test_documented_layers_are_those_of_import_linter() -> None:
     text = (ROOT / "pyproject.toml").read_text("utf-8")
     layers = re.search(r"^layers = \[\n(.*?)^\]", text, re.MULTILINE | re.DOTALL)
     assert layers is not None
     checked = [line for line in re.findall(r'"(.*)"', layers[1]) if line != "__main__"]
     contributing = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
     section = contributing.split("## Layers")[1].split("\n- ")[0]
-    told = [line for line in section.splitlines() if line.startswith("    ")]
-    assert [re.split(r" {2,}", line.strip())[0] for line in told] == checked
+    documented = [line for line in section.splitlines() if line.startswith("    ")]
+    assert [re.split(r" {2,}", line.strip())[0] for line in documented] == checked
 
 
 REFERENCES = re.compile(r":(?:mod|class|func|meth|data|attr):`~?(tominpmp[\w.]*)`")
 
 
-def resolved(name: str) -> bool:
-    """Whether a dotted name is that of a module, or of something in one."""
+def name_exists(name: str) -> bool:
+    """Whether a dotted name is that of a module, or of an attribute in a module."""
     parts = name.split(".")
     for count in range(len(parts), 0, -1):
         try:
@@ -96,11 +96,11 @@ def resolved(name: str) -> bool:
     return False
 
 
-def test_references_in_docstrings_are_there() -> None:
+def test_references_in_docstrings_exist() -> None:
     names = {
         name
         for path in SOURCE.rglob("*.py")
         for name in REFERENCES.findall(path.read_text("utf-8"))
     }
     assert len(names) > 20
-    assert {name for name in names if not resolved(name)} == set()
+    assert {name for name in names if not name_exists(name)} == set()

@@ -1,8 +1,8 @@
 """Property tests: random arms with random problems, and an independent check.
 
-Whatever the arm and the problem, a plan is a Solution without a NaN, or one of the
-library's errors; what is said to be a success is one for a replay that shares no code
-with the library's, and takes no less than the lower bound.
+For every arm and problem, a plan returns a Solution without a NaN, or raises one of the
+library's errors. A motion that counts as a success passes a replay that shares no code
+with the library's, and takes no less time than the lower bound.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
-from independent_check import faults, numbers_that_are_none
+from independent_check import faults, nonfinite_values
 from random_problems import GOALS, KINDS, Case, plan_quietly, random_case
 
 import tominpmp as tm
 
-# What is drawn is the same in each run; a failure is told with its seed.
+# Each run draws the same examples; a failure is reported with its seed.
 EXAMPLES = settings(
     derandomize=True,
     database=None,
@@ -35,8 +35,8 @@ def arms(most: int) -> st.SearchStrategy[list[str]]:
     return st.lists(st.sampled_from(KINDS), min_size=1, max_size=most)
 
 
-def judge(case: Case, **options: object) -> tm.Solution | None:
-    """Plan, and check whatever comes of it; None where there is no such problem."""
+def checked_plan(case: Case, **options: object) -> tm.Solution | None:
+    """Plan a case and check its solution; None if the library refuses the case."""
     chosen = {"intervals": 10, "max_iterations": 15, "starts": 1} | options
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
@@ -45,7 +45,7 @@ def judge(case: Case, **options: object) -> tm.Solution | None:
         except tm.TominpmpError as error:
             assert str(error).strip()
             return None
-    assert numbers_that_are_none(solution) == []
+    assert nonfinite_values(solution) == []
     assert solution.message.strip()
     if solution.success:
         assert faults(case, solution) == []
@@ -56,16 +56,20 @@ def judge(case: Case, **options: object) -> tm.Solution | None:
 
 @EXAMPLES
 @given(kinds=arms(9), moving=st.booleans(), seed=SEEDS)
-def test_joint_goals(kinds: list[str], moving: bool, seed: int) -> None:
+def test_random_joint_goals_give_valid_solutions(
+    kinds: list[str], moving: bool, seed: int
+) -> None:
     rng = np.random.default_rng(seed)
-    judge(random_case(rng, kinds, "joint", moving=moving))
+    checked_plan(random_case(rng, kinds, "joint", moving=moving))
 
 
 @EXAMPLES
 @example(kinds=["revolute"], goal="position", seed=96)  # the start is at the goal
 @given(kinds=arms(6), goal=st.sampled_from(GOALS[1:]), seed=SEEDS)
-def test_goals_of_every_kind(kinds: list[str], goal: str, seed: int) -> None:
-    judge(random_case(np.random.default_rng(seed), kinds, goal))
+def test_random_goals_of_every_kind_give_valid_solutions(
+    kinds: list[str], goal: str, seed: int
+) -> None:
+    checked_plan(random_case(np.random.default_rng(seed), kinds, goal))
 
 
 @EXAMPLES
@@ -75,18 +79,20 @@ def test_goals_of_every_kind(kinds: list[str], goal: str, seed: int) -> None:
     obstacles=st.integers(1, 4),
     seed=SEEDS,
 )
-def test_obstacles(kinds: list[str], goal: str, obstacles: int, seed: int) -> None:
+def test_random_obstacles_give_valid_solutions(
+    kinds: list[str], goal: str, obstacles: int, seed: int
+) -> None:
     rng = np.random.default_rng(seed)
-    judge(random_case(rng, kinds, goal, obstacles=obstacles))
+    checked_plan(random_case(rng, kinds, goal, obstacles=obstacles))
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_small_arms_between_configurations_are_solved(seed: int) -> None:
-    """The properties above hold of a planner, too, that never finds anything."""
+def test_small_random_arms_reach_their_joint_goals(seed: int) -> None:
+    """A planner that never finds a motion would have the properties above, too."""
     rng = np.random.default_rng(seed)
     kinds = [KINDS[i] for i in rng.integers(3, size=1 + seed % 3)]
     case = random_case(rng, kinds, "joint")
-    solution = judge(case, max_iterations=100, starts=None)
+    solution = checked_plan(case, max_iterations=100, starts=None)
     assert solution is not None
     assert solution.success
 

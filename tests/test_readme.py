@@ -1,4 +1,4 @@
-"""The README's examples run as they stand."""
+"""The README's examples run without changes, and its duration is that of a plan."""
 
 from __future__ import annotations
 
@@ -24,7 +24,9 @@ pytestmark = [
 ]
 
 
-def test_examples(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_examples_run_and_write_their_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```python\n(.*?)```", README.read_text("utf-8"), re.DOTALL)
     assert len(blocks) == 4
@@ -49,13 +51,13 @@ def test_examples(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert found.tolist() == [10.0] * again.robot.n
 
 
-def test_the_film_is_of_what_its_example_finds() -> None:
-    """It once said 0.67 s of what had become 0.62 s."""
+def test_duration_of_the_film_is_that_of_its_example() -> None:
+    """Regression: the README said 0.67 s of a motion that by then took 0.62 s."""
     arm = tm.load_robot(
         "panda", limits="urdf", locked_joints={"panda_finger_joint1": 0.04}
     )
     problem = payload.problem(arm.with_payload(payload.box()))
     found = tm.plan(problem, tm.Options(intervals=20, seed=0))
-    said = re.search(r"in its hand: ([\d.]+) s", README.read_text("utf-8"))
-    assert said is not None
-    assert said[1] == f"{found.T:.2f}"
+    stated = re.search(r"in its hand: ([\d.]+) s", README.read_text("utf-8"))
+    assert stated is not None
+    assert stated[1] == f"{found.T:.2f}"

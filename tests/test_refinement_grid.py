@@ -1,4 +1,4 @@
-"""Finer grids: where intervals are split, and what that brings."""
+"""Refined grids: which intervals are split, and how much shorter the motion gets."""
 
 from __future__ import annotations
 
@@ -42,8 +42,10 @@ def planned(
         ("level", "rods, friction"),
     ],
 )
-def test_coarse_start(family: str, name: str, method: str) -> None:
-    """From 8 intervals the replay meets its tolerances, and T comes down."""
+def test_refinement_of_a_coarse_grid_meets_the_tolerances(
+    family: str, name: str, method: str
+) -> None:
+    """Refined from 8 intervals, the replay meets its tolerances, and T falls."""
     rough = planned(family, name, method, None)
     solution = planned(family, name, method, "grid")
     assert solution.success, solution.message
@@ -58,8 +60,8 @@ def test_coarse_start(family: str, name: str, method: str) -> None:
         assert solution.T <= rough.T * (1.0 + 1e-9)
 
 
-def test_half_of_the_excess_goes() -> None:
-    """On the best grid of its size; equal intervals would bring as much as this."""
+def test_refinement_halves_the_excess_over_the_minimum_time() -> None:
+    """The grid is the best of its size; equal intervals would halve the excess, too."""
     case = CASES["vertical"]["vertical rods"]
     rough = planned("vertical", "vertical rods", "inverse", None)
     solution = planned("vertical", "vertical rods", "inverse", "grid")
@@ -77,13 +79,13 @@ def test_intervals_are_short_where_torques_switch() -> None:
     rough = planned("level", "rods, friction", "inverse", None, 20).trajectory
     assert rough is not None
     before = np.diff(rough.t)[np.searchsorted(rough.t, switches) - 1]
-    # They were split more often than intervals on average.
+    # The intervals around the switches were split more often than the average one.
     assert h.size > 20
     assert np.all(h[around] / before < 20 / h.size)
 
 
-def test_grid_of_a_hopeless_problem_says_so() -> None:
-    """A joint too weak to lift itself within the bounds: no exception, no success."""
+def test_refinement_of_a_hopeless_problem_raises_no_error() -> None:
+    """A joint too weak to lift its link within the limits: no exception, no success."""
     case = CASES["swing"]["pendulum, one swing"]
     robot = case.robot()
     narrow = tm.Problem(
@@ -99,14 +101,14 @@ def test_grid_of_a_hopeless_problem_says_so() -> None:
         assert solution.verification.ok
 
 
-def test_stopped_planning_is_not_refined() -> None:
+def test_plan_stopped_by_its_callback_is_not_refined() -> None:
     options = tm.Options(refine="grid", callback=lambda record: record.iteration == 2)
     solution = tm.plan(CASES["level"]["rods"].problem(), options)
     assert solution.status is tm.Status.INTERRUPTED
     assert len(solution.history) == 3
 
 
-# -- the pieces ------------------------------------------------------------------------
+# -- splitting of intervals ------------------------------------------------------------
 
 
 def system_of(family: str, name: str) -> ProblemFunctions:
@@ -114,11 +116,11 @@ def system_of(family: str, name: str) -> ProblemFunctions:
 
 
 @pytest.mark.parametrize("kind", [InverseTranscription, CollocationTranscription])
-def test_splitting_leaves_the_motion_as_it_is(
+def test_splitting_intervals_does_not_change_the_motion(
     kind: type[InverseTranscription] | type[CollocationTranscription],
     rng: np.random.Generator,
 ) -> None:
-    """The next solve begins where the last one ended."""
+    """The next solve begins with the solution of the last one."""
     system = system_of("vertical", "vertical rods")
     shares = interval_shares("uniform", FEW)
     transcription = kind(system, shares, 1.3)
@@ -136,6 +138,6 @@ def test_splitting_leaves_the_motion_as_it_is(
     assert after.t.size == before.t.size + int(split.sum())
     times = np.linspace(0.0, before.duration, 57)
     if kind is CollocationTranscription:
-        times = before.t  # in between torques rule, whatever the states
+        times = before.t  # between nodes, the torques determine the motion
     np.testing.assert_allclose(after(times).q, before(times).q, atol=1e-10)
     np.testing.assert_allclose(after(times).v, before(times).v, atol=1e-10)

@@ -1,4 +1,4 @@
-"""refine= where an obstacle moves: a ball on a rail behind a wall that moves away."""
+"""Refinement with a moving obstacle: a ball on a rail waits behind a wall."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def rail(folder: Path) -> tm.Robot:
 def opening(
     folder: Path, leave: float, gone: float, aside: float, **kinds: float
 ) -> tm.Problem:
-    """A wall stands in the way until some time and has moved aside at another."""
+    """A wall stands in the way until `leave` [s], and is aside from `gone` [s] on."""
     stands, away = (0.0, 0.0, 0.0), (0.0, aside, 0.0)
     way = tm.Waypoints([0.0, leave, gone], [stands, stands, away])
     size = (kinds.get("thick", 0.1), 1.0, 1.0)
@@ -45,8 +45,9 @@ def opening(
     return tm.Problem(rail(folder), start, goal, scene=tm.Scene([wall]))
 
 
-def test_grid_after_the_last_round_of_rows(tmp_path):
-    # 353 against 352 rows: after the last round rows were put in and not solved for.
+def test_refinement_after_the_last_row_exchange_finds_a_motion(tmp_path):
+    # Regression, 353 against 352 rows: the last row exchange added rows with which the
+    # program was not solved.
     problem = opening(
         tmp_path,
         2.288456013157626,
@@ -63,8 +64,9 @@ def test_grid_after_the_last_round_of_rows(tmp_path):
 
 
 @pytest.mark.parametrize("length", [0.0, 1e-16, 1e-13])
-def test_an_arc_that_vanishes_is_no_step_of_the_motion(length, tmp_path):
-    # Times that hardly increase were refused, or divided by in the replay.
+def test_vanishing_arc_is_no_step_of_the_motion(length, tmp_path):
+    # Regression: times that hardly increase were refused, or the replay divided by the
+    # differences.
     problem = opening(tmp_path, 0.01, 0.02, 5.0)
     lengths = np.array([0.3, length, 0.3])
     none = np.zeros((3, 1), dtype=np.int64)
@@ -78,8 +80,9 @@ def test_an_arc_that_vanishes_is_no_step_of_the_motion(length, tmp_path):
 
 
 @pytest.mark.parametrize("kind", [InverseTranscription, CollocationTranscription])
-def test_halved_intervals_keep_the_motion_and_what_may_stretch(kind, tmp_path):
-    # A motion that waits has lengths of its own for the wait, which halving lost.
+def test_halved_intervals_keep_the_motion_and_its_free_lengths(kind, tmp_path):
+    # Regression: a motion that waits has separate lengths for the wait, which halving
+    # lost.
     system = ProblemFunctions.of(opening(tmp_path, 0.5, 1.0, 2.0))
     shares = delayed_shares(12, 0.4)
     program = kind(system, shares, 2.0)

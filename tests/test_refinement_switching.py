@@ -27,8 +27,8 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 
 TOLERANCE = 1e-5
 BELOW = 1e-6
-# One of each kind; the others are in benchmarks/known_optima.py. From the first guess
-# alone the fastest of several local optima need not be found.
+# One case of each family; the others are in benchmarks/known_optima.py. The first guess
+# alone need not lead to the fastest of several local optima.
 QUICK = (
     ("rail", "rail, weak brake, speed limit"),
     ("weight", "two rails"),
@@ -45,21 +45,21 @@ def refined(family: str, name: str, starts: int | None = 1) -> tm.Solution:
     return tm.plan(CASES[family][name].problem(), options)
 
 
-def known(case: Case) -> list[float]:
-    """Durations of all extremals that are known, the fastest first."""
+def known_durations(case: Case) -> list[float]:
+    """Durations of all known extremals, the fastest first."""
     return [case.minimum, *(extremal.T for extremal in case.extremals[1:])]
 
 
 @pytest.mark.parametrize(("family", "name"), QUICK)
-def test_time_is_that_of_an_extremal(family: str, name: str) -> None:
+def test_duration_is_that_of_an_extremal(family: str, name: str) -> None:
     solution = refined(family, name)
     assert solution.success, solution.message
-    times = known(CASES[family][name])
+    times = known_durations(CASES[family][name])
     assert times[0] * (1.0 - BELOW) < solution.T
     assert min(abs(solution.T / T - 1.0) for T in times) < TOLERANCE
 
 
-def test_other_orders_of_the_switches_are_looked_for() -> None:
+def test_faster_order_of_the_switches_is_found() -> None:
     """The first guess leads to a slower order of the switches."""
     case = CASES["level"]["Van Willigenburg"]
     solution = refined("level", "Van Willigenburg", None)
@@ -67,8 +67,8 @@ def test_other_orders_of_the_switches_are_looked_for() -> None:
     assert abs(solution.T / case.minimum - 1.0) < TOLERANCE
 
 
-def test_torques_are_at_their_limits() -> None:
-    """They switch when the extremal does, and are at their limits in between."""
+def test_torques_switch_between_their_limits() -> None:
+    """Torques switch when the extremal's do, and are at their limits in between."""
     solution = refined("level", "rods, friction")
     case, motion = CASES["level"]["rods, friction"], solution.trajectory
     assert motion is not None
@@ -80,8 +80,8 @@ def test_torques_are_at_their_limits() -> None:
     np.testing.assert_allclose(motion.t[flips + 1], expected, atol=2e-5)
 
 
-def test_certificate_of_a_refined_motion() -> None:
-    """Its Hamiltonian is constant where that of a grid is not."""
+def test_certificate_of_a_refined_motion_is_accurate() -> None:
+    """The Hamiltonian is constant, unlike that of a motion on a grid."""
     found = refined("vertical", "vertical rods").certificate
     assert found is not None
     assert found.ok, found.message
@@ -96,15 +96,15 @@ def test_speed_limit_is_kept_exactly() -> None:
     assert fastest == pytest.approx(1.0, abs=1e-6)
 
 
-def test_refined_is_never_slower() -> None:
+def test_exact_switching_does_not_lengthen_the_motion() -> None:
     case = CASES["level"]["rods, friction"]
     rough = tm.plan(case.problem(), tm.Options(starts=1, control="constant"))
     solution = refined("level", "rods, friction")
     assert solution.T <= rough.T * (1.0 + 1e-6)
 
 
-def test_lengths_are_never_traded_for_errors() -> None:
-    """The motion ends at the goal when its torques are integrated independently."""
+def test_replay_of_a_refined_motion_ends_at_the_goal() -> None:
+    """Integrated independently, the torques end at the goal: arcs are not too short."""
     solution = refined("vertical", "vertical rods")
     assert solution.verification is not None
     end = solution.verification.replay
@@ -113,10 +113,10 @@ def test_lengths_are_never_traded_for_errors() -> None:
     np.testing.assert_allclose(found, expected, atol=2e-6)
 
 
-def test_passive_joint_falls_back_or_gains(clock: Clock) -> None:
-    """A cart with a free pole, on the states and torques of collocation.
+def test_passive_joint_keeps_its_motion_at_the_time_limit(clock: Clock) -> None:
+    """A cart with a free pole, refined from the states and torques of collocation.
 
-    Its time is over in the middle of the refinement, on whatever machine.
+    The planning time ends in the middle of the refinement on every machine.
     """
     effort = np.array([20.0, 0.0])
     robot = make_arm(slide(1.0), ROD, effort=effort, gravity=DOWNWARD)
@@ -138,8 +138,10 @@ def test_passive_joint_falls_back_or_gains(clock: Clock) -> None:
         ({"refine": "grid", "method": "adjoint"}, "'adjoint'"),
     ],
 )
-def test_what_cannot_be_refined_is_said(choice: dict[str, Any], word: str) -> None:
-    """The motion is kept as it is, with a sentence."""
+def test_message_names_the_option_that_prevents_refinement(
+    choice: dict[str, Any], word: str
+) -> None:
+    """The plan returns the motion without refinement, and its message says why."""
     problem = CASES["rail"]["rail"].problem()
     choice = {"max_iterations": 12, **choice}
     options = tm.Options(**choice)
@@ -152,17 +154,17 @@ def test_what_cannot_be_refined_is_said(choice: dict[str, Any], word: str) -> No
         assert word in solution.message
 
 
-def test_what_other_methods_lead_to_is_refined_too() -> None:
+def test_motions_of_other_methods_are_refined() -> None:
     problem = CASES["rail"]["rail"].problem()
     for method in ("collocation", "adjoint", "penalty"):
         solution = tm.plan(problem, method=method, refine="switching", starts=1)
         assert solution.T == pytest.approx(CASES["rail"]["rail"].minimum, rel=1e-9)
 
 
-def test_not_found_keeps_the_motion_on_the_grid(
+def test_failed_exact_switching_keeps_the_motion_on_the_grid(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Arcs that lead nowhere: the plan stays, verified, with a sentence."""
+    """No arcs are found: the motion on the grid is returned, with a message."""
     monkeypatch.setattr(exact, "refine_arcs", lambda *arguments: None)
     problem = CASES["level"]["rods, friction"].problem()
     grid = tm.Options(starts=1, refine="grid", control="constant")
@@ -176,7 +178,7 @@ def test_not_found_keeps_the_motion_on_the_grid(
 
 @pytest.mark.parametrize("limit", [350.0, 600.0])
 def test_time_limit_keeps_a_verified_motion(clock: Clock, limit: float) -> None:
-    """It would take a thousand looks at the clock."""
+    """Without a limit, the plan would read the clock a thousand times, 1 s each."""
     clock.tick = 1.0
     case = all_cases()["vertical rods"]
     options = tm.Options(refine="switching", max_planning_time=limit)
@@ -186,8 +188,8 @@ def test_time_limit_keeps_a_verified_motion(clock: Clock, limit: float) -> None:
     assert solution.T >= case.minimum * (1.0 - BELOW)
 
 
-def test_goal_that_asks_for_more_than_the_arm_can_leave() -> None:
-    """The height of an arm in a plane is no equation that could be solved."""
+def test_position_goal_of_a_planar_arm_is_refined() -> None:
+    """The tip of a planar arm has a constant height: its equation is singular."""
     robot = CASES["level"]["rods"].robot()
     reached = np.array([np.cos(0.9) + np.cos(0.6), np.sin(0.9) + np.sin(0.6), 0.0])
     goal = tm.PositionGoal("tip", reached)
@@ -200,7 +202,7 @@ def test_goal_that_asks_for_more_than_the_arm_can_leave() -> None:
     assert found.stationarity < 1e-4
 
 
-# -- the pieces ------------------------------------------------------------------------
+# -- arcs ------------------------------------------------------------------------------
 
 
 def rail_system() -> ProblemFunctions:
@@ -214,59 +216,65 @@ def arcs(lengths: list[float], levels: list[float]) -> Arcs:
     return Arcs(np.array(lengths), column, none != 0, none, none != 0)
 
 
-def still(times: np.ndarray) -> np.ndarray:
-    """States of a rail that stays at its start."""
+def states_at_rest(times: np.ndarray) -> np.ndarray:
+    """States of a rail at rest at its start."""
     return np.zeros((times.size, 2))
 
 
-def test_lengths_of_a_rail() -> None:
+def test_arc_lengths_of_a_rail_are_those_of_the_closed_form() -> None:
     system = rail_system()
-    found = solve_lengths(system, arcs([0.3, 0.8], [1.0, -1.0]), still, Budget())
+    found = solve_lengths(
+        system, arcs([0.3, 0.8], [1.0, -1.0]), states_at_rest, Budget()
+    )
     assert found is not None
     assert found.feasible
     np.testing.assert_allclose(found.arcs.lengths, np.sqrt(1 / 5.0), rtol=1e-9)
 
 
-def test_steps_away_from_the_equations_are_not_taken(
+def test_best_iterate_of_slsqp_is_used(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Of the iterates of SLSQP the best one counts, not the last one."""
+    """The best iterate of SLSQP counts, not the last one, which may be infeasible."""
 
-    def astray(*args: object, callback: Any, **settings: object) -> OptimizeResult:
+    def with_a_worse_last_iterate(
+        *args: object, callback: Any, **settings: object
+    ) -> OptimizeResult:
         found = minimize(*args, callback=callback, **settings)
         return minimize(lambda y: -found.x @ y, 1.1 * found.x, callback=callback)
 
-    monkeypatch.setattr(switching_times, "minimize", astray)
+    monkeypatch.setattr(switching_times, "minimize", with_a_worse_last_iterate)
     rough = arcs([0.3, 0.8], [1.0, -1.0])
-    found = solve_lengths(rail_system(), rough, still, Budget())
+    found = solve_lengths(rail_system(), rough, states_at_rest, Budget())
     assert found is not None
     assert found.feasible
 
 
-def test_useless_arcs_vanish() -> None:
+def test_superfluous_arcs_vanish() -> None:
     system = rail_system()
     rough = arcs([0.1, 0.2, 0.3, 0.4], [-1.0, 1.0, -1.0, 1.0])
-    found = refine_arcs(system, rough, still, Budget())
+    found = refine_arcs(system, rough, states_at_rest, Budget())
     assert found is not None
     assert found.duration == pytest.approx(2 * np.sqrt(1 / 5.0), rel=1e-8)
     assert found.arcs.cleaned().count == 2
 
 
-def test_no_arcs_reach_the_goal() -> None:
-    """One arc of full force ends at full speed: that is no motion."""
+def test_arcs_that_miss_the_goal_are_infeasible() -> None:
+    """One arc of full force ends at full speed, not at rest."""
     system = rail_system()
-    found = solve_lengths(system, arcs([1.0], [1.0]), still, Budget())
+    found = solve_lengths(system, arcs([1.0], [1.0]), states_at_rest, Budget())
     assert found is None or not found.feasible
 
 
-def test_a_search_can_be_stopped() -> None:
+def test_used_up_budget_ends_the_solve_for_arc_lengths() -> None:
     system = rail_system()
     rough = arcs([0.3, 0.8], [1.0, -1.0])
-    assert solve_lengths(system, rough, still, Budget(seconds=-1.0)) is None
+    assert solve_lengths(system, rough, states_at_rest, Budget(seconds=-1.0)) is None
 
 
-def test_derivatives_by_lengths_and_torques(rng: np.random.Generator) -> None:
-    """Of end and limits, against differences; a joint is held on one of the arcs."""
+def test_derivatives_of_shooting_match_finite_differences(
+    rng: np.random.Generator,
+) -> None:
+    """Derivatives of end and limits; one joint is held on one of the arcs."""
     case = all_cases()["vertical rods, friction"]
     system = ProblemFunctions.of(case.problem())
     levels = np.array([[0.5, -0.4], [0.3, 0.0], [-0.2, 0.6]])
@@ -293,10 +301,10 @@ def test_derivatives_by_lengths_and_torques(rng: np.random.Generator) -> None:
         np.testing.assert_allclose(found, slope, rtol=1e-5, atol=1e-6)
 
 
-def test_switching_functions_heed_clearances_and_goal_regions(
+def test_switching_functions_include_clearances_and_goal_regions(
     rng: np.random.Generator,
 ) -> None:
-    """Their multipliers were left out, so that other torques promised wrong gains."""
+    """Regression: without their multipliers, the predicted gains were wrong."""
     ball = tm.Sphere("O", radius=0.8, position=(4.0, 0.0, 0.0))
     corner = tm.PositionGoal("tip", (4.0, 1.0, 0.0), tolerance=0.01)
     arm, start = tm.load_robot("planar3r"), (0.5, 1.7, -1.7)
@@ -320,8 +328,8 @@ def test_switching_functions_heed_clearances_and_goal_regions(
     np.testing.assert_allclose(by_arcs.ravel(), by_unknowns[3:], rtol=1e-9, atol=1e-9)
 
 
-def test_arcs_of_a_bang_bang_motion_are_read_off() -> None:
-    """An interval in which the torque switches has a value in between."""
+def test_arcs_are_read_from_a_bang_bang_motion() -> None:
+    """In the interval of the switch, the torque lies between its limits."""
     h = np.full(10, 0.1)
     shares = np.array([1.0] * 4 + [0.5] + [-1.0] * 5)[:, None]
     found = read_arcs(h, shares, np.zeros((11, 1)), np.array([True]))
@@ -329,7 +337,7 @@ def test_arcs_of_a_bang_bang_motion_are_read_off() -> None:
     np.testing.assert_allclose(found.levels[:, 0], [1.0, -1.0])
 
 
-def test_held_joint_keeps_its_speed() -> None:
+def test_held_joint_keeps_its_velocity() -> None:
     case = all_cases()["vertical rods"]
     system = ProblemFunctions.of(case.problem())
     held = np.array([[0, 1]])
@@ -339,7 +347,7 @@ def test_held_joint_keeps_its_speed() -> None:
     assert shot is not None
     v = shot.motion.x[:, 3]
     np.testing.assert_allclose(v, v[0], atol=1e-12)
-    # The torque that does it is what the inverse dynamics ask for.
+    # The torque that holds the joint is that of the inverse dynamics.
     x, rates = shot.motion.x[-1], shot.motion.rates
     dynamics = RobotDynamics(case.robot())
     tau = dynamics.inverse(x[None, :2], x[None, 2:], rates.f[-1:, 2:])[0]

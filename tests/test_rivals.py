@@ -1,6 +1,6 @@
-"""The rivals of the benchmarks are themselves right: a wrong yardstick proves nothing.
+"""The rivals of the benchmarks are correct: a wrong rival would prove nothing.
 
-Closed forms first: the minimum time of a mass on a rail is known, with friction too.
+The minimum time of a mass on a rail is known in closed form, also with friction.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 with warnings.catch_warnings():
-    warnings.simplefilter("ignore")  # third parties, on their first import
+    warnings.simplefilter("ignore")  # of third parties, at their first import
     ca = pytest.importorskip("casadi")
     toppra = pytest.importorskip("toppra")
 
@@ -129,7 +129,7 @@ def _unit(rng: np.random.Generator, size: int) -> Array:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_symbolic_inverse_dynamics_is_pinocchios(seed: int) -> None:
+def test_symbolic_inverse_dynamics_equals_pinocchio(seed: int) -> None:
     rng = np.random.default_rng(seed)
     arm = random_tree(rng)
     symbols = [ca.SX.sym(name, arm.n) for name in "qva"]
@@ -156,21 +156,21 @@ def test_torque_model_counts_rotor_inertia_once() -> None:
 
 
 def rail_time_with_friction(friction: float) -> float:
-    """Full force, then full brake: the switch by the distance gone."""
+    """Minimum time by full force, then full braking, switched by the distance."""
     rate, top = friction / MASS, FORCE / friction
 
-    def gone(push: float) -> tuple[float, float]:
+    def distance_and_time(push: float) -> tuple[float, float]:
         speed = top * (1.0 - np.exp(-rate * push))
         brake = np.log1p(speed / top) / rate
         there = top * push - speed / rate
         there += speed / rate - top * brake
         return float(there), float(push + brake)
 
-    switch = brentq(lambda push: gone(push)[0] - DISTANCE, 1e-3, 100.0)
-    return gone(float(switch))[1]
+    switch = brentq(lambda push: distance_and_time(push)[0] - DISTANCE, 1e-3, 100.0)
+    return distance_and_time(float(switch))[1]
 
 
-def test_closed_form_with_friction_tends_to_the_one_without() -> None:
+def test_closed_form_with_friction_tends_to_the_frictionless_one() -> None:
     bang_bang = 2.0 * np.sqrt(DISTANCE * MASS / FORCE)
     assert rail_time_with_friction(1e-4) == pytest.approx(bang_bang, rel=1e-4)
     assert rail_time_with_friction(3.0) > 1.02 * bang_bang
@@ -182,19 +182,19 @@ ENDS = (np.array([0.0]), np.array([DISTANCE]))
 class TestMassOnARail:
     bang_bang = 2.0 * np.sqrt(DISTANCE * MASS / FORCE)
 
-    def test_ipopt(self) -> None:
+    def test_ipopt_reaches_the_minimum_time(self) -> None:
         # The switch is at the middle node, so the grid contains the optimum.
         result = InverseTranscription(rail(), 20).solve(*ENDS)
         assert result.success
         assert result.T == pytest.approx(self.bang_bang, rel=1e-5)
 
-    def test_toppra(self) -> None:
+    def test_toppra_reaches_the_minimum_time(self) -> None:
         result = solve_line(rail(), *ENDS)
         assert result.success
         assert result.passes == 1
         assert self.bang_bang * (1 - 1e-7) < result.T < self.bang_bang * 1.0005
 
-    def test_speed_limit(self) -> None:
+    def test_rivals_reach_the_minimum_time_with_a_speed_limit(self) -> None:
         speed = 1.0
         arm = rail(velocity=np.array([speed]))
         best = DISTANCE / speed + speed * MASS / FORCE
@@ -216,7 +216,7 @@ class TestMassOnARail:
             InverseTranscription(arm, 20, fractions=2 * shares)
 
     @pytest.mark.parametrize("friction", [0.3, 3.0, 20.0])
-    def test_friction(self, friction: float) -> None:
+    def test_rivals_reach_the_minimum_time_with_friction(self, friction: float) -> None:
         arm = rail(damping=np.array([friction]))
         best = rail_time_with_friction(friction)
         line = solve_line(arm, *ENDS)
@@ -225,7 +225,7 @@ class TestMassOnARail:
         assert transcribed.success
         assert best * (1 - 1e-5) < transcribed.T < best * 1.02
 
-    def test_rotor_inertia_is_mass(self) -> None:
+    def test_rotor_inertia_acts_as_mass(self) -> None:
         arm = rail(armature=np.array([3.0 * MASS]))
         for T in (
             InverseTranscription(arm, 20).solve(*ENDS).T,
@@ -233,7 +233,7 @@ class TestMassOnARail:
         ):
             assert pytest.approx(2.0 * self.bang_bang, rel=1e-3) == T
 
-    def test_impossible_is_not_success(self) -> None:
+    def test_impossible_motion_is_no_success(self) -> None:
         arm = rail()
         arm.model.gravity.linear = np.array([-2.0 * FORCE / MASS, 0.0, 0.0])
         assert not solve_line(arm, *ENDS).success
@@ -242,8 +242,8 @@ class TestMassOnARail:
         assert np.isnan(result.T)
 
 
-def test_line_without_a_timing_is_not_success() -> None:
-    """No force can hold the arm on this line: gravity wins at its middle."""
+def test_line_that_cannot_be_timed_is_no_success() -> None:
+    """The torques cannot hold the arm against gravity in the middle of the line."""
     arm = planar_arm()
     weak = replace(
         arm,
@@ -281,7 +281,7 @@ def test_limits_hold_between_grid_points(
             assert excess.goal_error < 1e-6
 
 
-def test_torque_limits_inside_the_intervals() -> None:
+def test_interior_points_reduce_the_torque_excess() -> None:
     arm = planar_arm()
     (ends,) = random_goals.sample_problems(arm, 1, seed=1)
     excess = []
@@ -294,14 +294,14 @@ def test_torque_limits_inside_the_intervals() -> None:
     assert excess[1] < 0.5 * excess[0]
 
 
-def test_the_line_is_never_much_better_than_the_free_path(
+def test_straight_line_is_not_faster_than_the_free_path(
     planar_results: list[tuple[Arm, Array, Array, Any, Any]],
 ) -> None:
     for *_, ipopt, line in planar_results:
         assert line.T > 0.98 * ipopt.T  # up to the coarse grid of the free path
 
 
-def test_too_fast_is_seen(
+def test_limit_excess_detects_a_motion_that_is_too_fast(
     planar_results: list[tuple[Arm, Array, Array, Any, Any]],
 ) -> None:
     arm, q_start, q_goal, _, line = planar_results[0]
@@ -316,7 +316,7 @@ def test_too_fast_is_seen(
     assert short.goal_error == pytest.approx(0.01, rel=1e-6)
 
 
-def test_without_friction_torque_limits_are_toppras_own() -> None:
+def test_torque_constraint_without_friction_equals_toppras() -> None:
     arm = replace(planar_arm(), damping=np.zeros(3))
     torque = TorqueModel(arm)
     for q_start, q_goal in random_goals.sample_problems(arm, 3, seed=2):
@@ -345,7 +345,7 @@ def test_without_friction_torque_limits_are_toppras_own() -> None:
         assert ours.T == pytest.approx(T, rel=1e-6)
 
 
-def test_problems_are_reproducible_and_holdable() -> None:
+def test_sampled_problems_are_reproducible_and_can_be_held() -> None:
     arm = replace(planar_arm(), position_upper=np.array([2.5, np.inf, 2.5]))
     few = random_goals.sample_problems(arm, 3, seed=4)
     many = random_goals.sample_problems(arm, 10, seed=4)
@@ -376,18 +376,18 @@ def test_speed_factor_changes_speed_limits_alone() -> None:
 def small_benchmark(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> tuple[Path, list[str]]:
-    """Let the benchmark load the test's own arm."""
+    """The benchmark with the planar arm of this file, and its command."""
     arm = planar_arm()
     robot = SimpleNamespace(
         model=arm.model, limits=arm, damping=arm.damping, armature=arm.armature
     )
-    monkeypatch.setattr(random_goals, "load_arm", lambda *asked: robot)
+    monkeypatch.setattr(random_goals, "load_arm", lambda *arguments: robot)
     path = tmp_path / "rows.csv"
     command = ["--only", "ipopt,toppra", "--robots", "three", "--intervals", "10"]
     return path, [*command, "--csv", str(path)]
 
 
-def test_benchmark_resumes(
+def test_benchmark_resumes_after_the_stored_rows(
     small_benchmark: tuple[Path, list[str]],
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -421,7 +421,7 @@ def test_benchmark_resumes(
     assert len(random_goals.read_rows(path)) == 2
 
 
-def test_table_counts_failures_and_compares_only_the_solved() -> None:
+def test_table_counts_failures_and_compares_solved_problems() -> None:
     def row(robot: str, **values: object) -> random_goals.Row:
         return {"robot": robot, **{k: str(v) for k, v in values.items()}}
 

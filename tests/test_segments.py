@@ -1,4 +1,7 @@
-"""Motions of several segments: closed forms, loads, scenes, constraints, the judge."""
+"""Motions of several segments.
+
+Closed forms, payloads, scenes, constraints, verification and wrong arguments.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ from tominpmp.transcription.program import NonlinearProgram
 
 MASS, FORCE = 2.0, 10.0
 PUSH = FORCE / MASS
-# What a grid of 40 intervals a segment may be slower by than the closed form.
+# Share by which a grid of 40 intervals per segment may be slower than the closed form.
 GRID = 0.01
 DENSE = 60
 QUICK = {"control": "constant", "intervals": DENSE, "effort": "quick", "refine": None}
@@ -47,7 +50,7 @@ def planned(problem, **options):
     return solution
 
 
-def near(T, expected, above=GRID):
+def assert_close_above(T, expected, above=GRID):
     assert expected * (1.0 - 1e-6) <= T <= expected * (1.0 + above)
 
 
@@ -55,9 +58,9 @@ def near(T, expected, above=GRID):
 
 
 @pytest.mark.parametrize("via", [0.2, 0.5, 0.8])
-def test_a_point_on_the_way_costs_nothing(via):
+def test_via_point_costs_no_motion_time(via):
     solution = planned(problem_on_rail(at(via), at(1.0)))
-    near(solution.T, rail_time(1.0, PUSH))
+    assert_close_above(solution.T, rail_time(1.0, PUSH))
     first, second = solution.segments
     top = np.sqrt(PUSH)
     speed = min(np.sqrt(2.0 * PUSH * via), top, np.sqrt(2.0 * PUSH * (1.0 - via)))
@@ -66,27 +69,31 @@ def test_a_point_on_the_way_costs_nothing(via):
     assert first.end == second.begin and second.end == solution.T
 
 
-def test_a_stop_and_a_stay():
+def test_stop_and_dwell_take_their_closed_form_durations():
     parts = rail_time(0.3, PUSH), rail_time(0.7, PUSH)
     stopping = planned(problem_on_rail(at(0.3, stop=True), at(1.0)))
-    near(stopping.T, sum(parts))
-    near(stopping.segments[0].duration, parts[0], 0.02)
+    assert_close_above(stopping.T, sum(parts))
+    assert_close_above(stopping.segments[0].duration, parts[0], 0.02)
     staying = planned(problem_on_rail(at(0.3, dwell=0.25), at(1.0, dwell=0.1)))
-    near(staying.T - 0.35, sum(parts))
+    assert_close_above(staying.T - 0.35, sum(parts))
     first = staying.segments[0]
     assert first.end - first.arrival == pytest.approx(0.25)
     during = np.linspace(first.arrival, first.end, 50)
     state = staying.trajectory(during)
     np.testing.assert_allclose(state.q, 0.3, atol=1e-6)
     np.testing.assert_allclose(state.v, 0.0, atol=1e-6)
-    near(planned(problem_on_rail(at(1.0, dwell=0.2))).T, rail_time(1.0, PUSH) + 0.2)
+    assert_close_above(
+        planned(problem_on_rail(at(1.0, dwell=0.2))).T, rail_time(1.0, PUSH) + 0.2
+    )
 
 
-def test_accelerations_that_cannot_jump_are_zero_at_a_stay():
-    """They were not: near the stay the force was 1.37 times its limit, for 0.4 ms."""
+def test_continuous_accelerations_are_zero_at_a_dwell():
+    """Regression: near the dwell, the force was 1.37 times its limit for 0.4 ms."""
     problem = problem_on_rail(at(1.4, dwell=0.1), at(1.0))
     solution = planned(problem, control="spline", refine="auto")
-    near(solution.T - 0.1, rail_time(1.4, PUSH) + rail_time(0.4, PUSH), 0.02)
+    assert_close_above(
+        solution.T - 0.1, rail_time(1.4, PUSH) + rail_time(0.4, PUSH), 0.02
+    )
     first = solution.segments[0]
     times = [
         np.linspace(end - 0.01, end + 0.01, 4001) for end in (first.arrival, first.end)
@@ -94,15 +101,15 @@ def test_accelerations_that_cannot_jump_are_zero_at_a_stay():
     assert np.max(np.abs(solution.trajectory(np.concatenate(times)).u)) < 1.005 * FORCE
 
 
-def test_there_and_back():
-    near(
+def test_motion_there_and_back_takes_its_closed_form_duration():
+    assert_close_above(
         planned(problem_on_rail(at(1.0), at(0.4))).T,
         rail_time(1.0, PUSH) + rail_time(0.6, PUSH),
         0.02,
     )
 
 
-def test_a_load_that_is_picked_up_on_the_way():
+def test_payload_is_picked_up_between_segments():
     load = tm.Payload(3.0, "tip")
     problem = problem_on_rail(at(0.5), at(1.5, payload=load))
     solution = planned(problem)
@@ -113,39 +120,39 @@ def test_a_load_that_is_picked_up_on_the_way():
 
     most = min(np.sqrt(2.0 * PUSH * 0.5), np.sqrt(2.0 * heavy))
     best = minimize_scalar(time, bounds=(0.0, most), method="bounded").fun
-    near(solution.T, best)
+    assert_close_above(solution.T, best)
     light = tm.Problem(problem.robot, np.zeros(1), segments=[at(0.5), at(1.5)])
     assert not tm.verify(light, solution.trajectory).ok
-    # The torque at both sides of the node is that of what is carried there.
+    # On both sides of the node, the torque is that of the mass that is carried there.
     end = solution.segments[0].end
     state = solution.trajectory(np.array([end - 1e-6, end + 1e-6]))
     np.testing.assert_allclose(state.u[0], MASS * state.a[0], rtol=1e-6)
     np.testing.assert_allclose(state.u[1], (MASS + 3.0) * state.a[1], rtol=1e-6)
 
 
-def test_a_tool_speed_on_one_segment():
+def test_tool_speed_constrains_one_segment():
     slow = (tm.ToolSpeed("tip", 0.5),)
     solution = planned(problem_on_rail(at(0.5), at(1.0, constraints=slow)))
     cruise = (0.5 - 0.5 * 0.25 / PUSH) / 0.5 + 0.5 / PUSH
-    near(solution.T, rail_time(0.5, PUSH, end_speed=0.5) + cruise, 0.02)
+    assert_close_above(solution.T, rail_time(0.5, PUSH, end_speed=0.5) + cruise, 0.02)
     first, second = solution.segments
     assert np.max(np.abs(first.trajectory.v)) > 1.0
     assert np.max(np.abs(second.trajectory.v)) < 0.5 * 1.003
 
 
-def test_limits_of_one_segment():
+def test_acceleration_limit_holds_on_one_segment():
     gentle = tm.MotionLimits(acceleration=1.0)
     problem = problem_on_rail(at(0.5, stop=True), at(1.0, motion_limits=gentle))
     solution = planned(problem, control="linear")
     first, second = solution.segments
     expected = rail_time(0.5, PUSH), rail_time(0.5, 1.0)
-    near(first.duration, expected[0], 0.08)
-    near(second.duration, expected[1], 0.08)
+    assert_close_above(first.duration, expected[0], 0.08)
+    assert_close_above(second.duration, expected[1], 0.08)
     assert np.max(np.abs(solution.trajectory(np.linspace(0, first.end, 400)).a)) > 3.0
 
 
 @pytest.mark.parametrize("control", ["linear", "spline"])
-def test_smooth_motions_pass(control):
+def test_smooth_controls_pass_a_via_point(control):
     limits = tm.MotionLimits(acceleration=4.0, jerk=80.0)
     problem = problem_on_rail(at(0.5), at(1.0), motion_limits=limits)
     solution = planned(problem, control=control, intervals=24)
@@ -172,7 +179,7 @@ def two_links():
     )
 
 
-def test_goals_of_a_frame_on_the_way():
+def test_frame_goals_between_segments_are_passed():
     robot = two_links()
     segments = [
         tm.Segment(tm.PositionGoal("tip", (0.6, -0.5, 0.0))),
@@ -187,26 +194,27 @@ def test_goals_of_a_frame_on_the_way():
     assert solution.T < slower.T
 
 
-def test_a_guess_that_stays_at_the_start_leads_nowhere():
+def test_first_descent_does_not_begin_at_rest_at_the_start():
     near_elbow = tm.JointRegionGoal([-0.9], tolerance=0.1, joints=["joint1"])
     segments = [tm.Segment(near_elbow), tm.Segment(tm.JointGoal([-1.57, 0.0]))]
     problem = tm.Problem(two_links(), [-1.57, 0.0], segments=segments)
     solution = planned(problem, starts=1, intervals=30, refine=None)
-    # What its certificate asks for goes on from where that one ended.
+    # Later records are of descents that the certificate requests, from where the first
+    # descent ended.
     first = [record.duration for record in solution.history if record.start == 0]
     later = [record.duration for record in solution.history if record.start > 0]
     assert later == pytest.approx([first[-1]] * len(later), rel=1e-2)
 
 
-def test_any_of_several_goals_on_the_way():
+def test_fastest_of_several_via_points_is_chosen():
     goals = tm.AnyGoal([tm.JointGoal([2.0]), tm.JointGoal([0.5])])
     problem = problem_on_rail(tm.Segment(goals), at(1.0))
     assert len(problem.alternatives) == 2
-    near(planned(problem).T, rail_time(1.0, PUSH))
+    assert_close_above(planned(problem).T, rail_time(1.0, PUSH))
 
 
-def test_the_bound_of_a_plan_is_that_of_the_goals_it_has_not_chosen():
-    # The bound of the far goal, which is tried, is none for the near one.
+def test_lower_bound_of_a_plan_holds_for_all_alternative_goals():
+    # The bound of the far goal, which is also planned, does not hold for the near one.
     goals = tm.AnyGoal([tm.JointGoal([2.0]), tm.JointGoal([0.5])])
     problem = problem_on_rail(tm.Segment(goals), at(0.6), robot=rail(velocity=1.0))
     solution = planned(problem)
@@ -214,7 +222,7 @@ def test_the_bound_of_a_plan_is_that_of_the_goals_it_has_not_chosen():
     assert solution.lower_bound.T <= solution.T
 
 
-def test_a_scene_for_one_segment():
+def test_scene_of_one_segment_is_kept_clear_of():
     robot = tm.load_robot("planar3r")
     start, end = np.array([0.4, 0.3, 0.2]), np.array([0.4, -0.3, -0.2])
     wall = tm.Scene([tm.Sphere("ball", radius=0.1, position=(30.0, 0.0, 0.0))])
@@ -235,7 +243,7 @@ def test_a_scene_for_one_segment():
 
 
 @pytest.mark.parametrize("kind", ["inverse", "linear", "spline"])
-def test_rows_against_differences(kind):
+def test_rows_of_segments_match_finite_differences(kind):
     robot = two_links()
     limits = tm.MotionLimits(acceleration=30.0)
     if kind != "inverse":
@@ -285,10 +293,10 @@ def test_rows_against_differences(kind):
         assert np.max(error) < 2e-5, (i, found.rows[np.argmax(error)])
 
 
-# -- the judge -------------------------------------------------------------------------
+# -- verification ----------------------------------------------------------------------
 
 
-def test_a_goal_that_is_not_passed_is_told():
+def test_verification_names_a_goal_that_is_not_passed():
     solution = planned(problem_on_rail(at(0.5), at(1.0)))
     other = problem_on_rail(at(1.2), at(1.0))
     verdict = tm.verify(other, solution.trajectory)
@@ -301,7 +309,7 @@ def test_a_goal_that_is_not_passed_is_told():
     assert not tm.verify(staying, solution.trajectory).ok
 
 
-def test_a_file_of_a_motion_is_judged_by_its_segments(tmp_path):
+def test_motion_file_is_verified_segment_by_segment(tmp_path):
     load = tm.Payload(3.0, "tip")
     solution = planned(problem_on_rail(at(0.5, dwell=0.1), at(1.5, payload=load)))
     path = solution.export(tmp_path / "motion.csv")
@@ -334,7 +342,7 @@ def test_segments_are_parts_of_the_motion():
         ([at(0.5, may_touch=[("link1", "box")])], "may_touch"),
     ],
 )
-def test_wrong_segments(given, word):
+def test_wrong_segments_are_refused(given, word):
     with pytest.raises(tm.TominpmpError, match=word):
         tm.Problem(rail(), [0.0], segments=given)
 
@@ -352,12 +360,12 @@ def test_wrong_segments(given, word):
         ({"may_touch": [("a",)]}, "may_touch"),
     ],
 )
-def test_wrong_values_of_a_segment(changes, word):
+def test_wrong_values_of_a_segment_are_refused(changes, word):
     with pytest.raises(tm.ProblemError, match=word):
         at(0.5, **changes)
 
 
-def test_what_segments_do_not_go_with():
+def test_options_that_exclude_segments_are_refused():
     problem = problem_on_rail(at(0.5), at(1.0))
     for options in (
         {"method": "adjoint"},
@@ -374,14 +382,17 @@ def test_what_segments_do_not_go_with():
         tm.Segment(tm.JointGoal([0.5], v=[1.0]), stop=True)
 
 
-def test_a_velocity_on_the_way_is_kept():
+def test_velocity_at_a_via_point_is_reached():
     moving = tm.Segment(tm.JointGoal([0.5], v=[1.0]))
     solution = planned(problem_on_rail(moving, at(1.0)))
     assert solution.segments[0].trajectory.v[-1, 0] == pytest.approx(1.0, abs=1e-6)
 
 
-def test_the_first_guess_for_times_of_arrival_may_stagnate():
-    """Parts on a belt: ten steps without progress ended the only descent to succeed."""
+def test_arrival_times_are_met_although_a_descent_stagnates():
+    """Regression, parts on a belt: ten steps without progress ended the descent.
+
+    No other descent succeeded.
+    """
     robot = tm.load_robot("ur5")
     start = [0.0, -1.2, 1.3, -1.6, -1.57, 0.0]
     above = [1.2, -1.4, 1.5, -1.6, -1.57, 0.5]

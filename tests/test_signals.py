@@ -1,4 +1,4 @@
-"""Signals and processes: none stays behind, and what was found is written."""
+"""Signals: child processes end, and the best motion found so far is written."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ import tominpmp as tm
 from tominpmp.initial_guess import parallel
 from tominpmp.initial_guess.parallel import run_parallel
 
-WAIT = 300.0  # for processes of a machine that does other things, too [s]
+WAIT = 300.0  # for the processes of a busy machine [s]
 
 
 def start(code, *arguments, **streams):
-    """Run code in another process that takes Ctrl-C as usual."""
+    """Run code in another process, in which Ctrl-C raises KeyboardInterrupt."""
     usual = "import signal\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
     return subprocess.Popen(
         [sys.executable, "-c", usual + textwrap.dedent(code), *arguments],
@@ -42,7 +42,7 @@ def alive(pid):
 
 @pytest.mark.skipif(not os.path.isdir("/proc/self"), reason="looks into /proc")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
-def test_processes_end_with_their_parent(number):
+def test_child_processes_end_with_their_parent(number):
     code = """
         import os, sys, time
         sys.path.insert(0, sys.argv[1])
@@ -56,7 +56,7 @@ def test_processes_end_with_their_parent(number):
     pids = {int(process.stdout.readline()) for _ in range(2)}
     assert all(alive(pid) for pid in pids)
     process.send_signal(number)
-    # The end of its output comes when nobody holds it any more.
+    # The output ends when no process holds the pipe any more.
     process.communicate(timeout=WAIT)
     end = time.monotonic() + WAIT
     while any(alive(pid) for pid in pids) and time.monotonic() < end:
@@ -64,8 +64,8 @@ def test_processes_end_with_their_parent(number):
     assert not any(alive(pid) for pid in pids)
 
 
-class BothAtWork:
-    """Presses Ctrl-C once two processes have begun with what takes long."""
+class InterruptOfTwoProcesses:
+    """Presses Ctrl-C once two processes have begun their work."""
 
     def __init__(self, folder):
         self.folder = folder
@@ -76,11 +76,11 @@ class BothAtWork:
         os.kill(os.getpid(), signal.SIGINT)
 
 
-def test_an_interrupt_gets_what_processes_have_found(tmp_path, monkeypatch):
+def test_interrupt_returns_the_results_of_child_processes(tmp_path, monkeypatch):
     monkeypatch.setattr(parallel, "GRACE", WAIT)
     former = signal.signal(signal.SIGINT, signal.default_int_handler)
     found = []
-    watch = threading.Thread(target=BothAtWork(tmp_path), daemon=True)
+    watch = threading.Thread(target=InterruptOfTwoProcesses(tmp_path), daemon=True)
     try:
         with pytest.raises(KeyboardInterrupt):
             watch.start()
@@ -100,7 +100,7 @@ COMMAND = """
     number, count, where = int(sys.argv[1]), [0], sys.argv[2]
     usual = Progress.__call__
 
-    def told(self, record):
+    def call(self, record):
         usual(self, record)
         count[0] += record.violation <= 1e-6 or count[0] > 0
         if where in ("planning", "closing") and count[0] == 3:
@@ -120,7 +120,7 @@ COMMAND = """
         os.kill(os.getpid(), number)
         return write(*arguments)
 
-    Progress.__call__ = told
+    Progress.__call__ = call
     if where == "loading":
         tominpmp.cli.problem.load_problem = loading
     if where == "writing":
@@ -144,7 +144,7 @@ PLAN += ["--planning-effort", "quick"]
         (signal.SIGINT, "writing"),
     ],
 )
-def test_the_command_writes_what_was_found(tmp_path, number, where):
+def test_interrupted_command_writes_its_motion(tmp_path, number, where):
     arguments = [str(int(number)), where, *PLAN]
     process = start(COMMAND, *arguments, cwd=tmp_path)
     out, errors = process.communicate(timeout=WAIT)
@@ -154,13 +154,13 @@ def test_the_command_writes_what_was_found(tmp_path, number, where):
         return
     assert "duration" in out
     rows = (tmp_path / "motion.csv").read_text().splitlines()
-    # By then there may be the motion of a coarse grid only.
+    # By then, the only motion may be that of a coarse grid.
     assert len(rows) > 16 and len(rows[-1].split(",")) == len(rows[-2].split(","))
     assert os.listdir(tmp_path) == ["motion.csv"]
 
 
-def test_the_command_writes_what_was_found_before_its_terminal_was_closed(tmp_path):
-    """The line of progress cannot be cleared any more."""
+def test_command_writes_its_motion_when_the_terminal_is_closed(tmp_path):
+    """The line of progress on a closed terminal cannot be cleared."""
     terminal, other = pty.openpty()
     arguments = [str(int(signal.SIGHUP)), "closing", *PLAN]
     process = start(COMMAND, *arguments, cwd=tmp_path, stdin=-1, stderr=other)
@@ -176,22 +176,22 @@ def test_the_command_writes_what_was_found_before_its_terminal_was_closed(tmp_pa
     assert os.listdir(tmp_path) == ["motion.csv"]
 
 
-# As the command and ``python -m tominpmp`` begin.
+# The code with which the command and ``python -m tominpmp`` begin.
 ENTRIES = {
     "command": "from tominpmp.cli import main; main()",
     "module": "import runpy; runpy.run_module('tominpmp', run_name='__main__')",
 }
-# Modules in the order in which they are imported: the parser of the command line, the
-# options, and what takes long.
+# Modules in the order of their import: the parser of the command line, the options, and
+# modules whose import takes long.
 STAGES = ("cyclopts", "tominpmp.cli.options", "numpy", "pinocchio", "tominpmp.goals")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("entry", ENTRIES)
-def test_signals_while_it_starts_end_it_without_a_traceback(
+def test_signals_during_imports_end_the_command_without_traceback(
     tmp_path, monkeypatch, entry, number
 ):
-    """Each time another import is under way, and says so."""
+    """Each signal comes during the import of another module, which Python reports."""
     monkeypatch.setenv("PYTHONPROFILEIMPORTTIME", "1")
     for stage in STAGES:
         process = start(ENTRIES[entry], *PLAN, cwd=tmp_path)
@@ -200,14 +200,16 @@ def test_signals_while_it_starts_end_it_without_a_traceback(
                 break
         process.send_signal(number)
         _, errors = process.communicate(timeout=WAIT)
-        said = [row for row in errors.splitlines() if not row.startswith("import time")]
-        assert said == ["error: interrupted"], stage
+        messages = [
+            row for row in errors.splitlines() if not row.startswith("import time")
+        ]
+        assert messages == ["error: interrupted"], stage
         assert process.returncode == 128 + number, stage
         assert not os.listdir(tmp_path)
 
 
-def test_nothing_is_imported_before_signals_are_heeded():
-    """But for what Python itself has imported, where no packages are looked for."""
+def test_signal_handlers_precede_all_other_imports():
+    """Except modules that Python itself imports without a search for packages (-S)."""
     root = os.path.dirname(os.path.dirname(tm.__file__))
     code = f"import sys; sys.path.insert(0, {root!r}); import tominpmp.cli\n"
     code += (
@@ -218,8 +220,8 @@ def test_nothing_is_imported_before_signals_are_heeded():
     assert found.stdout == "[]\n"
 
 
-def test_what_the_library_logs_is_the_application_s_to_show():
-    """It is not written to standard error where nobody asked for it."""
+def test_log_records_are_not_written_by_default():
+    """Standard error stays empty unless an application configures logging."""
     code = "from tominpmp.collision import decomposition_cache as those\n"
     code += "those.logger.warning('seen')"
     command = [sys.executable, "-c", code]
@@ -228,7 +230,7 @@ def test_what_the_library_logs_is_the_application_s_to_show():
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_batch_ends_with_the_plan_that_a_signal_meets(tmp_path, number):
+def test_signal_ends_a_batch_with_its_current_plan(tmp_path, number):
     robot = tm.load_robot("planar3r")
     for k in range(3):
         goal = tm.JointGoal((1.5 + 0.1 * k, -1.0, 0.5))

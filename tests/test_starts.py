@@ -1,4 +1,4 @@
-"""More starts, and more processes, never lose what fewer would find."""
+"""More starts, or more processes, never lose a motion that fewer of them find."""
 
 from __future__ import annotations
 
@@ -29,8 +29,11 @@ def reach(**changes):
     return tm.Problem(robot, START, tm.JointGoal(END), **changes)
 
 
-def test_no_torque_start_of_a_plan_is_made_twice():
-    """A weak arm was shot four times from the same torques by a thorough search."""
+def test_torque_starts_of_a_plan_are_not_repeated():
+    """Regression: a thorough search shot four times from the same torques.
+
+    The arm was weak.
+    """
     problem = reach()
     state = PlanState(problem, resolve_options(problem, tm.Options()))
     system = ProblemFunctions.of(problem)
@@ -38,46 +41,46 @@ def test_no_torque_start_of_a_plan_is_made_twice():
     assert len([*torque_starts(system, state, 7)]) == 2
 
 
-class Table:
-    """Attempts whose outcomes are drawn beforehand, by the number of the guess."""
+class DrawnOutcomes:
+    """Descents whose outcomes are drawn beforehand, by the number of the guess."""
 
     def __init__(self, monkeypatch, seed, finds):
         rng = np.random.default_rng(seed)
         draw = rng.uniform(1.0, 3.0, 40)
         self.outcomes = np.where(rng.uniform(size=40) < finds, draw, np.inf)
-        # Guesses are timed; some promise nothing.
-        self.promised = rng.uniform(1.0, 4.0, 40)
+        # Durations of the guesses; every second guess is timed by the limits.
+        self.predicted = rng.uniform(1.0, 4.0, 40)
         self.shot = float(rng.choice([np.inf, rng.uniform(1.0, 3.0)]))
         self.tried = []
         monkeypatch.setattr(starts, "guesses_of", self.guesses)
         monkeypatch.setattr(starts, "descent_work", self.descent)
         monkeypatch.setattr(starts, "torque_starts", self.torque_starts)
-        # Nothing is judged on coarse grids before.
+        # No guess is screened on coarse grids first.
         monkeypatch.setattr(starts, "coarse_grids_apply", lambda system, options: False)
 
     def guesses(self, system, request):
         for number in range(request.count):
-            t = np.array([0.0, self.promised[number]])
+            t = np.array([0.0, self.predicted[number]])
             q = np.array([START, END])
             yield Guess(str(number), t, q, bool(number % 2))
 
     def descent(self, system, options, guess, state, stop):
         def make(*_):
             self.tried.append(guess.name)
-            return Made(float(self.outcomes[int(guess.name)]))
+            return RankedCandidate(float(self.outcomes[int(guess.name)]))
 
         return Work(system, guess.name, make)
 
     def torque_starts(self, system, state):
         def make(*_):
             self.tried.append("shot")
-            return Made(self.shot)
+            return RankedCandidate(self.shot)
 
         yield Work(system, "shot", make)
 
 
-class Made:
-    """A candidate as far as its order is concerned."""
+class RankedCandidate:
+    """The attributes of a candidate that determine its rank."""
 
     verification = SimpleNamespace(seconds=0.0)
     status = tm.Status.CONVERGED
@@ -89,22 +92,22 @@ class Made:
         self.confirmed = bool(np.isfinite(duration))
 
 
-def tries(monkeypatch, seed, finds, number, scene):
-    """Names of the attempts that are made, and the least duration."""
-    table = Table(monkeypatch, seed, finds)
+def tried_starts(monkeypatch, seed, finds, number, scene):
+    """Names of the starts that are tried, and the least duration."""
+    drawn = DrawnOutcomes(monkeypatch, seed, finds)
     options = tm.Options(starts=number)
     state = PlanState(reach(scene=scene), options)
     carried_out(state, starts.starts(state, state.problem))
-    return table.tried, state.best_duration
+    return drawn.tried, state.best_duration
 
 
 @pytest.mark.parametrize("scene", [tm.Scene(), AROUND], ids=["alone", "among"])
 @pytest.mark.parametrize("finds", [0.1, 0.5, 0.9])
 @pytest.mark.parametrize("seed", range(8))
-def test_more_starts_make_the_same_attempts_first(monkeypatch, seed, finds, scene):
-    former, least = tries(monkeypatch, seed, finds, None, scene)
+def test_more_starts_begin_with_the_starts_of_fewer(monkeypatch, seed, finds, scene):
+    former, least = tried_starts(monkeypatch, seed, finds, None, scene)
     for number in range(1, 13):
-        now, T = tries(monkeypatch, seed, finds, number, scene)
+        now, T = tried_starts(monkeypatch, seed, finds, number, scene)
         assert now[: len(former)] == former
         assert T <= least
         former, least = now, T
@@ -118,35 +121,39 @@ def test_durations_do_not_rise_with_the_number_of_starts(options):
     for number in (1, 3):
         durations.append(tm.plan(problem, starts=number, **options).T)
     assert all(b <= a for a, b in pairwise(durations))
-    assert durations[1] == durations[0]  # a goal in the joints has one start
+    assert durations[1] == durations[0]  # by default, a joint goal has one start
 
 
-def same(one, other):
+def assert_same_motion(one, other):
     assert one.T.hex() == other.T.hex()
     for name in ("t", "q", "v", "u"):
         first = getattr(one.trajectory, name)
         np.testing.assert_array_equal(first, getattr(other.trajectory, name))
 
 
-def test_one_and_two_processes_find_the_very_same_motion():
-    # Distances depended on former queries, in the last digits, and so did motions.
+def test_one_and_two_processes_find_the_same_motion():
+    # Regression: distances, and so motions, depended on earlier queries in their last
+    # digits.
     problem = reach(scene=AROUND, margin=0.02)
     alone = tm.plan(problem, starts=2, intervals=20)
     many = tm.plan(problem, starts=2, intervals=20, processes=2)
-    same(alone, many)
+    assert_same_motion(alone, many)
     assert alone.iterations == many.iterations
 
 
-def test_a_start_does_not_depend_on_those_before_it():
+def test_plan_does_not_depend_on_earlier_plans():
     problem = reach(scene=AROUND, margin=0.02)
     few = {"intervals": 24, "effort": "quick", "refine": None}
     before = tm.plan(problem, starts=1, **few)
     tm.plan(problem, starts=2, seed=5, **few)
-    same(before, tm.plan(problem, starts=1, **few))
+    assert_same_motion(before, tm.plan(problem, starts=1, **few))
 
 
-def test_a_goal_whose_share_of_the_time_is_used_up_has_another_turn():
-    """It was dropped for good, though most of the time was left."""
+def test_goal_gets_another_turn_after_its_share_of_time():
+    """Regression: a goal whose share of the planning time was used up was dropped.
+
+    It was never tried again, though most of the time was left.
+    """
     goals = [tm.JointGoal(END), tm.JointGoal(np.array(END) + 0.1)]
     problem = tm.Problem(tm.load_robot("planar3r"), START, tm.AnyGoal(goals))
     state, turns = PlanState(problem, tm.Options()), []
@@ -166,8 +173,8 @@ def test_a_goal_whose_share_of_the_time_is_used_up_has_another_turn():
     assert len(set(turns)) == 4
 
 
-def test_the_reserve_of_a_plan_is_no_part_of_each_share(clock):
-    """Of six goals with two seconds each had a tenth of one."""
+def test_reserve_is_not_subtracted_from_each_share_of_time(clock):
+    """Regression: with a limit of 2 s, each of six goals had 0.1 s."""
     state = PlanState(reach(), tm.Options(max_planning_time=2.0))
     state.begin()
     state.share_time(8)
@@ -180,10 +187,10 @@ def test_the_reserve_of_a_plan_is_no_part_of_each_share(clock):
         state(record)
 
 
-def test_a_share_of_all_the_time_ends_with_the_time(monkeypatch):
-    """The last microseconds of it were left, and the plan went on."""
+def test_share_of_all_the_time_ends_at_the_time_limit(monkeypatch):
+    """Regression: the last microseconds of the share were left; the plan continued."""
     state = PlanState(reach(), tm.Options(max_planning_time=2.0))
-    times = count(0.3, 1e-6)  # as it takes time to look at a clock
+    times = count(0.3, 1e-6)  # reading the clock takes time
     monkeypatch.setattr(PlanState, "seconds", property(lambda _: next(times)))
     state.share_time(1)
     state.cut_short = tm.Status.TIME_LIMIT

@@ -1,4 +1,4 @@
-"""Pages with many motions open at once: stills, of which one plays at a time."""
+"""Pages with many motions show stills, and play one motion at a time."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ def test_every_motion_of_the_gallery_has_a_still(name: str) -> None:
     assert (ROOT / "docs" / "figures" / f"{name}.png").is_file()
 
 
-def test_a_still_that_was_not_taken_is_missed(tmp_path: Path) -> None:
+def test_missing_still_is_an_error(tmp_path: Path) -> None:
     playback_pages.copy_stills(NAMES, tmp_path)
     assert len(list(tmp_path.iterdir())) == len(NAMES)
     with pytest.raises(FileNotFoundError, match="no_such"):
         playback_pages.copy_stills(["no_such"], tmp_path)
 
 
-# Waits until the frame that is on its way is there.
+# Waits until the frame that is being loaded has replaced its still.
 LOADED = """new Promise((done) => {
   const look = () => document.querySelector('.waiting') ? setTimeout(look, 5) : done();
   look();
@@ -40,7 +40,7 @@ LOADED = """new Promise((done) => {
 
 
 def html(name: str, *, when_seen: bool = False) -> str:
-    """The still of a motion as it stands in a page."""
+    """HTML of the still of a motion in a page."""
     text = playback_pages.frame(name, name, "", when_seen=when_seen)
     return text.removeprefix("```{raw} html\n").removesuffix("```")
 
@@ -54,7 +54,7 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
 
 @pytest.mark.browser
 @pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium")
-def test_one_plays_at_a_time(browser: Browser, tmp_path: Path) -> None:
+def test_one_motion_plays_at_a_time(browser: Browser, tmp_path: Path) -> None:
     static = ROOT / "docs" / "static"
     (tmp_path / "playback").mkdir()
     for name in ("first", "second"):
@@ -77,14 +77,14 @@ def test_one_plays_at_a_time(browser: Browser, tmp_path: Path) -> None:
     assert playing() == ["first"]
     opened.evaluate(click.format("second"))
     assert playing() == ["second"]
-    # The other is a still again, in its place, and may be clicked again.
+    # The first motion is a still again, in its place, and can be clicked again.
     shown = "document.querySelectorAll('.playback:not(.waiting)')"
     opened.evaluate(LOADED)
     assert opened.evaluate(f"Array.from({shown}, (e) => e.title)") == [
         "first",
         "second",
     ]
-    # The still is seen until there is something else to see.
+    # The still is visible until the frame is loaded.
     kinds = f"Array.from({shown}, (e) => e.tagName)"
     assert opened.evaluate(f"{click.format('first')}; {kinds}") == ["A", "A"]
     assert playing() == ["first"]

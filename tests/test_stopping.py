@@ -1,4 +1,4 @@
-"""Whatever was found is what an interrupt, a time limit or a failing stage returns."""
+"""After an interrupt, a time limit or a failing stage, a plan returns its motion."""
 
 from __future__ import annotations
 
@@ -26,14 +26,16 @@ START, END = (0.5, 1.7, -1.7), (2.0, -1.0, 0.5)
 
 @pytest.fixture(autouse=True)
 def interruptible():
-    """Ctrl-C raises, also where a shell has left it ignored, as in the background."""
+    """Ctrl-C raises, also where a shell ignores it for processes in the background."""
     former = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, former)
 
 
 def press():
-    signal.raise_signal(signal.SIGINT)  # heeded before it returns, two of them as two
+    signal.raise_signal(
+        signal.SIGINT
+    )  # handled before the call returns, so that two signals count as two
 
 
 def reach(**changes):
@@ -49,50 +51,52 @@ def pendulums():
 
 
 class Interrupter:
-    """Presses Ctrl-C a few records after the first one of a motion that will do."""
+    """Presses Ctrl-C a few records after the first record of a feasible motion."""
 
     def __init__(self, after, way=press):
         self.after, self.way = after, way
-        self.found = self.seen = 0
+        self.feasible = self.seen = 0
 
     def __call__(self, record):
         self.seen += 1
-        self.found += record.violation <= 1e-6 or self.found > 0
-        return self.way() if self.found == self.after else None
+        self.feasible += record.violation <= 1e-6 or self.feasible > 0
+        return self.way() if self.feasible == self.after else None
 
     @property
-    def over(self):
-        return self.found >= self.after
+    def has_interrupted(self):
+        return self.feasible >= self.after
 
 
 @pytest.mark.parametrize("way", [press, lambda: True])
 @pytest.mark.parametrize("after", [1, 3, 9, 40])
 @pytest.mark.usefixtures("clock")
-def test_exact_switching_interrupted_keeps_the_motion(monkeypatch, after, way):
+def test_interrupted_exact_switching_keeps_the_motion(monkeypatch, after, way):
     callback, steps = Interrupter(after, way), []
     usual = TrustRegionStep._propose
 
     def counted(self, *arguments):
         done = usual(self, *arguments)
-        steps.append(callback.over)
+        steps.append(callback.has_interrupted)
         return done
 
     def spend(budget, evaluations):
-        assert not callback.over, "it looks for exact switching still"
+        assert not callback.has_interrupted, (
+            "the search for exact switching continues after the interrupt"
+        )
 
     monkeypatch.setattr(TrustRegionStep, "_propose", counted)
     monkeypatch.setattr(stopping.Budget, "spend", spend)
     options = tm.Options(refine="switching", callback=callback)
     solution = tm.plan(pendulums(), options)
-    assert callback.over, "the test interrupts too late"
+    assert callback.has_interrupted, "the test interrupts too late"
     assert solution.status is tm.Status.INTERRUPTED
     assert solution.success and solution.verification.ok
-    assert steps and not any(steps), "it goes on iterating"
-    assert callback.found == after
+    assert steps and not any(steps), "the descent continues after the interrupt"
+    assert callback.feasible == after
 
 
 @pytest.mark.usefixtures("clock")
-def test_an_exception_of_the_callback_keeps_the_motion():
+def test_keyboard_interrupt_in_the_callback_keeps_the_motion():
     def raising():
         raise KeyboardInterrupt
 
@@ -109,12 +113,12 @@ def test_an_exception_of_the_callback_keeps_the_motion():
 )
 @pytest.mark.parametrize("options", [{}, {"control_period": 0.01}])
 def test_errors_of_the_callback_reach_the_caller(error, options):
-    """Those that numerics raise as well were taken for failures of a start."""
-    shown = []
+    """Regression: types that numerical code raises, too, counted as failed starts."""
+    records = []
 
     def callback(record):
-        shown.append(record)
-        if options and len(shown) < 12:
+        records.append(record)
+        if options and len(records) < 12:
             return
         raise error("mine")
 
@@ -122,7 +126,7 @@ def test_errors_of_the_callback_reach_the_caller(error, options):
         tm.plan(reach(), effort="quick", callback=callback, **options)
 
 
-def test_interrupted_before_there_is_anything(monkeypatch):
+def test_interrupt_before_the_first_guess_returns_no_motion(monkeypatch):
     def pressed(*arguments, **named):
         press()
         stopping.check()
@@ -133,8 +137,8 @@ def test_interrupted_before_there_is_anything(monkeypatch):
     assert not solution.success and solution.trajectory is None
 
 
-def test_out_of_time_before_there_is_anything(monkeypatch):
-    """The message said that the time had not settled, of a motion that never was."""
+def test_time_limit_before_the_first_guess_returns_no_motion(monkeypatch):
+    """Regression: the message said that T had not settled, without a motion."""
 
     def late(*arguments, **named):
         raise stopping.Stop(requested=False)
@@ -148,7 +152,7 @@ def test_out_of_time_before_there_is_anything(monkeypatch):
 
 @pytest.mark.usefixtures("clock")
 @pytest.mark.parametrize("stage", ["verify", "lower_bound"])
-def test_interrupted_in_a_later_stage(monkeypatch, stage):
+def test_interrupted_verification_or_bound_keeps_the_motion(monkeypatch, stage):
     place = {"verify": "planner.candidate", "lower_bound": "planner.plan_state"}[stage]
     module = f"tominpmp.{place}.{stage}"
     calls = []
@@ -168,7 +172,7 @@ def test_interrupted_in_a_later_stage(monkeypatch, stage):
 
 
 @pytest.mark.usefixtures("clock")
-def test_interrupted_at_the_very_end(monkeypatch):
+def test_interrupt_at_the_end_keeps_motion_and_reason(monkeypatch):
     usual = planning.with_remarks
 
     def pressed(*arguments):
@@ -188,7 +192,7 @@ def test_interrupted_at_the_very_end(monkeypatch):
 
 
 @pytest.mark.usefixtures("clock")
-def test_interrupted_while_torques_are_made_quiet(monkeypatch):
+def test_interrupted_smoothing_keeps_the_motion(monkeypatch):
     usual = QuietTorques.model
 
     def pressed(self, *arguments):
@@ -208,7 +212,7 @@ def test_interrupted_while_torques_are_made_quiet(monkeypatch):
 @pytest.mark.parametrize(
     "error", [np.linalg.LinAlgError("singular"), ZeroDivisionError(), ValueError("no")]
 )
-def test_a_later_stage_that_fails_keeps_the_motion(monkeypatch, error):
+def test_failing_later_stage_keeps_the_motion(monkeypatch, error):
     def failing(*arguments):
         raise error
 
@@ -218,7 +222,7 @@ def test_a_later_stage_that_fails_keeps_the_motion(monkeypatch, error):
     assert "later stage failed" in solution.message
 
 
-def test_a_start_that_fails_leaves_it_to_the_others(monkeypatch):
+def test_failing_start_does_not_prevent_other_starts(monkeypatch):
     usual, calls = descent.descend, []
 
     def failing(*arguments, **named):
@@ -240,8 +244,8 @@ def test_a_start_that_fails_leaves_it_to_the_others(monkeypatch):
 
 
 @pytest.mark.parametrize(("spent", "time_to_replay"), [(1.0, True), (1.2, False)])
-def test_time_used_up_within_the_first_solve(clock, spent, time_to_replay):
-    """A replay may take a little more than the limit, and no more than that."""
+def test_replay_may_exceed_the_time_limit_a_little(clock, spent, time_to_replay):
+    """A descent that ends at the limit is replayed, one that ends 20 % later is not."""
     limit = 500.0
 
     def slow(record):
@@ -261,16 +265,16 @@ def test_time_used_up_within_the_first_solve(clock, spent, time_to_replay):
         assert "no time to verify" in solution.message
 
 
-def test_motions_there_was_no_time_to_replay_are_not_said_to_be_refuted(monkeypatch):
+def test_message_says_that_there_was_no_time_for_a_replay(monkeypatch):
     usual, replayed = Candidate.verified, []
 
     def first_refuted(self, *arguments, **named):
         replayed.append(self.trajectory.duration)
         if len(replayed) > 1:
             raise Stop(requested=False)
-        attempt = usual(self, *arguments, **named)
-        refuted = replace(attempt.verification, ok=False)
-        return replace(attempt, verification=refuted)
+        candidate = usual(self, *arguments, **named)
+        refuted = replace(candidate.verification, ok=False)
+        return replace(candidate, verification=refuted)
 
     monkeypatch.setattr(Candidate, "verified", first_refuted)
     options = tm.Options(
@@ -286,7 +290,7 @@ def test_motions_there_was_no_time_to_replay_are_not_said_to_be_refuted(monkeypa
 
 
 def hard_program(size, rows, density):
-    """A linear program that takes far longer than anyone waits."""
+    """A linear program whose solution takes far longer than LONG."""
     rng = np.random.default_rng(0)
     matrix = sp.random(rows, size, density, random_state=1, format="csc")
     bound, ones = rng.uniform(1.0, 2.0, rows), np.ones(size)
@@ -295,12 +299,12 @@ def hard_program(size, rows, density):
     return LinearProgram(cost, matrix, *ends, keys[:rows], keys[:size])
 
 
-# What the slowest machine is waited for [s]; the programs would take longer.
+# Longest wait for the slowest machine [s]; the linear programs would take longer.
 LONG = 60.0
 
 
 @pytest.mark.parametrize("solver", ["highs", "piqp"])
-def test_solvers_keep_a_deadline(solver):
+def test_solvers_stop_at_a_deadline(solver):
     program = hard_program(1500, 2500, 0.02 if solver == "highs" else 0.003)
     deadline = Deadline()
     begin = time.perf_counter()
@@ -313,12 +317,12 @@ def test_solvers_keep_a_deadline(solver):
 
 @pytest.fixture
 def patient(monkeypatch):
-    """No request is repeated because the machine is slow to heed the first."""
+    """Requests are not repeated because a slow machine heeds the first one late."""
     monkeypatch.setattr(stopping, "PATIENCE", LONG)
 
 
 @pytest.mark.usefixtures("patient")
-def test_a_request_ends_a_run_of_highs():
+def test_interrupt_ends_a_run_of_highs():
     program, deadline = hard_program(1500, 2500, 0.02), Deadline()
     begin = time.perf_counter()
     former = signal.signal(signal.SIGALRM, lambda *_: press())
@@ -333,7 +337,7 @@ def test_a_request_ends_a_run_of_highs():
     assert time.perf_counter() - begin < LONG
 
 
-def test_code_that_does_not_ask_is_interrupted_all_the_same(monkeypatch):
+def test_code_without_checks_is_interrupted_after_the_patience(monkeypatch):
     monkeypatch.setattr(stopping, "PATIENCE", 0.2)
     deadline = Deadline()
     with pytest.raises(KeyboardInterrupt), deadline.in_force():
@@ -345,20 +349,20 @@ def test_code_that_does_not_ask_is_interrupted_all_the_same(monkeypatch):
 
 
 @pytest.mark.usefixtures("patient")
-def test_a_second_request_interrupts_at_once():
+def test_second_interrupt_raises_at_once():
     deadline = Deadline()
     with pytest.raises(KeyboardInterrupt), deadline.in_force():
         press()
         press()
-        pytest.fail("the second one was not heeded")
+        pytest.fail("the second interrupt was ignored")
 
 
-def test_processes_are_counted():
+def test_too_many_processes_are_refused():
     with pytest.raises(tm.OptionsError, match="processes is 10000, expected"):
         tm.Options(processes=10**4)
 
 
-def test_callbacks_see_every_record():
+def test_callback_receives_every_record():
     seen = []
     solution = tm.plan(
         reach(),

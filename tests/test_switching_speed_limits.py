@@ -1,4 +1,4 @@
-"""Exact switching where joints rest on their speed limits, three of them."""
+"""Exact switching of three joints that move at their speed limits."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def planar(velocity: object = 1e3) -> tm.Robot:
     return make_arm(*[rod(1.0, 1.0)] * 3, effort=effort, velocity=velocity)
 
 
-def test_three_rails_at_their_speed_limits_take_their_closed_form() -> None:
+def test_three_rails_at_their_speed_limits_reach_the_closed_form() -> None:
     axes = np.eye(3)
     rails = make_arm(
         *(slide(1.0, tuple(axis)) for axis in axes),
@@ -26,17 +26,17 @@ def test_three_rails_at_their_speed_limits_take_their_closed_form() -> None:
     )
     problem = tm.Problem(rails, np.zeros(3), tm.JointGoal([1.0, 0.8, -0.7]))
     solution = tm.plan(problem, tm.Options(refine="switching", starts=1))
-    # The first one carries all three: 1 m at 1 m/s, after 1/3 s of 3 m/s^2.
+    # The first rail carries all three masses: 1 m at 1 m/s, after 1/3 s of 3 m/s^2.
     assert solution.success
     assert solution.T == pytest.approx(4.0 / 3.0, rel=1e-7)
 
 
-def test_three_links_at_their_speed_limits() -> None:
+def test_three_links_at_their_speed_limits_reach_the_faster_optimum() -> None:
     """Two orders of switches are locally optimal, 1.23548 s and 1.23333 s.
 
-    Where the elbow switches in the faster one, the first joint can keep its speed with
-    full torque only while the elbow's torque lies between its limits; without such an
-    arc it takes 1.2356 s.
+    Where the elbow switches in the faster order, the first joint can keep its speed
+    with full torque only while the elbow's torque lies between its limits; without this
+    arc the motion takes 1.2356 s.
     """
     robot = planar(np.array([1.6, 2.0, 2.0]))
     goal = tm.JointGoal([1.2, -0.4, 0.6])
@@ -58,10 +58,10 @@ def test_three_links_at_their_speed_limits() -> None:
         (0, 0, 0),
     ],
 )
-def test_a_torque_holds_its_joint_or_another(
+def test_rates_of_held_joints_match_finite_differences(
     modes: tuple[int, ...], rng: np.random.Generator
 ) -> None:
-    """Held joints do not accelerate, torques that are known are as they were given."""
+    """Held joints do not accelerate, and prescribed torques are as they were given."""
     robot = planar()
     dynamics = RobotDynamics(robot)
     x, u = rng.normal(size=(4, 6)), rng.normal(size=(4, 3))
@@ -88,7 +88,7 @@ def test_a_torque_holds_its_joint_or_another(
         np.testing.assert_allclose(rates.f_u[..., k], slope, rtol=1e-5, atol=1e-6)
 
 
-def test_torques_between_limits_give_way_to_such_at_limits() -> None:
+def test_free_torque_is_replaced_by_torques_at_limits() -> None:
     one = np.ones((1, 1))
     none = np.zeros((1, 1), dtype=int)
     arcs = Arcs(np.array([2.0]), 0.5 * one, one > 0.0, none, none != 0)
@@ -98,7 +98,7 @@ def test_torques_between_limits_give_way_to_such_at_limits() -> None:
     assert not found.free.any()
 
 
-def test_another_torque_takes_over_before_an_arc_or_behind_it() -> None:
+def test_another_torque_holds_the_joint_before_or_after_an_arc() -> None:
     held = np.array([[1, 0]])
     levels = np.array([[0.0, 1.0]])
     arcs = Arcs(np.array([2.0]), levels, held == 2, held, held != 0)

@@ -1,4 +1,4 @@
-"""Tables of measurements are there as CSV files."""
+"""Tables of measurements in the documents are also CSV files."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def rows_in(path: Path) -> list[list[str]]:
         return list(csv.reader(file))
 
 
-def test_a_table_becomes_a_file_and_a_link(tmp_path: Path) -> None:
+def test_table_is_written_to_a_file_with_a_link(tmp_path: Path) -> None:
     linked = csv_tables.with_files("page", PAGE, tmp_path)
     link = linked.index('href="csv/page_1.csv"')
     assert linked.index("| u") < link < linked.index("B")

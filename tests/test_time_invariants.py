@@ -1,7 +1,7 @@
-"""What must hold for minimum times whatever they are: scaling, mirrors, wider limits.
+"""Invariants of minimum times: scaling, mirror images, wider limits, obstacles.
 
-Each law maps one problem onto another, or orders two of them; times are compared up to
-the share of T to which iterations settle.
+Each law maps one problem onto another, or orders the durations of two problems; they
+are compared up to the share of T to which iterations converge.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ Array = NDArray[np.float64]
 
 METHODS = ("inverse", "collocation")
 INTERVALS = 24
-# Share of T to which two iterations agree, with room for their smoothing; those of
-# collocation stop farther from where they would end.
+# Share of T to which two iterations agree, with allowance for their smoothing;
+# iterations of collocation stop farther from their limit.
 SETTLED = {"inverse": 1e-3, "collocation": 6e-3}
 
 EFFORT = np.array([10.0, 5.0])
@@ -61,7 +61,9 @@ def least_time(
 @pytest.mark.parametrize(
     ("method", "factor"), [("inverse", 0.5), ("inverse", 3.0), ("collocation", 3.0)]
 )
-def test_time_scaling(method: str, factor: float) -> None:
+def test_scaled_efforts_and_speeds_scale_the_duration(
+    method: str, factor: float
+) -> None:
     # Without gravity, t -> t / s makes inertial torques s^2 times as big, friction s.
     slow = make_arm(ROD, ROD, effort=EFFORT, damping=FRICTION, velocity=2.5)
     fast = make_arm(
@@ -77,7 +79,9 @@ def test_time_scaling(method: str, factor: float) -> None:
     )
 
 
-def test_time_scaling_of_the_planar_arm(planar3r: tm.Robot) -> None:
+def test_scaled_efforts_of_the_planar_arm_scale_its_duration(
+    planar3r: tm.Robot,
+) -> None:
     factor = 2.0
     slow = planar3r.with_changes(gravity=(0.0, 0.0, 0.0))
     fast = slow.with_changes(
@@ -91,8 +95,8 @@ def test_time_scaling_of_the_planar_arm(planar3r: tm.Robot) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_mass_scaling(method: str) -> None:
-    # Heavier links, stronger motors: the same motion.
+def test_scaled_masses_and_efforts_keep_the_duration(method: str) -> None:
+    # Links and motors scaled alike move alike.
     heavy = replace(ROD, mass=7.0 * ROD.mass, inertia=7.0 * ROD.inertia)
     light = make_arm(ROD, ROD, effort=EFFORT, gravity=DOWNWARD, damping=FRICTION)
     strong = make_arm(
@@ -106,7 +110,7 @@ def test_mass_scaling(method: str) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_length_scaling(method: str) -> None:
+def test_scaled_lengths_and_efforts_keep_the_duration(method: str) -> None:
     # Lengths by s: inertias, friction and, without gravity, torques by s^2.
     long = replace(ROD, length=2.0, centre=1.0, inertia=4.0 * ROD.inertia)
     arm = make_arm(ROD, ROD, effort=EFFORT, damping=FRICTION)
@@ -118,8 +122,8 @@ def test_length_scaling(method: str) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_mirror_image(method: str) -> None:
-    # In the level plane about x; upright about y, where the base angle is pi - q.
+def test_mirrored_motion_takes_the_same_duration(method: str) -> None:
+    # Mirrored about x in the level plane; about y upright, with the base angle pi - q.
     arm = make_arm(ROD, ROD, effort=EFFORT, damping=FRICTION)
     T = least_time(arm, START, GOAL, method)
     assert least_time(arm, -START, -GOAL, method) == pytest.approx(
@@ -136,7 +140,7 @@ def test_mirror_image(method: str) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_turned_base(method: str) -> None:
+def test_motion_with_a_turned_base_takes_the_same_duration(method: str) -> None:
     arm = make_arm(ROD, ROD, effort=EFFORT, damping=FRICTION)
     turn = np.array([2.0, 0.0])
     T = least_time(arm, START, GOAL, method)
@@ -144,7 +148,7 @@ def test_turned_base(method: str) -> None:
     assert turned == pytest.approx(T, rel=SETTLED[method])
 
 
-def test_motion_backwards() -> None:
+def test_reversed_motion_takes_the_same_duration() -> None:
     # Without friction and gravity time can run backwards, with the speeds reversed.
     # Not so by collocation, whose scheme has its stages at a third and at the end.
     arm = make_arm(ROD, ROD, effort=EFFORT)
@@ -166,15 +170,17 @@ def test_motion_backwards() -> None:
     ],
     ids=["shoulder", "elbow", "one-sided", "fast shoulder", "fast elbow"],
 )
-def test_wider_limits_never_lengthen(method: str, wider: dict[str, Array]) -> None:
+def test_wider_limits_never_lengthen_the_motion(
+    method: str, wider: dict[str, Array]
+) -> None:
     narrow = make_arm(ROD, ROD, effort=EFFORT, damping=FRICTION, velocity=1.8)
     T = least_time(narrow, START, GOAL, method)
-    eased = least_time(narrow.with_changes(**wider), START, GOAL, method)
-    assert eased <= T * (1.0 + SETTLED[method])
+    wide_T = least_time(narrow.with_changes(**wider), START, GOAL, method)
+    assert wide_T <= T * (1.0 + SETTLED[method])
 
 
-def test_less_friction_and_less_mass_never_lengthen_a_rail() -> None:
-    # True on one rail; an arm may well be helped by friction when it brakes.
+def test_friction_and_mass_lengthen_the_motion_on_a_rail() -> None:
+    # This holds on one rail; friction may help an arm to brake.
     def rail(mass: float, friction: float) -> tm.Robot:
         return make_arm(slide(mass), effort=10.0, damping=friction)
 
@@ -186,7 +192,7 @@ def test_less_friction_and_less_mass_never_lengthen_a_rail() -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_stop_on_the_way_never_shortens(method: str) -> None:
+def test_stop_at_a_via_point_lengthens_the_motion(method: str) -> None:
     arm = make_arm(ROD, ROD, effort=EFFORT, damping=FRICTION)
     middle = np.array([0.3, 0.4])
     direct = least_time(arm, START, GOAL, method)
@@ -195,7 +201,7 @@ def test_stop_on_the_way_never_shortens(method: str) -> None:
     assert direct < first + second
 
 
-def test_obstacles_never_shorten(planar3r: tm.Robot) -> None:
+def test_obstacles_never_shorten_the_motion(planar3r: tm.Robot) -> None:
     start, goal = np.array([0.6, 0.2, 0.2]), np.array([1.6, 0.2, 0.2])
     near = tm.Sphere("near", radius=0.5, position=(3.6, 5.2, 0.0))
     nearer = tm.Sphere("nearer", radius=0.8, position=(3.4, 4.6, 0.0))
@@ -206,18 +212,18 @@ def test_obstacles_never_shorten(planar3r: tm.Robot) -> None:
             planar3r, start, tm.JointGoal(goal), scene=tm.Scene(obstacles)
         )
         found = tm.plan(problem)
-        if harder is not None:  # which is a motion of this problem, too
+        if harder is not None:  # its motion is feasible here, too
             found = min(found, tm.plan(problem, start=harder), key=lambda one: one.T)
         assert found.success, found.message
         harder = found
         times.insert(0, found.T)
     assert times[0] <= times[1] * (1.0 + SETTLED["inverse"])
     assert times[1] <= times[2] * (1.0 + SETTLED["inverse"])
-    # The last one is in the way.
+    # The sphere "nearer" is in the way.
     assert times[2] > 1.01 * times[0]
 
 
-def test_idle_joint_does_not_matter() -> None:
+def test_light_idle_joint_keeps_the_duration() -> None:
     # A third link of hardly any mass that stays where it is.
     feather = Link(1e-6, 0.1, 0.05, 1e-8)
     two = make_arm(ROD, ROD, effort=EFFORT, damping=FRICTION)
@@ -234,8 +240,8 @@ def test_idle_joint_does_not_matter() -> None:
     )
 
 
-def test_time_scaling_among_moving_obstacles(planar3r: tm.Robot) -> None:
-    # The world as a film that runs faster: obstacles, too, are twice as fast.
+def test_scaled_speeds_of_obstacles_scale_the_duration(planar3r: tm.Robot) -> None:
+    # Like a film that runs twice as fast: the obstacles do, too.
     factor = 2.0
     slow = planar3r.with_changes(gravity=(0.0, 0.0, 0.0))
     fast = slow.with_changes(

@@ -1,4 +1,4 @@
-"""Plans without a time limit have that of their effort."""
+"""Plans without a given time limit have the limit of their planning effort."""
 
 from __future__ import annotations
 
@@ -22,36 +22,36 @@ def reach():
     return tm.Problem(robot, (0.5, 1.7, -1.7), tm.JointGoal((2.0, -1.0, 0.5)))
 
 
-def dawdle(record):
-    """Every iteration takes a while, as on a slow machine."""
+def delay_iteration(record):
+    """Callback that delays every iteration, as on a slow machine."""
     time.sleep(0.05)
 
 
 @pytest.mark.parametrize("effort", options.EFFORTS)
-def test_a_plan_without_a_limit_ends_at_that_of_its_effort(monkeypatch, effort):
+def test_plan_ends_at_the_default_time_limit_of_its_effort(monkeypatch, effort):
     limit = 1.0
     monkeypatch.setitem(options.TIME_LIMITS, effort, limit)
     tm.plan(reach(), effort="quick", max_planning_time=math.inf)  # libraries load
     begin = time.perf_counter()
-    found = tm.plan(reach(), effort=effort, callback=dawdle)
+    found = tm.plan(reach(), effort=effort, callback=delay_iteration)
     seconds = time.perf_counter() - begin
     assert seconds < 1.1 * limit + 0.2
     assert found.status is tm.Status.TIME_LIMIT
     assert "1 s were allowed; max_planning_time allows more" in found.message
 
 
-def test_more_effort_is_allowed_more_time():
+def test_higher_efforts_have_longer_time_limits():
     limits = [tm.Options(effort=effort).time_limit for effort in options.EFFORTS]
     assert limits == sorted(limits)
     assert len(set(limits)) == len(limits)
 
 
-def test_a_limit_that_is_given_goes_before_that_of_the_effort(monkeypatch):
+def test_given_time_limit_replaces_that_of_the_effort(monkeypatch):
     monkeypatch.setitem(options.TIME_LIMITS, "standard", 1e-3)
     assert tm.plan(reach(), max_planning_time=60.0).status is tm.Status.CONVERGED
 
 
-def test_infinity_is_no_limit(monkeypatch, tmp_path):
+def test_infinite_planning_time_is_no_limit(monkeypatch, tmp_path):
     monkeypatch.setitem(options.TIME_LIMITS, "standard", 1e-3)
     chosen = tm.Options(max_planning_time=math.inf)
     for ending in ("toml", "yaml", "json"):
@@ -61,8 +61,8 @@ def test_infinity_is_no_limit(monkeypatch, tmp_path):
     assert tm.plan(reach(), chosen).status is tm.Status.CONVERGED
 
 
-def test_a_joint_whose_friction_takes_most_of_its_effort_is_named():
-    """A gripper that its motor hardly turns rules the time of all others."""
+def test_joint_whose_friction_takes_most_of_its_effort_is_named():
+    """A gripper that its motor hardly turns determines the duration of all joints."""
     weak = make_arm(rod(1.0, 0.1), effort=np.array([0.005]), friction=[0.004])
     problem = tm.Problem(weak, (0.0,), tm.JointGoal((1.0,)))
     found = tm.plan(problem)

@@ -1,4 +1,4 @@
-"""Workflows name what there is: targets of make, other jobs, versions of Python."""
+"""CI workflows name existing make targets, jobs, files and Python versions."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ def commands(path: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.stem)
-def test_steps_and_jobs_are_there(path: Path) -> None:
+def test_steps_name_existing_targets_jobs_and_files(path: Path) -> None:
     every = "\n".join(commands(path))
-    made = set(re.findall(r"\bmake ([a-z-]+)", every))
-    assert made <= TARGETS
+    named_targets = set(re.findall(r"\bmake ([a-z-]+)", every))
+    assert named_targets <= TARGETS
     for name, job in jobs(path).items():
         needs = job.get("needs", [])
         assert {needs} if isinstance(needs, str) else set(needs) <= set(jobs(path)), (
@@ -37,20 +37,20 @@ def test_steps_and_jobs_are_there(path: Path) -> None:
         assert job["runs-on"] and job["steps"]
         for step in job["steps"]:
             assert ("run" in step) != ("uses" in step)
-            # An action by its version: what is at a branch may be anything tomorrow.
+            # Actions are named with a version: a branch may change at any time.
             assert re.search(r"@(v\d|release/v\d)", step.get("uses", "@v1"))
-    # What is kept, and what is cached by, is there, or is built.
+    # Lock files that are keys of caches exist.
     for file in re.findall(r"[\w/]*requirements\.lock", path.read_text("utf-8")):
         assert (ROOT / file).is_file()
 
 
-def test_every_version_that_is_promised_is_tested() -> None:
+def test_every_declared_python_version_is_tested() -> None:
     matrix = jobs(ROOT / ".github/workflows/ci.yml")["test"]["strategy"]["matrix"]
     classed = re.findall(r"Python :: (3\.\d+)", (ROOT / "pyproject.toml").read_text())
     assert matrix["python"] == classed
     assert {name.partition("-")[0] for name in matrix["os"]} == {"ubuntu", "macos"}
 
 
-def test_one_job_stands_for_all() -> None:
+def test_job_passed_needs_all_other_jobs() -> None:
     found = jobs(ROOT / ".github/workflows/ci.yml")
     assert set(found["passed"]["needs"]) == set(found) - {"passed"}
