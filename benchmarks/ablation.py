@@ -34,7 +34,7 @@ from tominpmp.planner.improvements import IMPROVEMENTS
 if TYPE_CHECKING:
     from benchmarks.golden_problems import Task
 
-# Groups of the golden set that show what a mechanism is for.
+# Groups of the golden set that show the purpose of a mechanism.
 GROUPS = ("goals", "goals x 4", "clutter", "obstacles", "moving", "segments", "rules")
 PLANNER, SOLVERS = "tominpmp.planner", "tominpmp.solvers"
 FUNCTIONS = "tominpmp.transcription.problem_functions.ProblemFunctions"
@@ -59,7 +59,7 @@ class Variant:
 
 
 def _nothing(*_: Any, **__: Any) -> Iterator[Any]:
-    """A stage that makes no attempts."""
+    """A stage without work."""
     return iter(())
 
 
@@ -72,7 +72,7 @@ def _none(*_: Any, **__: Any) -> None:
 
 
 def _without(*names: str) -> Variant:
-    """The planner without these improvements of the best motion."""
+    """The planner without the named improvements of the incumbent."""
     left = {name: one for name, one in IMPROVEMENTS.items() if name not in names}
     return Variant(parts={f"{PLANNER}.improvements.IMPROVEMENTS": left})
 
@@ -119,7 +119,7 @@ VARIANTS: dict[str, Variant] = {
 
 @contextmanager
 def switched(name: str, task: Task) -> Iterator[Task]:
-    """The task with the options of a variant, while the planner is replaced by it.
+    """The task with the options of a variant, while parts of the planner are replaced.
 
     Args:
         name: Name of the variant; empty for the unchanged planner.

@@ -65,7 +65,7 @@ def processes() -> list[int]:
         try:
             fields = path.read_text().rpartition(")")[2].split()
         except OSError:
-            continue  # it has ended
+            continue  # the process has ended
         parents[int(path.parent.name)] = int(fields[1])
     for pid in found:
         found += [child for child, parent in parents.items() if parent == pid]
@@ -89,7 +89,7 @@ def used() -> tuple[float, float]:
 def measure(
     name: str, how: str, given: list[tm.Problem], sheet: Sheet, **options: Any
 ) -> None:
-    """Plan a batch; one row."""
+    """Plan a batch, and add its row."""
     with tempfile.TemporaryDirectory() as folder:
         begin, (before, _) = time.perf_counter(), used()
         times, found, unverified, total = [], 0, 0, 0.0
@@ -177,7 +177,7 @@ def main() -> int:
     sheet = Sheet(arguments.csv, COLUMNS)
     for name in arguments.robots.split(","):
         given = problems(name, arguments.count, arguments.seed)
-        # Processes of a batch are kept for the next one: their start is not measured.
+        # Processes of a batch also serve the next batch: their start is not measured.
         list(tm.plan_many(given[:2], workers=arguments.workers))
         options: dict[str, dict[str, Any]] = {
             "one": {"workers": 1},

@@ -71,7 +71,7 @@ def best_of(sheet: Sheet) -> dict[tuple[str, int], float]:
 
 
 def line(way: str, sheet: Sheet) -> tuple[object, ...]:
-    """A line of the table."""
+    """The line of the table for a variant of planning."""
     best = best_of(sheet)
     rows = [row for row in sheet.rows if row["way"] == way]
     above = [

@@ -4,7 +4,7 @@
     python -m benchmarks.between --numbers 0-11 --seed 3
 
 Panda, UR5 and xArm7 among six obstacles, random starts and goals, and in turn a tool
-that stays upright within 10 degrees, a tool speed of 0.5 m/s, or two goals on the way
+that stays upright within 10 degrees, a tool speed of 0.5 m/s, or two intermediate goals
 that are passed (positions, poses, configurations). Each problem is planned with default
 options, and once more without these constraints, in the same run. The motions are
 exported as CSV and checked by ``benchmarks/between_judge.py`` in a separate process,
@@ -42,7 +42,7 @@ COLUMNS = (
     "T", "free_T", "status", "free_status", "verified", "faults", "clearance",
     "message",
 )  # fmt: skip
-STEP = 0.00025  # of the table of a motion [s]
+STEP = 0.00025  # time step of an exported motion [s]
 
 
 def planned(problem: tm.Problem, limit: float) -> tuple[tm.Solution, float]:
@@ -63,7 +63,7 @@ def judged(case: dict[str, Any], solution: tm.Solution, folder: Path) -> dict[st
 
 
 def run(seed: int, number: int, limit: float, folder: Path) -> dict[str, Any]:
-    """One problem; a row."""
+    """Plan and judge one problem; returns its row."""
     case, problem, free = draw(seed, number)
     row: dict[str, Any] = dict.fromkeys(COLUMNS, "")
     row |= {
@@ -72,7 +72,7 @@ def run(seed: int, number: int, limit: float, folder: Path) -> dict[str, Any]:
         "robot": case["arms"][0]["robot"],
         "goal": "+".join(goal["kind"] for goal in case["goals"]),
     }
-    for _ in range(2 if number == 0 else 1):  # the first loads libraries
+    for _ in range(2 if number == 0 else 1):  # the first plan loads libraries
         without, seconds = planned(free, limit)
     solution, own = planned(problem, limit)
     row |= {

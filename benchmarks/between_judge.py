@@ -8,7 +8,7 @@ specification and the table of the motion (times, positions, velocities, acceler
 torques), prints its findings as JSON, and exits with 1 if it refutes the motion. It
 checks:
 
-- start, goal and the goals on the way, in their order;
+- start, intermediate goals and goal, in their order;
 - positions follow from the velocities, and these from the accelerations;
 - limits of positions, velocities and torques; torques are computed anew, at every
   sample and, from positions and velocities alone, halfway between samples;
@@ -98,7 +98,7 @@ class Judge:
             self.faults.append(f"{name} {value:.3e} > {most:.1e}")
 
     def run(self) -> None:
-        """Judge."""
+        """Make all checks."""
         table, case = self.table, self.case
         start = np.abs(table.q[0] - np.array(case["q_start"])).max()
         self.check(start, 1e-6, "start")
@@ -141,7 +141,7 @@ class Judge:
         speed = np.abs(np.vstack([table.v, fastest])) / model.velocityLimit
         self.check(speed.max() - 1.0, LIMIT, "speed over limit")
         left = table.u - inverse([self.member], table.q, table.v, table.a)
-        # Dry friction opposes movement; if joints rest or reverse it is any share.
+        # Dry friction opposes movement; at rest and at reversals it may be any share.
         dry, way = self.member.friction, np.sign(table.v)
         stands = np.abs(table.v) < SLOW
         low, high = np.where(stands, -dry, dry * way), np.where(stands, dry, dry * way)
@@ -168,7 +168,7 @@ class Judge:
         return jumps, v[:-1] + a[:-1] * after
 
     def goals(self) -> None:
-        """The goals, one after the other."""
+        """Check that the goals are reached in their order."""
         t, begin = self.table.t, 0
         for number, goal in enumerate(self.case["goals"]):
             miss = self._miss(goal)
@@ -222,7 +222,7 @@ class Judge:
         return self.data.oMf[self.frame]
 
     def constraint(self) -> None:
-        """The cone of the tool, or its speed, at ten instants per sample."""
+        """Check the cone of the tool, or its speed, at ten instants per sample."""
         times = np.linspace(0.0, self.table.t[-1], 10 * len(self.table.t))
         if self.case["kind"] == "upright":
             axis, worst = np.array(self.case["axis"]), 0.0
@@ -246,7 +246,7 @@ class Judge:
         self.check(worst / self.case["limit"] - 1.0, LIMIT, "tool speed over limit")
 
     def clearance(self) -> None:
-        """Exact distances."""
+        """Check the exact distances to obstacles and between links."""
         obstacles = [read_obstacle(item) for item in self.case["obstacles"]]
         cell = Cell([self.member], obstacles, self.case["margin"])
         times = np.linspace(0.0, self.table.t[-1], 2 * len(self.table.t))

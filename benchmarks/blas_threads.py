@@ -1,4 +1,4 @@
-"""Planning and replays by as many BLAS threads as there are cores, and by one.
+"""Planning and replays with one BLAS thread per core, and with a single BLAS thread.
 
 python -m benchmarks.blas_threads [--goals 12] [--rounds 2] [--busy 2]
 
@@ -42,7 +42,7 @@ class _NoLimit:
     """Replacement for the controller that limits threads of libraries."""
 
     def limit(self, **settings: Any) -> contextlib.nullcontext[None]:
-        """Limit nothing."""
+        """Return a context without a limit."""
         return contextlib.nullcontext()
 
 
@@ -87,9 +87,9 @@ def main() -> int:
     parser.add_argument("--csv", type=Path, default=Path("out/blas_threads.csv"))
     arguments = parser.parse_args()
     if SET:
-        parser.error(f"{SET[0]} is set: both ways would be by that")
+        parser.error(f"{SET[0]} is set, and would fix the number of threads")
     problems = list(random_goals("panda", arguments.goals, arguments.seed))
-    motions = [tm.plan(problem) for _, problem in problems]  # and all is loaded
+    motions = [tm.plan(problem) for _, problem in problems]  # and libraries load
     sheet = Sheet(arguments.csv, COLUMNS)
     for busy in (0, arguments.busy):
         with busy_cores(busy):

@@ -34,7 +34,7 @@ class Member:
         return len(self.arm.names)
 
     def configuration(self, q: Array) -> Array:
-        """Angles as Pinocchio has them: continuous joints by cosine and sine."""
+        """Pinocchio's configuration: cosine and sine for continuous joints."""
         return configuration(self.arm.model, q)
 
     def position_limits(self) -> Array:
@@ -51,7 +51,7 @@ class Member:
 
 
 def configuration(model: Any, q: Array) -> Array:
-    """Angles as Pinocchio has them: continuous joints by cosine and sine."""
+    """Pinocchio's configuration: cosine and sine for continuous joints."""
     out = np.empty(model.nq)
     for joint in list(model.joints)[1:]:
         angle = q[joint.idx_v]
@@ -63,7 +63,7 @@ def configuration(model: Any, q: Array) -> Array:
 
 
 def read_member(item: Mapping[str, Any], gravity: Sequence[float]) -> Member:
-    """Build an arm as the case describes it."""
+    """Build an arm from its description in a case."""
     arm = ExactArm.load(
         Path(item["urdf"]), Path(item["srdf"] or item["urdf"]), item["locked"]
     )

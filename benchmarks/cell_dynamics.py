@@ -60,7 +60,7 @@ class Plant:
         return out
 
     def _goes(self, p: int) -> Array:
-        """Direction of joints in a piece; if it is too short, in its interval."""
+        """Direction of joints in a piece; in its interval if the piece is too short."""
         move, s = self.movement, np.linspace(0.0, 1.0, 21)
         own = _way(move.state(p, s)[1])
         v = move.between(move.interval(p), s)[1]

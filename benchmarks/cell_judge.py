@@ -19,7 +19,7 @@ A motion is refuted if
 - a limit of position, velocity or torque, or a specified limit of acceleration or jerk,
   is exceeded by more than 0.5 %;
 - links come closer to an obstacle or to links of the same or another arm than the
-  margin, by exact distances every millisecond and, where clearance is small, between.
+  margin, by exact distances every millisecond, and denser where clearance is small.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class Judge:
             self.faults.append(sentence)
 
     def run(self) -> None:
-        """Judge."""
+        """Make all checks."""
         self.ends_and_jumps()
         self.limits_and_torques()
         t, q, v = self.replay()
@@ -85,7 +85,7 @@ class Judge:
         self.clearance(t, q)
 
     def ends_and_jumps(self) -> None:
-        """The start, and the continuity of the pieces."""
+        """Check the start, and the continuity of the pieces."""
         move, case = self.movement, self.case
         off = np.abs(move.q[0] - np.array(case["q_start"])).max()
         slow = np.abs(move.v[0] - np.array(case["v_start"])).max()
@@ -104,7 +104,7 @@ class Judge:
         self.check(worst < JUMP, f"jump of {worst:.1e} at a node")
 
     def limits_and_torques(self) -> None:
-        """Limits at ten instants of each piece, and torques of the movement."""
+        """Check limits at ten instants of each piece, and torques of the movement."""
         move = self.movement
         s = np.concatenate([[0.0], (np.arange(10) + 0.5) / 10.0, [1.0]])
         excess = dict.fromkeys(
@@ -140,7 +140,7 @@ class Judge:
         return np.asarray(np.abs(u - need - self.plant.dry(p, s, state, u)))
 
     def replay(self) -> tuple[Array, Array, Array]:
-        """Integrate the torques from the start, with a trace of feedback."""
+        """Integrate the torques from the start, with little feedback."""
         move = self.movement
         n = move.q.shape[1]
         x = np.concatenate([self.case["q_start"], self.case["v_start"]])
@@ -201,7 +201,7 @@ class Judge:
         return t, path[:, :n], path[:, n:]
 
     def goal(self, q: Array, v: Array) -> None:
-        """Where the replay ends."""
+        """Check that the replay ends at the goal."""
         goal = self.case["goal"]
         if goal["kind"] == "joint":
             off = float(np.abs(q - np.array(goal["q"])).max())
@@ -220,7 +220,7 @@ class Judge:
         self.check(speed <= SPEED, f"{speed:.1e} too fast at the goal")
 
     def clearance(self, t: Array, q: Array) -> None:
-        """Exact distances."""
+        """Check the exact distances to obstacles and between links."""
         obstacles = [read_obstacle(item) for item in self.case["obstacles"]]
         cell = Cell(self.members, obstacles, self.case["margin"])
         if not len(cell._pairs):
@@ -230,7 +230,7 @@ class Judge:
         found = cell.at(t).closest(q)
         self.figures["clearance"] = float(found.distance)
         names = f"{found.first} and {found.second} at {t[found.sample]:.4f} s"
-        # A margin may be missed by 0.01 mm; nothing may touch.
+        # The margin may be violated by 0.01 mm, but no bodies may touch.
         least = -1e-5 if self.case["margin"] > 1e-5 else 0.0
         text = f"room of {found.distance * 1e3:.4f} mm between {names}"
         self.check(found.distance > least, text)

@@ -23,7 +23,7 @@ class Movement:
         t: Times of the nodes, shape (N + 1,).
         q: Positions there, shape (N + 1, n).
         v: Velocities there.
-        a: Accelerations of the intervals (N, n) or at the nodes (N + 1, n), or none.
+        a: Accelerations of the intervals (N, n) or at the nodes (N + 1, n), or None.
         breaks: Times between which torques are smooth, shape (P + 1,).
         share: Shares of a piece at which torques are given, shape (k,).
         u: Torques there, shape (P, k, n).
@@ -129,7 +129,7 @@ class Movement:
 
 
 def read_movement(path: Path) -> Movement:
-    """Read the motion."""
+    """Read the file of a motion."""
     with np.load(path, allow_pickle=False) as data:
         a = data["a"] if data["a"].size else None
         return Movement(

@@ -131,8 +131,8 @@ def problems(
 def measure(
     name: str, problem: tm.Problem, options: tm.Options, again: bool
 ) -> dict[str, Any]:
-    """Plan, certify, plan again with a warm start; a row."""
-    CollisionChecker.distances(problem.checker, problem.q_start[None])  # loads meshes
+    """Plan, certify, and plan again with a warm start; returns a row."""
+    CollisionChecker.distances(problem.checker, problem.q_start[None])  # meshes load
     begin = time.process_time()
     try:
         solution = tm.plan(problem, options)

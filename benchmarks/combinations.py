@@ -59,7 +59,7 @@ KINDS = ("load", "grasp", "friction", "dwell", "window", "deadline")
 
 
 def kinds_of(case: Asked) -> list[str]:
-    """Those of :data:`KINDS` that a problem has."""
+    """Names of :data:`KINDS` that apply to a problem."""
     legs = case["legs"]
     windows = [leg["arrival"] for leg in legs if "arrival" in leg]
     has = {
@@ -126,7 +126,7 @@ def table(rows: list[dict[str, Any]]) -> str:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Plan everything; 1 if too few are found, or a plan was late."""
+    """Plan all problems; 1 if too few motions are found, or a plan was late."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -20,22 +20,22 @@ from tominpmp.kinematics import RobotKinematics
 
 # Speeds of obstacles that move, and sizes, as shares of the reach.
 SPEEDS, SIZES = (0.1, 0.4), (0.03, 0.08)
-# Draws of one problem.
+# Largest number of draws for the problems of an arm.
 DRAWS = 60
 
-# Robot, start and goal, and the generator of the rest; None if it is impossible.
+# Makes a problem from robot, name, start, goal and random numbers; None if impossible.
 Draw = Callable[[tm.Robot, str, Array, Array, np.random.Generator], tm.Problem | None]
 
 
 def free(
     robot: tm.Robot, name: str, q: Array, q_goal: Array, rng: np.random.Generator
 ) -> tm.Problem:
-    """Nothing but the limits of the robot."""
+    """A problem with the limits of the robot alone."""
     return tm.Problem(robot, q, tm.JointGoal(q_goal), self_collision=False)
 
 
 def limited(*names: str) -> Draw:
-    """With active motion limits, drawn for all joints."""
+    """Problems with active motion limits, drawn for all joints."""
 
     def draw(
         robot: tm.Robot, name: str, q: Array, q_goal: Array, rng: np.random.Generator
@@ -61,7 +61,7 @@ def limited(*names: str) -> Draw:
 
 
 def obstructed(moving: bool) -> Draw:
-    """With a box and a ball on the path of the tool, fixed or moving."""
+    """Problems with a box and a ball on the path of the tool, fixed or moving."""
 
     def draw(
         robot: tm.Robot, name: str, q: Array, q_goal: Array, rng: np.random.Generator
@@ -91,7 +91,7 @@ def obstructed(moving: bool) -> Draw:
 
 
 def segmented(kind: str) -> Draw:
-    """With two via points: passed, with stops, or with a load between them."""
+    """Problems with two via points: passed, with stops, or a load between them."""
 
     def draw(
         robot: tm.Robot, name: str, q: Array, q_goal: Array, rng: np.random.Generator
@@ -125,7 +125,7 @@ def segmented(kind: str) -> Draw:
 def tool_speed(
     robot: tm.Robot, name: str, q: Array, q_goal: Array, rng: np.random.Generator
 ) -> tm.Problem:
-    """With a limit on the speed of the tool below its speed without the limit."""
+    """A problem whose limit on the tool speed is below the speed without it."""
     T, motion = _quick(free(robot, name, q, q_goal, rng))
     kinematics = RobotKinematics(robot)
     times = np.linspace(0.0, T, 200)
@@ -142,7 +142,7 @@ def tool_speed(
 def upright(
     robot: tm.Robot, name: str, q: Array, q_goal: Array, rng: np.random.Generator
 ) -> tm.Problem | None:
-    """With an axis of the tool that leans hardly farther than at both ends."""
+    """A problem whose tool axis may lean little farther than at both ends."""
     if name == "planar3r":
         return None
     kinematics = RobotKinematics(robot)

@@ -44,7 +44,7 @@ COLUMNS = (
     "seconds",
     "verified",
 )
-# Problems drawn for each one needed: some have self-collisions at an end.
+# Problems drawn per required problem: some have self-collisions at an end.
 DRAWN = 4
 
 

@@ -113,7 +113,7 @@ def measure(name: str, number: int, pair: tuple[tm.Problem, ...]) -> list[object
 
 
 def summary(rows: list[dict[str, object]], name: str) -> tuple[object, ...]:
-    """One row of the table: an arm."""
+    """The row of the table for an arm."""
     own = [row for row in rows if row["robot"] == name]
     good = [row for row in own if row["verified"]]
 

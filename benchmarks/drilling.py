@@ -43,7 +43,7 @@ COLUMNS = [
 
 
 def row(count: int, places: list, arguments: argparse.Namespace) -> list[object]:
-    """Plan one task."""
+    """Plan one task; returns its row."""
     wall, processor = time.perf_counter(), time.process_time()
     tour = tm.plan_tour(
         robot(),

@@ -62,7 +62,7 @@ def problems(name: str, count: int, seed: int) -> Iterator[tm.Problem]:
 
 
 def with_friction(problem: tm.Problem, name: str, kind: str) -> tm.Problem:
-    """The same problem with friction as a share of the torque limits, or its own."""
+    """The problem with friction as a share of the torque limits, or of the robot."""
     friction = load_arm(name).friction
     if kind != "own":
         friction = float(kind) * problem.robot.limits.effort_upper
@@ -73,7 +73,7 @@ def with_friction(problem: tm.Problem, name: str, kind: str) -> tm.Problem:
 def measure(
     name: str, goal: int, kind: str, problem: tm.Problem, method: str, sheet: Sheet
 ) -> tm.Solution:
-    """Plan once; a row of what came of it."""
+    """Plan once, and add a row with the result."""
     begin = time.process_time()
     solution = tm.plan(problem, method=method)
     seconds = time.process_time() - begin
@@ -133,7 +133,7 @@ def _is(row: dict[str, object], name: str, kind: str) -> bool:
 
 
 def exactness(solutions: list[tuple[str, tm.Solution]]) -> str:
-    """Table of where replays end, by the integrator."""
+    """Table of the errors at the end of replays, for each integrator."""
     lines = []
     for name, solution in solutions:
         motion, problem = solution.trajectory, solution.problem

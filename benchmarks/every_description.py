@@ -52,7 +52,7 @@ def kind_of(path: Path) -> str:
     if not is_xacro(root):
         is_part = path.suffix.lower() == ".xacro" and root.find("link") is None
         return "" if is_part else "urdf"
-    # A file of macros only, or a robot without a name, is included by another.
+    # Files of macros, or robots without a name, are included by other files.
     return "xacro" if root.get("name") else ""
 
 
@@ -95,7 +95,7 @@ def measure(
                 found = plan_little(path, limit, acceleration, kinematic=True, **more)
         except TominpmpError as error:
             if kind == "xacro" and "has no <link>" in str(error):
-                return None  # macros only: a part of others
+                return None  # macros only: a part of other files
             return row | {"why": " ".join(str(error).split())[:300]}
         except Exception as error:  # a defect, which the table must show
             return row | {"why": f"DEFECT {type(error).__name__}: {error}"[:300]}

@@ -48,8 +48,8 @@ COLUMNS = (
 )
 # Displacement of each joint: at most, and as a share of its range [rad or m].
 STEP, SHARE = 0.1, 0.1
-# Where to begin, as shares of the ranges, one after another until links are clear; near
-# zero first.
+# Shares of the ranges at which a start is tried, in this order, until links are clear;
+# the first start is near zero.
 PLACES = (None, 0.5, 0.45, 0.55, 0.4, 0.6, 0.3, 0.7)
 # Larger ranges count as unlimited.
 WIDE = 10.0
@@ -100,7 +100,7 @@ def pose(robot: Any, acceleration: float | None = None) -> tm.Problem:
         acceleration: Limit of all joints [rad/s^2 or m/s^2]; None for the robot's own.
 
     Raises:
-        TominpmpError: If there is no such problem.
+        TominpmpError: If no start and goal are free of collisions and can be held.
     """
     limits: dict[str, Any] = {}
     if acceleration is not None:
@@ -134,7 +134,7 @@ def plan_little(
         **given: Further arguments of ``load_robot``.
 
     Raises:
-        TominpmpError: If it does not load. If there is no problem, the row says so.
+        TominpmpError: If the robot does not load. A missing problem is in the row.
     """
     row: dict[str, object] = dict.fromkeys(COLUMNS[1:], "")
     begin = time.perf_counter()

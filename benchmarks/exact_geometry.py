@@ -118,8 +118,8 @@ def read_obstacles(path: Path, root: str = "") -> list[Body]:
         root: Link in whose frame poses may be given, in addition to the world.
 
     Raises:
-        ValueError: If there is anything but boxes, cylinders and spheres, or they are
-            given in the frame of another link.
+        ValueError: If the scene has shapes other than boxes, cylinders and spheres, or
+            shapes in the frame of another link.
     """
     scene = yaml.load(path.read_text(encoding="utf-8"), Loader=yaml.CSafeLoader)
     bodies = []

@@ -118,7 +118,7 @@ def add_problems(parser: argparse.ArgumentParser) -> None:
 
 
 def check(parser: argparse.ArgumentParser, given: argparse.Namespace) -> None:
-    """Check the groups, and say which ones have no data."""
+    """Check the groups, and print those without data."""
     from benchmarks import golden_cases, golden_fresh
 
     known = groups_of(given.part)

@@ -186,7 +186,7 @@ class Setting:
     """An arm with a random start and goal.
 
     Attributes:
-        name: Its name.
+        name: Name of the task.
         own: The arm as plain data.
         member: The same for the judge.
         start: Start, shape (n,).

@@ -43,13 +43,13 @@ from benchmarks.golden_problems import (
 from benchmarks.judging import read_request
 from benchmarks.motionbenchmaker import SCENES, Case
 
-# Problems of a scene that nothing is tuned on, and how many of another robot are drawn.
+# Numbers of the problems that are not used for tuning; how many are drawn for a Fetch.
 VALIDATION, FETCHED = range(21, 41), 3
 ARMS = ("kinova", "xarm7", "z1", "iiwa14")
 SCENES_OF_ARM, COMBINATIONS = 5, 16
 TOOLS = {**TOOL, "iiwa14": "flange"}
-# Distances that a path keeps from shapes, and links from each other [m], of which those
-# of some arms are always near their neighbours; at how many configurations; draws.
+# Least distances of a path from shapes, and of links from each other [m] (links of some
+# arms are always close to neighbours); margin [m]; configurations of a path; draws.
 RESERVE, APART, MARGIN, SAMPLES, DRAWS = 0.02, 0.004, 0.005, 40, 300
 OBSTACLES = 7
 # Usable shares of the torque at rest, and during the slow motion.
@@ -68,7 +68,7 @@ FLANGE, THICKNESS = 1.306, (0.075, 0.07, 0.07, 0.065, 0.06, 0.05, 0.04)
 
 @functools.cache
 def _folder() -> tempfile.TemporaryDirectory[str]:
-    """A folder that exists as long as this process."""
+    """A folder that is deleted at the end of this process."""
     return tempfile.TemporaryDirectory()
 
 

@@ -33,8 +33,8 @@ from benchmarks.random_cells import write_motion
 Asked = dict[str, Any]
 # Tolerance of the times of segments [s].
 INSTANT = 1e-6
-# Half of what a margin may be missed by [m]; what excesses over regions and sums of
-# joints are relative to [m or rad].
+# Half of the tolerated violation of a margin [m]; reference for excesses over regions
+# and sums of joints [m or rad].
 PLACE, REACH = 1e-5, 0.1
 # Number of instants between samples at which small distances are measured.
 CLOSE, FINER = 2e-3, 121
@@ -45,8 +45,8 @@ class Verdict:
     """Findings on one motion.
 
     Attributes:
-        excess: Largest excess over a limit, relative to it; negative if all limits
-            are kept.
+        excess: Largest excess over a limit, relative to the limit; negative if the
+            motion is within all limits.
         clearance: Least distance beyond the margin [m]; infinite without pairs.
         faults: Reasons that refute the motion, in short sentences.
     """
@@ -286,7 +286,7 @@ class Leg(Judge):
             closer = cell.at(near).closest(dense)
             found = min(found, closer, key=lambda one: one.distance)
         self.figures["clearance"] = float(found.distance)
-        # A margin may be missed by 0.02 mm; nothing may touch.
+        # The margin may be violated by 0.02 mm, but no bodies may touch.
         least = -2.0 * PLACE if self.case["margin"] > PLACE else 0.0
         text = f"room of {found.distance * 1e3:.4f} mm between {found.first}"
         self.check(found.distance > least, f"{text} and {found.second}")
@@ -300,8 +300,8 @@ def _angle(one: Any, other: Any) -> float:
 
 # -- rules: constraints at all times ---------------------------------------------------
 
-# Of a judge, a rule and states at some instants: the excess, and what of it is let
-# pass.
+# A function of a judge, a rule and states at some instants, which returns the excess
+# and the tolerated excess.
 Measure = Callable[[Leg, Mapping[str, Any], Array, Array, Array], tuple[float, float]]
 
 
@@ -436,7 +436,7 @@ def judge(asked: Asked, solution: Any) -> Verdict:
 
     Args:
         asked: As a case of ``cell_cases.py``, with ``legs`` in place of a goal: each a
-            dictionary with ``goal`` and maybe ``load``, ``rules``, ``obstacles``,
+            dictionary with ``goal`` and optionally ``load``, ``rules``, ``obstacles``,
             ``may_touch``, ``acceleration``, ``stop``, ``dwell`` and ``arrival``. Beside
             them ``rules`` for all, ``effort_rate``, ``self_collision`` and ``period``.
         solution: The solution, whose segments are used.

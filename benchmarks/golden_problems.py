@@ -28,7 +28,7 @@ from benchmarks.random_goals import LOCKED_JOINTS
 LOCKED = {**LOCKED_JOINTS, "z1": {"jointGripper": 0.0}}
 # Number of digits in which numbers are compared.
 DIGITS = 9
-# Which problems a fingerprint is of, not where files lie.
+# Keys with paths of files, which do not belong to the fingerprint of a problem.
 PLACES = ("urdf", "srdf", "source")
 
 Start = tm.Solution | tm.Trajectory | tm.Samples
@@ -337,7 +337,7 @@ def task(case: Asked, start: Callable[[], Start] | None = None, **more: Any) -> 
     Args:
         case: The specification.
         start: Makes the former motion of a warm start.
-        **more: ``slack`` and ``measure`` of the task; the others are options.
+        **more: ``slack`` and ``measure`` of the task; all other values are options.
     """
     own = {k: more.pop(k) for k in ("slack", "measure") if k in more}
     period = more.get("control_period")

@@ -1,4 +1,4 @@
-"""Running the golden set: each problem in a separate process, rows as they are known.
+"""Running the golden set: each problem in a separate process, rows at once.
 
 The state after one problem (caches, random numbers of OMPL, measured times of programs)
 has no effect on the next. All modules are loaded before, and robots and scenes
@@ -197,7 +197,7 @@ def groups_of(part: str) -> dict[str, Callable[..., Any]]:
 
 
 def task_of(item: Item) -> Task:
-    """The problem of an item, made."""
+    """Make the problem of an item."""
     from benchmarks.golden_cases import Source
 
     made = groups_of(item.part)[item.group](Source(item.data, item.seed))

@@ -122,7 +122,7 @@ def interrupted(problem: tm.Problem, options: dict[str, Any], instant: float) ->
 
 
 def row(name: str, whole: float, instant: float) -> dict[str, Any]:
-    """One interrupted plan as a row."""
+    """Interrupt a plan; returns its row."""
     make, options = PROBLEMS[name]
     solution, seconds, found = interrupted(make(), options, instant)
     late, broken = seconds - instant, []
@@ -163,7 +163,7 @@ def main(argv: list[str] | None = None) -> int:
     warnings.simplefilter("ignore")
     rng, wholes = np.random.default_rng(arguments.seed), dict[str, float]()
     for name, (make, options) in PROBLEMS.items():
-        for _ in range(2):  # libraries load in the first
+        for _ in range(2):  # libraries load in the first plan
             begin = time.perf_counter()
             tm.plan(make(), tm.Options(**options))
             wholes[name] = time.perf_counter() - begin

@@ -64,7 +64,7 @@ def varied(problem: tm.Problem, variant: str) -> tuple[tm.Problem, dict[str, Any
 def measure(
     name: str, problem: tm.Problem, variant: str, limit: float | None
 ) -> dict[str, Any]:
-    """Plan one variant; a row."""
+    """Plan one variant; returns its row."""
     other, options = varied(problem, variant)
     found = timed_plan(other, max_planning_time=limit, **options)
     return {"problem": name, "variant": variant, **found}

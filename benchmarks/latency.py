@@ -101,7 +101,7 @@ def problems(data: Path | None, every: int) -> Iterator[tuple[str, Make]]:
 
 
 def row(name: str, effort: str, make: Make) -> dict[str, Any] | None:
-    """One plan as a row; None for a problem with a limit or an effort of its own."""
+    """The row of a plan; None for a problem with its own time limit or effort."""
     problem, own = make()
     if {"max_planning_time", "effort"} & set(own):
         return None
@@ -123,7 +123,7 @@ def row(name: str, effort: str, make: Make) -> dict[str, Any] | None:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Plan everything; 1 if a plan was late."""
+    """Plan all problems; 1 if a plan was late."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

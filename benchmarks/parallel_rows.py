@@ -1,4 +1,4 @@
-"""Does it pay to compute the rows of the linear program in parallel?
+"""The gain of computing the rows of the linear program in parallel.
 
 Rows are the derivatives of inverse dynamics, the distances and their gradients at the
 instants of a motion. They are independent of each other, so that several threads or

@@ -30,7 +30,7 @@ from tominpmp.cell.placement import Moves
 
 COLUMNS = ("example", "T_before", "T_grid", "T", "plans_grid", "plans_equal", "plans")
 QUICK: dict[str, Any] = {"intervals": 20, "starts": 1, "refine": None}
-# As good as the grid, within this share.
+# Share within which the search counts as equal to the grid.
 EQUAL = 1e-3
 
 
@@ -78,7 +78,7 @@ def on_grid(
 
 
 def measure(name: str, points: int, sheet: Sheet) -> None:
-    """An example on a grid and by gradients; one row."""
+    """Plan an example on a grid and by gradients; returns its row."""
     robot, tasks, bounds, what = EXAMPLES[name]()
     moves = Moves(what, tuple(bounds), robot, pin.SE3.Identity())
     rows = [np.linspace(*pair, points) for pair in bounds.values()]

@@ -75,7 +75,7 @@ def minimum_time(
         distance: Distance [m].
         velocity: Largest speed [m/s].
         acceleration: Largest acceleration [m/s^2].
-        jerk: Largest jerk [m/s^3]. One of the two is finite.
+        jerk: Largest jerk [m/s^3]. Acceleration or jerk is finite.
     """
     top = velocity
     # Accelerating to a speed and braking takes this time, at half the speed on average.

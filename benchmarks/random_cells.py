@@ -75,7 +75,7 @@ def write_motion(solution: tm.Solution, path: Path) -> None:
 
 
 def run_case(seed: int, kind: str, number: int, limit: float, folder: Path) -> Case:
-    """Draw, plan and judge one problem; a row."""
+    """Draw, plan and judge one problem; returns its row."""
     rng = np.random.default_rng([seed, KINDS.index(kind), number])
     for _ in range(200):
         case = draw_case(rng, kind)

@@ -11,7 +11,7 @@ a friction or a time differs from that of the problem, torques or positions are 
 Each is given to ``verify``, ``certify``, ``prove_clearance`` and ``check_export``.
 Their verdicts are stored in ``tests/spoilt_verdicts.csv``, where the column ``missed``
 names the judges that should have detected the fault, and did not: faults beyond the
-documented tolerances must be detected. A part of the variants is a test
+documented tolerances must be detected. Some of the variants are tests
 (``tests/test_spoilt_motions.py``).
 """
 
@@ -74,7 +74,7 @@ class Spoilt:
 
     @property
     def name(self) -> tuple[str, str, str]:
-        """Its name in the file."""
+        """Key of the motion in the file of verdicts."""
         return self.motion, self.kind, f"{self.amount:g}"
 
     @property
@@ -323,7 +323,7 @@ def quick() -> Iterator[Maker]:
 
 
 def times_of(motion: tm.Trajectory) -> Array:
-    """Many instants."""
+    """Closely spaced instants of a motion, shape (m,) [s]."""
     return np.linspace(0.0, motion.duration, INSTANTS)
 
 

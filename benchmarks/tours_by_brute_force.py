@@ -94,7 +94,7 @@ def best_of_all(times: dict[tuple[Place, Place], float], stations: int) -> float
     """The minimum time of all orders and configurations, from home to home [s].
 
     The state is the set of visited stations and the configuration at the last of them:
-    the rest of the tour depends on nothing else.
+    the rest of the tour depends on this state alone.
     """
     home: Place = (0, 0)
     places = sorted({a for a, _ in times} - {home})
@@ -128,7 +128,7 @@ def in_table(
 
 
 def compare(name: str, count: int, seed: int, limit: float | None) -> dict[str, object]:
-    """One row: the optimum, and the result of the tour planner."""
+    """Row with the optimum and the result of the tour planner."""
     robot, home = tm.load_robot(name, limits="urdf"), np.array(HOMES[name])
     limits = None if limit is None else tm.MotionLimits(acceleration=limit)
     at = choices(robot, home, count, seed)

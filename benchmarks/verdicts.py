@@ -27,7 +27,7 @@ class Judge(Protocol):
     figures: dict[str, float]
 
     def run(self) -> None:
-        """Judge."""
+        """Make all checks."""
 
 
 def judge_named(

@@ -50,7 +50,7 @@ def rng(request: pytest.FixtureRequest) -> np.random.Generator:
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
-    """A clock that stands still, which the library reads as its own."""
+    """A clock that stands still, in place of the clock of the library."""
     found = Clock()
     monkeypatch.setattr(time, "perf_counter", found)
     # Times that another clock has shown cannot be compared with times of this clock.

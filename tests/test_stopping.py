@@ -245,7 +245,7 @@ def test_failing_start_does_not_prevent_other_starts(monkeypatch):
 
 @pytest.mark.parametrize(("spent", "time_to_replay"), [(1.0, True), (1.2, False)])
 def test_replay_may_exceed_the_time_limit_a_little(clock, spent, time_to_replay):
-    """A descent that ends at the limit is replayed, one that ends 20 % later is not."""
+    """A descent that ends at the limit is replayed, but not if it ends 20 % later."""
     limit = 500.0
 
     def slow(record):

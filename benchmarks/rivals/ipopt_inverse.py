@@ -13,7 +13,7 @@ nodes, and rest at both ends. First and second derivatives are exact; the interi
 method and the linear solver run with their defaults. Nothing is smoothed: the objective
 is T alone.
 
-With torque limits at the nodes alone the optimiser may exploit what it does not see: on
+With torque limits at the nodes alone the optimiser may exploit the instants between: on
 coarse grids light joints swing to and fro from interval to interval, and the torque
 between the nodes passes its limit, so T comes out too small. ``interior_points`` asks
 for the limits inside the intervals as well.

@@ -9,7 +9,7 @@ path acceleration, TOPP-RA takes limits linear in (u, x). Friction adds
 is not linear. Where friction relieves the limit (it pulls the torque away from it), the
 limit is a convex set, replaced by the polygon of chords of the square root. Where it
 loads the limit, the square root is replaced by its tangent at the last solution, and
-TOPP-RA is run again until T stands still. Both replacements lie inside the true set, so
+TOPP-RA is run again until T converges. Both replacements lie inside the true set, so
 every pass keeps the true limits, no pass is slower than the one before, and at the end
 the loaded limits are exact at the grid points. Without friction one pass is enough and
 the limits are those of toppra's own ``JointTorqueConstraint``.
