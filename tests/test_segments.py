@@ -222,7 +222,7 @@ def test_lower_bound_of_a_plan_holds_for_all_alternative_goals():
     assert solution.lower_bound.T <= solution.T
 
 
-def test_scene_of_one_segment_is_kept_clear_of():
+def test_scene_of_a_segment_belongs_to_its_phase():
     robot = tm.load_robot("planar3r")
     start, end = np.array([0.4, 0.3, 0.2]), np.array([0.4, -0.3, -0.2])
     wall = tm.Scene([tm.Sphere("ball", radius=0.1, position=(30.0, 0.0, 0.0))])
