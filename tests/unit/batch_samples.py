@@ -1,4 +1,4 @@
-"""Problems for the tests of batches: a mass on a rail, which is planned at once."""
+"""Problems for the tests of batches: a mass on a rail, planned within milliseconds."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def rail(folder: Path) -> tm.Robot:
 
 
 def problems(folder: Path, count: int = 6) -> list[tm.Problem]:
-    """Motions along the rail, each a little farther."""
+    """Problems along the rail, each goal a little farther than its predecessor."""
     robot = rail(folder)
     far = 8.0 / max(count, 32)
     goals = [tm.JointGoal([0.5 + far * k]) for k in range(count)]
@@ -34,7 +34,7 @@ def problems(folder: Path, count: int = 6) -> list[tm.Problem]:
 
 
 class Deadly:
-    """Kills the process that it is sent to, but for the one that made it."""
+    """An object whose unpickling kills every process but the one that made it."""
 
     def __init__(self) -> None:
         self.home = os.getpid()
@@ -49,7 +49,7 @@ def _kill_unless(home: int) -> None:
 
 
 class Unsendable:
-    """Cannot be pickled."""
+    """An object that cannot be pickled."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         raise TypeError("a lock is in it")

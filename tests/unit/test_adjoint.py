@@ -1,4 +1,4 @@
-"""The adjoint transcription: rows, active instants, and optima it must find."""
+"""The adjoint transcription: its rows, its selection of rows, and optimal durations."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def kind_rows(nlp, kind):
     return np.flatnonzero(nlp.rows.kind == nlp.rows.kinds.index(kind))
 
 
-def test_rows_are_those_of_the_motion(rng):
+def test_rows_are_computed_from_the_states_of_the_motion(rng):
     nlp = build(JOINT, T=2.0)
     z = throw(nlp, rng)
     values, motion = nlp.evaluate(z), nlp.trajectory(z)
@@ -74,7 +74,7 @@ def test_joints_without_limits_have_no_rows():
     assert kind_rows(nlp, "clearance").size == 0
 
 
-def test_exact_instants_are_those_that_attain_the_maximum(rng):
+def test_exact_selection_linearizes_the_rows_at_the_extrema(rng):
     nlp = build(POSITION, selection="exact")
     z = throw(nlp, rng)
     values = nlp.evaluate(z)
@@ -92,7 +92,7 @@ def test_exact_instants_are_those_that_attain_the_maximum(rng):
     assert set(chosen) == expected | set(kind_rows(nlp, "goal"))
 
 
-def test_near_instants_leave_out_what_is_far_from_the_obstacle(rng):
+def test_near_selection_leaves_out_rows_far_from_the_obstacle(rng):
     aside = tm.Scene([tm.Sphere("O", radius=0.3, position=(0, 1.5, 0))])
     nlp = build(planar(tm.JointGoal((0.5, 1, 1)), scene=aside))
     z = throw(nlp, rng)
@@ -105,7 +105,7 @@ def test_near_instants_leave_out_what_is_far_from_the_obstacle(rng):
     assert values[left_out].max() < values[np.intersect1d(chosen, rows)].min()
 
 
-def test_the_papers_box_is_in_newton_metres_and_seconds(rng):
+def test_fixed_step_bounds_are_in_newton_metres_and_seconds(rng):
     nlp = build(POSITION)
     z = throw(nlp, rng)
     steps = nlp.transcription.fixed_steps(z, 0.05, 0.01)
@@ -123,7 +123,7 @@ def test_the_papers_box_is_in_newton_metres_and_seconds(rng):
 
 
 @pytest.mark.parametrize("radius", [1e-3, 0.2, 10.0])
-def test_steps_stay_within_the_torque_limits(rng, radius):
+def test_trust_region_steps_stay_within_the_torque_limits(rng, radius):
     nlp = build(POSITION)
     z = throw(nlp, rng)
     steps = nlp.step_bounds(z, radius)
@@ -136,7 +136,7 @@ def test_steps_stay_within_the_torque_limits(rng, radius):
     assert np.abs([steps.lower[:-1], steps.upper[:-1]]).max() <= 4.0 * radius + 1e-12
 
 
-def test_eliminating_the_states_of_collocation_gives_the_adjoint_rows(rng):
+def test_collocation_without_its_states_has_the_adjoint_rows(rng):
     adjoint = build(POSITION)
     z = throw(adjoint, rng)
     shot = adjoint.transcription
@@ -162,7 +162,7 @@ def test_eliminating_the_states_of_collocation_gives_the_adjoint_rows(rng):
     np.testing.assert_allclose(got, expected, rtol=1e-8, atol=1e-9)
 
 
-def test_a_motion_that_cannot_be_integrated_violates_everything():
+def test_motion_that_cannot_be_integrated_violates_every_row():
     # A light wrist at full torque for a long interval.
     robot = tm.load_robot("ur5", limits="urdf")
     goal = tm.JointGoal((0.4, -1.0, 0.5, 0.1, 0.2, 0.0))
@@ -176,7 +176,7 @@ def test_a_motion_that_cannot_be_integrated_violates_everything():
     assert linear.rows.size == 0 and linear.matrix.shape == (0, z.size)
 
 
-def test_stretching_makes_the_same_motion_slower(rng):
+def test_time_scaling_keeps_the_path_and_lengthens_the_duration(rng):
     problem = planar(tm.JointGoal((0.5, 1, 1)))
     nlp = build(problem, 200)
     t = np.linspace(0, 1, 200)[:, None]
@@ -202,7 +202,7 @@ RAILS = [("near", 20), ("near", 40), ("exact", 30), ("exact", 40)]
 
 
 @pytest.mark.parametrize(("selection", "N"), RAILS)
-def test_a_mass_on_a_rail_keeps_its_speed_limit(selection, N):
+def test_mass_on_a_rail_is_time_optimal_within_its_speed_limit(selection, N):
     # Instants that become rows once they are violated, the paper's choice, make no
     # smooth constraints: a trust region may end at a kink. Plans use "near".
     robot = make_arm(slide(2.0), effort=4.0, velocity=0.8)
@@ -214,8 +214,8 @@ def test_a_mass_on_a_rail_keeps_its_speed_limit(selection, N):
     assert np.abs(nlp.trajectory(result.best.z).v).max() <= 0.8 * (1 + 1e-6)
 
 
-def test_speeds_between_the_nodes_become_rows():
-    """Joints were up to 14 % too fast between the nodes, and no repair helped."""
+def test_row_exchange_adds_rows_for_speeds_between_nodes():
+    """Regression: joints were up to 14 % too fast between nodes; no repair helped."""
     # Under constant torque a joint may be fastest within an interval.
     nlp = build(planar(tm.JointGoal((0.5, 1, 1)), velocity=np.inf), T=0.6)
     z = throw(nlp, np.random.default_rng(1))
@@ -248,14 +248,14 @@ SWINGING = tm.Problem(
 )
 
 
-def test_torques_that_track_states_do_not_drift_away():
+def test_tracking_torques_follow_the_states_without_drift():
     nlp, eta = build(SWINGING, 40, T=1.0), np.array([1.0])
     start, way = SWINGING.q_start, SWINGING.goal.q - SWINGING.q_start
     s = np.linspace(0.0, 1.0, 41)[:, None]
     q = start + (3 * s**2 - 2 * s**3) * way
     x = np.hstack([q, (6 * s - 6 * s**2) * way])
-    without = driving_torque(nlp.system, q, x[:, 3:], np.full(40, 1 / 40))
-    drifting = nlp.trajectory(nlp.transcription.pack(without, eta))
+    open_loop = driving_torque(nlp.system, q, x[:, 3:], np.full(40, 1 / 40))
+    drifting = nlp.trajectory(nlp.transcription.pack(open_loop, eta))
     tracking = nlp.trajectory(nlp.transcription.tracking(x, eta))
     assert np.abs(drifting.q - q).max() > 0.5
     assert np.abs(tracking.q - q).max() < 2e-3
@@ -263,7 +263,7 @@ def test_torques_that_track_states_do_not_drift_away():
     assert np.all(np.abs(tracking.u) <= limit * (1 + 1e-12))
 
 
-def test_an_arm_of_three_links_is_found_without_given_torques():
+def test_adjoint_method_plans_a_three_link_arm_without_given_torques():
     solution = tm.plan(SWINGING, method="adjoint", starts=1, max_planning_time=np.inf)
     assert solution.status is Status.CONVERGED and solution.verification.ok
     assert solution.T <= 1.002 * tm.plan(SWINGING).T
@@ -278,8 +278,8 @@ def test_an_arm_of_three_links_is_found_without_given_torques():
         (False, False, 0.859, 0.861),
     ],
 )
-def test_the_papers_example(free, gravity, least, most):
-    """From the paper's kind of start: no torque, T = 1.5, nothing satisfied."""
+def test_durations_of_the_papers_example(free, gravity, least, most):
+    """The guess is the paper's: no torque, T = 1.5, and every constraint violated."""
     changes = {} if gravity else {"gravity": (0, 0, 0)}
     if free:
         changes |= {"position_lower": -np.inf, "position_upper": np.inf}
@@ -302,8 +302,11 @@ def test_the_papers_example(free, gravity, least, most):
         assert nlp.system.clearance.values(motion.q).max() <= 1e-6
 
 
-def test_a_shooting_method_that_fails_names_the_method_that_does_not():
-    """The message advised another goal, but torques without feedback were the cause."""
+def test_failed_adjoint_plan_suggests_the_inverse_method():
+    """Regression: the message advised another goal.
+
+    Torques without feedback were the cause.
+    """
     arm = make_arm(rod(1.0, 1.0), rod(0.5, 0.5), effort=np.full(2, 20.0))
     problem = tm.Problem(arm, np.zeros(2), tm.JointGoal(np.ones(2)))
     solution = tm.plan(problem, method="adjoint", intervals=5, starts=1)

@@ -1,4 +1,7 @@
-"""The live page's model: requests, their problems, and the lines that make the same."""
+"""The live page's model: requests, their problems, and the Python code shown for them.
+
+Also the texts and pictures that the page makes of an outcome.
+"""
 
 from __future__ import annotations
 
@@ -67,7 +70,7 @@ REQUESTS = {
 
 
 @pytest.mark.parametrize("request_", REQUESTS.values(), ids=REQUESTS)
-def test_lines_of_python_make_the_same_problem(request_: Request) -> None:
+def test_python_code_of_a_request_makes_the_same_problem(request_: Request) -> None:
     names: dict[str, object] = {}
     head, _, plan = request_.python().partition("solution = ")
     exec(head, names)
@@ -75,12 +78,12 @@ def test_lines_of_python_make_the_same_problem(request_: Request) -> None:
     assert plan == "tm.plan(problem)\nprint(solution.message)\n"
 
 
-def test_lines_differ_where_requests_do() -> None:
+def test_different_requests_have_different_python_code() -> None:
     lines = {request.python() for request in REQUESTS.values()}
     assert len(lines) == len(REQUESTS)
 
 
-def test_sliders_reach_the_problem() -> None:
+def test_scales_and_margin_of_a_request_reach_the_problem() -> None:
     problem = REQUESTS["limits"].problem()
     plain = PLANAR.problem()
     assert problem.margin == 0.01
@@ -100,18 +103,20 @@ def test_sliders_reach_the_problem() -> None:
         ({"margin": -1.0}, "margin"),
     ],
 )
-def test_wrong_values_are_named(changes: dict[str, object], field: str) -> None:
-    with pytest.raises(ProblemError) as told:
+def test_invalid_request_value_is_named_in_the_error(
+    changes: dict[str, object], field: str
+) -> None:
+    with pytest.raises(ProblemError) as caught:
         replace(PLANAR, **changes).problem()  # type: ignore[arg-type]
-    assert field in str(told.value)
+    assert field in str(caught.value)
 
 
-def test_speed_must_remain() -> None:
+def test_speed_scale_of_zero_is_rejected() -> None:
     with pytest.raises(ProblemError, match="speed_scale is 0"):
         replace(PLANAR, speed_scale=0.0)
 
 
-def test_wrong_obstacles_are_named() -> None:
+def test_invalid_obstacle_is_named_in_the_error() -> None:
     with pytest.raises(SceneError, match="kind is 'cone'"):
         new_item("cone", (0, 0, 0), ())
     with pytest.raises(SceneError, match=r"expected 1 lengths: radius"):
@@ -120,7 +125,7 @@ def test_wrong_obstacles_are_named() -> None:
         Item("sphere", "ball", (0.0,), (0.0, 0.0, 0.0)).call().evaluate()
 
 
-def test_new_obstacles_have_names_of_their_own() -> None:
+def test_new_obstacles_have_distinct_names_and_rounded_placements() -> None:
     first = new_item("box", (1, 2, 3), ())
     second = new_item("box", (1, 2, 3), (first.name,))
     assert (first.name, second.name) == ("box1", "box2")
@@ -130,7 +135,7 @@ def test_new_obstacles_have_names_of_their_own() -> None:
 
 
 @pytest.mark.parametrize("name", ["planar3r", "so100"])
-def test_robots_have_a_first_request(name: str) -> None:
+def test_first_request_moves_the_robot_and_a_frame_of_it(name: str) -> None:
     request = first_request(known(name))
     robot = loaded(request.robot)
     assert request.frame in robot.frame_names
@@ -138,14 +143,17 @@ def test_robots_have_a_first_request(name: str) -> None:
     assert np.max(np.abs(problem.q_start - np.array(request.q_goal))) > 0.1
 
 
-def test_the_tool_is_found() -> None:
+def test_tool_frame_is_the_last_frame_of_the_arm() -> None:
     assert tool_frame(loaded(known("planar3r"))) == "tip"
     arm = Path(__file__).parents[2] / "docs" / "static" / "arm.urdf"
     assert tool_frame(loaded(known(str(arm)))) == "tool"
 
 
-def test_ghosts_that_coincide_do_not_flicker() -> None:
-    """Surfaces of the ghosts at start and goal showed stripes of both colours."""
+def test_ghosts_of_start_and_goal_have_different_sizes() -> None:
+    """Regression: the ghosts of start and goal showed stripes of both colours.
+
+    Their surfaces coincided.
+    """
     drawn: dict[str, Any] = {}
     scene = SimpleNamespace(
         add_frame=lambda name, **_: SimpleNamespace(),
@@ -159,29 +167,32 @@ def test_ghosts_that_coincide_do_not_flicker() -> None:
     assert 1.0 < sizes["q_start"] < sizes["q_goal"] < 1.05
 
 
-def test_wrong_robots_are_named() -> None:
+def test_unknown_robot_or_too_many_joints_are_named_in_the_error() -> None:
     with pytest.raises(RobotLoadError, match="nobody"):
         first_request(known("nobody"))
     with pytest.raises(RobotLoadError, match="joints that move, expected 16 at most"):
         first_request(known("tiago"))
 
 
-def test_a_robot_with_too_many_joints_moves_a_group_of_them() -> None:
-    """It was refused with the advice to choose a group, and no group was offered."""
+def test_first_request_of_a_humanoid_moves_its_first_group() -> None:
+    """Regression: a robot with too many joints was refused, and offered no group.
+
+    The message advised the user to choose a group.
+    """
     request = first_request(known("talos"))
     assert request.robot.group == group_names("talos")[0] == "r_leg"
     assert len(request.q_start) == 6
     assert request.frame == "right_sole_link"
 
 
-def test_a_file_that_is_no_urdf_is_told(tmp_path: Path) -> None:
+def test_file_without_urdf_is_named_in_the_error(tmp_path: Path) -> None:
     path = tmp_path / "photo.urdf"
     path.write_bytes(b"\x89PNG not a robot")
     with pytest.raises(TominpmpError, match=r"photo\.urdf"):
         first_request(RobotChoice(str(path)))
 
 
-def test_groups_and_data_sheets_are_known() -> None:
+def test_request_knows_groups_and_datasheet_limits_of_robots() -> None:
     assert "arm" in group_names("panda")
     assert group_names("planar3r") == ("arm",)
     assert group_names("ur3") == ()
@@ -195,16 +206,19 @@ def test_groups_and_data_sheets_are_known() -> None:
 
 
 @pytest.mark.parametrize("limits", [None, "urdf", "datasheet"])
-def test_robots_have_the_limits_that_the_page_says(limits: str | None) -> None:
-    """The page once planned a Panda with the limits of its URDF file alone."""
+def test_loaded_robot_has_the_limits_that_the_page_shows(limits: str | None) -> None:
+    """Regression: the page planned a Panda with the limits of its URDF file alone."""
     choice = replace(known("panda"), limits=limits)
     has_accelerations = loaded(choice).motion_limits is not None
     assert has_accelerations == follows_datasheet(choice)
     assert ("limits" in first_request(choice).python()) == (limits is not None)
 
 
-def test_the_limit_of_accelerations_raises_none() -> None:
-    """Once it replaced the limits of the robot: a UR5 with a limit was faster."""
+def test_requested_acceleration_limit_raises_no_limit_of_the_robot() -> None:
+    """Regression: the requested acceleration limit replaced the limits of the robot.
+
+    A UR5 with such a limit was faster than one without.
+    """
     request = replace(first_request(known("ur5")), acceleration=15.0)
     own, names = (
         loaded(request.robot).motion_limits,
@@ -219,7 +233,7 @@ def test_the_limit_of_accelerations_raises_none() -> None:
         )
 
 
-def test_robots_without_dynamics_have_accelerations() -> None:
+def test_kinematic_robot_without_datasheet_gets_acceleration_limit() -> None:
     own = first_request(replace(known("so100"), limits="urdf", kinematic=True))
     assert own.acceleration == 15.0
     makers = first_request(replace(known("so100"), kinematic=True))
@@ -228,7 +242,7 @@ def test_robots_without_dynamics_have_accelerations() -> None:
         assert request.problem().robot.kinematic
 
 
-def test_a_handle_is_followed_as_far_as_the_arm_goes() -> None:
+def test_reach_follows_a_handle_and_reports_the_miss_beyond_reach() -> None:
     reach = Reach(loaded(PLANAR.robot), "tip")
     assert not reach.turns
     position, quaternion = reach.pose(PLANAR.q_goal)
@@ -241,8 +255,8 @@ def test_a_handle_is_followed_as_far_as_the_arm_goes() -> None:
     assert miss > 10.0
 
 
-def test_handles_of_robots_without_dynamics_are_followed() -> None:
-    """Where no limit of accelerations was known there were no handles."""
+def test_reach_follows_a_handle_of_a_kinematic_robot() -> None:
+    """Regression: a robot without known acceleration limits had no handles."""
     robot = loaded(replace(PLANAR.robot, kinematic=True))
     assert robot.motion_limits is None
     reach = Reach(robot, "tip")
@@ -250,8 +264,8 @@ def test_handles_of_robots_without_dynamics_are_followed() -> None:
     assert reach.solve(position, quaternion, PLANAR.q_goal)[1] == 0.0
 
 
-def test_continuous_joints_begin_at_zero() -> None:
-    """Their infinite limits led to a warning about invalid values."""
+def test_first_request_of_continuous_joints_is_finite() -> None:
+    """Regression: infinite position limits led to a warning about invalid values."""
     choice = RobotChoice("kinova")
     assert np.any(np.isinf(loaded(choice).limits.position_upper))
     assert np.all(np.isfinite(first_request(choice).q_start))
@@ -279,7 +293,7 @@ def outcome(found: ShownMotion | None, message: str = "it was found") -> Outcome
     return Outcome(1, PLANAR, message, found)
 
 
-def test_the_headline_says_what_is_known() -> None:
+def test_headline_shows_duration_verification_and_lower_bound() -> None:
     text = pictures.headline(outcome(shown()), busy=False)
     assert "2.000 s" in text
     assert "verified" in text
@@ -293,7 +307,7 @@ def test_the_headline_says_what_is_known() -> None:
     assert "&lt;in&gt;" in refused
 
 
-def test_bars_are_red_at_the_limit_and_names_are_escaped() -> None:
+def test_bars_and_curves_are_red_at_the_limit_and_escape_names() -> None:
     text = pictures.bars(shown(), 1.0)
     assert text.count(pictures.HOT) == 2  # speed and torque of the first joint
     assert "<b>" not in text
@@ -304,8 +318,11 @@ def test_bars_are_red_at_the_limit_and_names_are_escaped() -> None:
     )
 
 
-def test_torque_and_speed_are_drawn_as_on_the_pages_of_motions() -> None:
-    """They were, but for the names: the torque orange here, the speed there."""
+def test_torque_and_speed_have_the_colours_of_the_motion_pages() -> None:
+    """Regression: only the names agreed, the colours did not.
+
+    Orange was the torque on the live page, and the speed on the pages of motions.
+    """
     found = shown()
     page = build_page(
         [],
@@ -315,11 +332,11 @@ def test_torque_and_speed_are_drawn_as_on_the_pages_of_motions() -> None:
         shares=Shares(tuple(found.joint_names), found.t, found.torque, found.speed),
     )
     for word in ("torque", "speed"):
-        told = rf'style="color:(#\w{{6}})[^>]*>{word}<'
+        label = rf'style="color:(#\w{{6}})[^>]*>{word}<'
         colors = {
             match[1]
             for text in (page, pictures.bars(found, 0.0))
-            if (match := re.search(told, text))
+            if (match := re.search(label, text))
         }
         assert len(colors) == 1
         (color,) = colors
@@ -327,14 +344,14 @@ def test_torque_and_speed_are_drawn_as_on_the_pages_of_motions() -> None:
         assert f'stroke="{color}"' in pictures.curves(found)
 
 
-def test_names_of_joints_are_short() -> None:
+def test_short_names_drop_the_common_parts_of_joint_names() -> None:
     names = [f"panda_joint{i}" for i in range(1, 4)]
     assert pictures.short_names(names) == ["joint1", "joint2", "joint3"]
     assert pictures.short_names(["only"]) == ["only"]
     assert pictures.short_names(["elbow_joint", "wrist_joint"]) == ["elbow", "wrist"]
 
 
-def test_what_holds_back_is_told_with_what_it_would_give() -> None:
+def test_active_limits_are_shown_with_their_share_and_gain() -> None:
     text = pictures.active_limits(shown().active, "it is <optimal>")
     assert "50 % of the time" in text
     assert "0.70 % less time" in text
@@ -343,7 +360,7 @@ def test_what_holds_back_is_told_with_what_it_would_give() -> None:
 
 
 @pytest.mark.parametrize(("turn", "along"), [((0.0, 0.0, 0.0, 1.0), 0), (QUARTER, 1)])
-def test_the_camera_is_placed_for_obstacles_as_they_are_turned(
+def test_camera_placement_regards_the_rotation_of_obstacles(
     turn: tuple[float, ...], along: int
 ) -> None:
     """A long beam about the origin is in the middle of the picture along its axis."""

@@ -1,4 +1,4 @@
-"""The live page's planning: outcomes, warm starts, what is out of date, the process."""
+"""The live page's planning: outcomes, warm starts, superseded requests, the worker."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ NEAR = replace(PLANAR, q_goal=(0.95, -1.2, -0.85))
 
 
 @pytest.fixture(scope="module", autouse=True)
-def unhurried() -> Iterator[None]:
-    """What is found does not depend on how fast the machine is."""
+def unlimited_time() -> Iterator[None]:
+    """Planning takes as long as it needs: outcomes do not depend on the machine."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("tominpmp.app.planning.MOST_SECONDS", 1e6)
         yield
@@ -51,7 +51,7 @@ def second(session: Session, first: list[Outcome]) -> list[Outcome]:
     return list(session.outcomes(2, NEAR, never))
 
 
-def test_a_verified_motion_comes_first_and_what_holds_it_next(
+def test_verified_motion_comes_first_and_its_active_limits_second(
     first: list[Outcome],
 ) -> None:
     assert [outcome.final for outcome in first] == [False, True]
@@ -69,7 +69,7 @@ def test_a_verified_motion_comes_first_and_what_holds_it_next(
     assert "first-order" in shown.optimality
 
 
-def test_the_next_motion_begins_with_the_last_and_is_looked_for_afresh(
+def test_next_request_is_planned_from_a_warm_start_and_afresh(
     first: list[Outcome], second: list[Outcome]
 ) -> None:
     assert [outcome.final for outcome in second] == [False, False, True]
@@ -82,7 +82,7 @@ def test_the_next_motion_begins_with_the_last_and_is_looked_for_afresh(
     assert ended.T <= second[0].shown.T
 
 
-def test_a_motion_past_a_point_passes_it_and_is_told_of() -> None:
+def test_motion_with_a_via_point_passes_it_and_has_active_limits() -> None:
     past = replace(PLANAR, via=((3.5, 2.5, 0.0),))
     outcomes = list(Session().outcomes(1, past, never))
     assert [outcome.ok for outcome in outcomes] == [True, True]
@@ -93,8 +93,8 @@ def test_a_motion_past_a_point_passes_it_and_is_told_of() -> None:
     assert any(limit.name.startswith("torque of joint") for limit in shown.active)
 
 
-def test_a_robot_loses_its_dynamics_and_has_them_again() -> None:
-    """Its motion once was no start: "values that are no numbers"."""
+def test_session_switches_between_kinematic_and_dynamic_robot() -> None:
+    """Regression: the warm start failed with "values that are no numbers"."""
     session, kinds = Session(), []
     for kinematic in (True, False):
         robot = replace(PLANAR.robot, kinematic=kinematic)
@@ -105,7 +105,7 @@ def test_a_robot_loses_its_dynamics_and_has_them_again() -> None:
     assert kinds == ["acceleration", "torque"]
 
 
-def test_what_is_out_of_date_is_left_off(session: Session, second: object) -> None:
+def test_superseded_request_yields_no_outcome(session: Session, second: object) -> None:
     before = session.solution
     looks = []
 
@@ -118,7 +118,7 @@ def test_what_is_out_of_date_is_left_off(session: Session, second: object) -> No
     assert session.solution is before
 
 
-def test_what_is_wrong_is_told_and_the_last_motion_stays(
+def test_invalid_request_is_reported_and_the_last_motion_stays(
     session: Session, second: object
 ) -> None:
     before = session.solution
@@ -129,7 +129,7 @@ def test_what_is_wrong_is_told_and_the_last_motion_stays(
     assert session.solution is before
 
 
-def test_a_motion_is_written_and_its_file_is_checked(
+def test_export_writes_the_motion_and_checks_the_file(
     controller: Controller, second: list[Outcome]
 ) -> None:
     with pytest.raises(ProblemError, match="no motion to export"):
@@ -143,8 +143,8 @@ def test_a_motion_is_written_and_its_file_is_checked(
     assert remark
 
 
-class Script:
-    """A session whose motions are found at once."""
+class ScriptedSession:
+    """A session that yields three outcomes for every request, without planning."""
 
     def __init__(self, jobs: Jobs) -> None:
         self.jobs, self.seen = jobs, list[tuple[int, int]]()
@@ -160,9 +160,9 @@ class Script:
         self.jobs.put(None)
 
 
-def test_only_the_newest_request_counts_as_soon_as_a_motion_was_seen() -> None:
+def test_worker_drops_a_superseded_request_after_its_first_motion() -> None:
     jobs: Jobs = SimpleQueue()
-    script, answers = Script(jobs), list[Outcome]()
+    script, answers = ScriptedSession(jobs), list[Outcome]()
     for number in (0, 1):
         jobs.put((number, PLANAR))
     work(script, jobs, answers.append)  # type: ignore[arg-type]
@@ -171,27 +171,27 @@ def test_only_the_newest_request_counts_as_soon_as_a_motion_was_seen() -> None:
 
 
 class Recorder:
-    """Planning that only remembers what it is asked."""
+    """Planning that only records its requests."""
 
     def __init__(self, on_outcome: Callable[[Outcome], None]) -> None:
         self.on_outcome = on_outcome
-        self.asked: list[tuple[int, Request]] = []
+        self.requests: list[tuple[int, Request]] = []
 
     def plan(self, number: int, request: Request) -> None:
-        self.asked.append((number, request))
+        self.requests.append((number, request))
 
     def close(self) -> None:
         pass
 
 
 @pytest.fixture
-def told() -> list[Outcome]:
+def received() -> list[Outcome]:
     return []
 
 
 @pytest.fixture
-def controller(told: list[Outcome]) -> Controller:
-    return Controller(PLANAR, told.append, planning=Recorder)
+def controller(received: list[Outcome]) -> Controller:
+    return Controller(PLANAR, received.append, planning=Recorder)
 
 
 def recorder(controller: Controller) -> Recorder:
@@ -200,21 +200,23 @@ def recorder(controller: Controller) -> Recorder:
     return planning
 
 
-def test_changes_are_planned_and_repeated_ones_are_not(controller: Controller) -> None:
+def test_changed_request_is_planned_and_a_repeated_one_is_not(
+    controller: Controller,
+) -> None:
     controller.start()
     controller.change(q_goal=NEAR.q_goal)
     controller.change(q_goal=NEAR.q_goal)
     controller.change(effort_scale=0.5)
-    asked = recorder(controller).asked
-    assert [number for number, _ in asked] == [1, 2, 3]
-    assert asked[-1][1] == replace(NEAR, effort_scale=0.5)
+    requests = recorder(controller).requests
+    assert [number for number, _ in requests] == [1, 2, 3]
+    assert requests[-1][1] == replace(NEAR, effort_scale=0.5)
     with pytest.raises(ProblemError, match="speed_scale"):
         controller.change(speed_scale=-1.0)
-    assert len(asked) == 3
+    assert len(requests) == 3
 
 
-def test_outcomes_that_come_too_late_are_not_told(
-    controller: Controller, told: list[Outcome]
+def test_outcomes_of_superseded_requests_are_dropped(
+    controller: Controller, received: list[Outcome]
 ) -> None:
     controller.start()
     controller.change(q_goal=NEAR.q_goal)
@@ -222,44 +224,44 @@ def test_outcomes_that_come_too_late_are_not_told(
     take = recorder(controller).on_outcome
     take(Outcome(2, NEAR, "new", final=True))
     take(Outcome(1, PLANAR, "old"))
-    assert [outcome.message for outcome in told] == ["new"]
+    assert [outcome.message for outcome in received] == ["new"]
     assert not controller.busy
 
 
 def test_the_motion_of_another_robot_is_not_exported(
-    controller: Controller, told: list[Outcome]
+    controller: Controller, received: list[Outcome]
 ) -> None:
-    """After a plan without a motion the file of the robot before was offered."""
+    """Regression: after a plan without a motion, the former robot's was exported."""
     controller.start()
     take = recorder(controller).on_outcome
     take(Outcome(1, PLANAR, "found", final=False, solution=b"motion"))
     controller.choose(replace(PLANAR.robot, kinematic=True))
     take(Outcome(1, PLANAR, "late", solution=b"motion"))
-    assert [outcome.message for outcome in told] == ["found"]
+    assert [outcome.message for outcome in received] == ["found"]
     assert controller.outcome is None
     with pytest.raises(ProblemError, match="no motion to export"):
         controller.export(".csv")
 
 
-def test_a_dragged_goal_is_planned(controller: Controller) -> None:
+def test_dragged_goal_is_planned_by_inverse_kinematics(controller: Controller) -> None:
     position, quaternion = controller.reach().pose(PLANAR.q_goal)
     aim = position + np.array([0.0, 0.2, 0.0])
     assert controller.drag("q_goal", aim, quaternion) == 0.0
-    ((_, asked),) = recorder(controller).asked
-    found, _ = controller.reach().pose(asked.q_goal)
+    ((_, requests),) = recorder(controller).requests
+    found, _ = controller.reach().pose(requests.q_goal)
     np.testing.assert_allclose(found, aim, atol=1e-3)
     assert controller.drag("q_goal", [99.0, 0.0, 0.0], quaternion) > 50.0
 
 
-def test_a_robot_that_is_none_changes_nothing(controller: Controller) -> None:
+def test_unknown_robot_leaves_the_request_unchanged(controller: Controller) -> None:
     with pytest.raises(RobotLoadError, match="nobody"):
         controller.choose(known("nobody"))
     assert controller.request is PLANAR
-    assert recorder(controller).asked == []
+    assert recorder(controller).requests == []
 
 
 @pytest.mark.slow
-def test_a_process_that_has_crashed_is_replaced_and_plans() -> None:
+def test_crashed_worker_process_is_replaced_and_plans() -> None:
     outcomes = list[Outcome]()
     final = threading.Event()
 

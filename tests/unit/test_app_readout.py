@@ -1,4 +1,4 @@
-"""The live page's animation: which instant of the motion it shows."""
+"""The live page's animation: the instant of the motion that it shows."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def new_readout() -> Any:
     return readout
 
 
-def test_the_animation_rests_at_both_ends() -> None:
+def test_animation_rests_at_both_ends_of_the_motion() -> None:
     readout = new_readout()
     assert [readout.time(SHOWN, 0.4 * REST) for _ in range(3)][:2] == [0.0, 0.0]
     readout.time(SHOWN, T - 0.2 * REST)
@@ -29,7 +29,7 @@ def test_the_animation_rests_at_both_ends() -> None:
     assert readout.time(SHOWN, REST) == 0.0
 
 
-def test_another_speed_goes_on_from_the_shown_instant() -> None:
+def test_changed_playback_speed_continues_from_the_shown_instant() -> None:
     readout = new_readout()
     readout.time(SHOWN, REST)
     before = readout.time(SHOWN, 1.0)
@@ -37,7 +37,7 @@ def test_another_speed_goes_on_from_the_shown_instant() -> None:
     assert readout.time(SHOWN, 0.1) == pytest.approx(before + 0.01)
 
 
-def test_a_paused_animation_goes_on_from_the_instant_of_the_slider() -> None:
+def test_paused_animation_continues_from_the_instant_of_the_slider() -> None:
     readout = new_readout()
     readout.time(SHOWN, REST + 1.0)
     readout._playing.value = False

@@ -1,4 +1,4 @@
-"""Joints that cannot pass whatever the others do: no motion exists, which is said."""
+"""Barriers: obstacles that one joint cannot pass, whatever the other joints do."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ def arm() -> tm.Robot:
 
 
 def ball(distance: float, radius: float = 0.1, **more: object) -> tm.Scene:
-    """A ball straight up, so far from the base."""
+    """A ball on the y axis, at a distance from the base."""
     place = [0.0, distance, 0.0]
     return tm.Scene([tm.Sphere("ball", radius=radius, position=place, **more)])
 
 
-def test_a_first_link_that_cannot_pass_bars_every_motion(arm: tm.Robot) -> None:
+def test_barrier_of_the_first_link_makes_the_problem_infeasible(arm: tm.Robot) -> None:
     problem = tm.Problem(arm, START, tm.JointGoal(GOAL), ball(2.0))
 
     solution = tm.plan(problem)
@@ -39,14 +39,14 @@ def test_a_first_link_that_cannot_pass_bars_every_motion(arm: tm.Robot) -> None:
     assert solution.planning_time < 1.0
 
 
-def test_what_a_second_link_can_go_around_bars_nothing(arm: tm.Robot) -> None:
+def test_obstacle_that_a_second_link_can_avoid_is_no_barrier(arm: tm.Robot) -> None:
     problem = tm.Problem(arm, START, tm.JointGoal(GOAL), ball(3.5))
 
     assert find_barrier(problem, FORGIVEN) is None
     assert tm.plan(problem, objective="feasible").success
 
 
-def test_the_margin_counts(arm: tm.Robot) -> None:
+def test_margin_can_make_an_obstacle_a_barrier(arm: tm.Robot) -> None:
     goal, scene = tm.JointGoal(GOAL), ball(3.12)
 
     near = tm.Problem(arm, START, goal, scene, margin=0.0)
@@ -59,14 +59,14 @@ def test_the_margin_counts(arm: tm.Robot) -> None:
     assert barrier.contact.distance > 0.0
 
 
-def test_what_moves_bars_nothing(arm: tm.Robot) -> None:
+def test_moving_obstacle_is_no_barrier(arm: tm.Robot) -> None:
     away = tm.ConstantVelocity([0.0, 0.5, 0.0])
     problem = tm.Problem(arm, START, tm.JointGoal(GOAL), ball(2.0, motion=away))
 
     assert find_barrier(problem, FORGIVEN) is None
 
 
-def test_all_goals_of_a_set_have_to_be_barred(arm: tm.Robot) -> None:
+def test_barrier_must_bar_every_goal_of_a_set(arm: tm.Robot) -> None:
     this_side = [2.2, 1.0, 0.0]
     one = tm.Problem(arm, START, tm.AnyGoal([tm.JointGoal(GOAL)] * 2), ball(2.0))
     goals = tm.AnyGoal([tm.JointGoal(GOAL), tm.JointGoal(this_side)])
@@ -76,7 +76,7 @@ def test_all_goals_of_a_set_have_to_be_barred(arm: tm.Robot) -> None:
     assert find_barrier(two, FORGIVEN) is None
 
 
-def test_the_segment_is_told(arm: tm.Robot) -> None:
+def test_message_names_the_segment_with_the_barrier(arm: tm.Robot) -> None:
     stations = [
         tm.Segment(tm.JointGoal([2.2, 1.0, 0.0])),
         tm.Segment(tm.JointGoal(GOAL)),
@@ -90,7 +90,7 @@ def test_the_segment_is_told(arm: tm.Robot) -> None:
     assert "on segment 2" in tm.plan(problem).message
 
 
-def test_goals_on_a_frame_bar_nothing(arm: tm.Robot) -> None:
+def test_goal_on_a_frame_has_no_barrier(arm: tm.Robot) -> None:
     goal = tm.PositionGoal("tip", [3.0, 2.0, 0.0])
     problem = tm.Problem(arm, START, goal, ball(2.0))
 
@@ -98,8 +98,8 @@ def test_goals_on_a_frame_bar_nothing(arm: tm.Robot) -> None:
 
 
 @pytest.mark.parametrize("name", ["panda", "planar3r", "ur5"])
-def test_single_joints_alone_decide_distances(name: str) -> None:
-    """Another joint never changes them, and this one does."""
+def test_single_joints_decide_the_distances_of_their_pairs(name: str) -> None:
+    """These distances change with their single joint, and with no other joint."""
     robot = tm.load_robot(name)
     scene = tm.Scene([tm.Box("box", size=[0.2, 0.3, 0.4], position=[0.6, 0.7, 0.3])])
     checker = CollisionChecker(robot, scene, self_collision=True)
@@ -120,8 +120,8 @@ def test_single_joints_alone_decide_distances(name: str) -> None:
     assert np.any(lone[: checker.obstacle_pairs] >= 0)
 
 
-def test_the_other_way_round_bars_nothing() -> None:
-    """A post bars one way of a link that turns without end, two posts bar both."""
+def test_barrier_of_a_continuous_joint_needs_both_directions() -> None:
+    """One post bars one direction of a continuous joint, two posts bar both."""
     robot = tm.load_robot(
         """<robot name="hand"><link name="base"/><link name="hand"><inertial>
         <origin xyz="0.2 0 0"/><mass value="1"/><inertia ixx="0.01" iyy="0.01"

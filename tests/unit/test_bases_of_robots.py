@@ -1,4 +1,4 @@
-"""What is wrong with the base of a robot is told of that robot, whatever it is."""
+"""Base placements of robots in a workcell: errors name the robot."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ ORIGIN = (0.0, 0.0, 0.0)
         "left",
     ],
 )
-def test_a_base_that_is_none(base: object) -> None:
+def test_invalid_base_is_reported_with_the_name_of_the_robot(base: object) -> None:
     with pytest.raises(tm.ProblemError, match="the base of 'left'") as caught:
         base_placement("left", base)
     assert caught.value.field == "robots"
 
 
-def test_a_quaternion_turns_a_base() -> None:
+def test_base_placement_normalises_its_quaternion() -> None:
     found = base_placement("left", (ORIGIN, (0.0, 0.0, 3.0, 3.0)))
     turned = found.rotation @ [1.0, 0.0, 0.0]
     np.testing.assert_allclose(turned, [0.0, 1.0, 0.0], atol=1e-12)

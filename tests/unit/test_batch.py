@@ -1,4 +1,4 @@
-"""Batches: the same motions wherever they are planned, and nothing is lost."""
+"""Batches of problems: motions do not depend on the workers, and results are kept."""
 
 from __future__ import annotations
 
@@ -45,7 +45,9 @@ def alone(folder: Path) -> list[tm.Outcome]:
     return list(tm.plan_many(problems(folder), workers=1, **QUICK))
 
 
-def test_motions_are_those_of_plan(folder: Path, alone: list[tm.Outcome]) -> None:
+def test_batch_plans_the_same_motions_as_plan(
+    folder: Path, alone: list[tm.Outcome]
+) -> None:
     assert [outcome.index for outcome in alone] == list(range(6))
     assert all(outcome.success and outcome.verified for outcome in alone)
     for problem, outcome in zip(problems(folder), alone, strict=True):
@@ -64,7 +66,7 @@ def test_motions_are_those_of_plan(folder: Path, alone: list[tm.Outcome]) -> Non
         {"backend": "threading", "workers": 3, "ordered": False},
     ],
 )
-def test_the_same_to_the_last_bit(
+def test_workers_and_threads_plan_bit_identical_motions(
     folder: Path, alone: list[tm.Outcome], how: dict[str, Any]
 ) -> None:
     found = list(tm.plan_many(problems(folder), **how, **QUICK))
@@ -73,7 +75,7 @@ def test_the_same_to_the_last_bit(
     assert [one.seed for one in found] == [one.seed for one in alone]
 
 
-def test_problems_are_taken_as_they_are_needed(folder: Path) -> None:
+def test_problems_are_taken_lazily_from_their_iterator(folder: Path) -> None:
     taken = []
 
     def endless() -> Iterator[tm.Problem]:
@@ -88,7 +90,7 @@ def test_problems_are_taken_as_they_are_needed(folder: Path) -> None:
     stream.close()
 
 
-def test_what_is_wrong_is_an_outcome(folder: Path) -> None:
+def test_invalid_problems_become_outcomes_with_status_broken(folder: Path) -> None:
     broken = folder / "broken.toml"
     broken.write_text("[robot]\nname = 3\n")
     far = tm.Problem(rail(folder), [0.0], tm.JointGoal([1.0]))
@@ -104,7 +106,7 @@ def test_what_is_wrong_is_an_outcome(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_kills_its_process_is_lost_alone(folder: Path) -> None:
+def test_only_the_problem_that_kills_its_process_is_lost(folder: Path) -> None:
     one = problems(folder, 1)[0]
     given = [one, ("deadly", Deadly()), one]
     found = list(tm.plan_many(given, workers=2, **QUICK))
@@ -113,7 +115,9 @@ def test_what_kills_its_process_is_lost_alone(folder: Path) -> None:
     assert found[1].name == "deadly" and "killed" in found[1].message
 
 
-def test_a_batch_goes_on_where_it_was(folder: Path, alone: list[tm.Outcome]) -> None:
+def test_interrupted_batch_resumes_from_its_results(
+    folder: Path, alone: list[tm.Outcome]
+) -> None:
     results = folder / "results"
     how = {"results": results, "workers": 1, **QUICK}
     stream = tm.plan_many(problems(folder), **how)
@@ -135,8 +139,8 @@ def test_a_batch_goes_on_where_it_was(folder: Path, alone: list[tm.Outcome]) -> 
     assert not any(outcome.resumed for outcome in other)
 
 
-def test_results_are_found_wherever_a_problem_is_in_the_list(folder: Path) -> None:
-    """Scenarios that are added in front or removed shift the numbers of the others."""
+def test_results_are_reused_at_another_position_in_the_list(folder: Path) -> None:
+    """A scenario that is added or removed in front shifts the indices of the rest."""
     results, given = (
         folder / "shifted",
         dict(zip("abcd", problems(folder), strict=False)),
@@ -160,13 +164,13 @@ def test_results_are_found_wherever_a_problem_is_in_the_list(folder: Path) -> No
         k: (True, first[k][1]) for k in "bcd"
     }
     assert all(resumed for resumed, _ in planned("dc").values())
-    # Of another problem with a former name nothing is taken over.
+    # A result is not reused for another problem with the same name.
     given["c"] = given["a"]
     assert {k: resumed for k, (resumed, _) in planned("cd").items()} == {
         "c": False,
         "d": True,
     }
-    # Of an interrupted batch the dataset has the results that are known to be its own.
+    # The dataset of an interrupted batch has the results that belong to this batch.
     stream = tm.plan_many(
         [("b", given["b"]), ("a", given["a"])], results=results, **QUICK
     )
@@ -176,7 +180,7 @@ def test_results_are_found_wherever_a_problem_is_in_the_list(folder: Path) -> No
 
 
 @pytest.mark.parametrize("text", ["0 a.npz\n\n", "0 a 1 b\n", "x\0\n", "0 \xe4\n"])
-def test_a_damaged_list_of_results_is_named(folder: Path, text: str) -> None:
+def test_damaged_list_of_results_is_named_in_the_error(folder: Path, text: str) -> None:
     results = folder / "damaged"
     list(tm.plan_many(problems(folder, 1), results=results, workers=1, **QUICK))
     (results / "results.txt").write_text(text, encoding="utf-8")
@@ -186,8 +190,8 @@ def test_a_damaged_list_of_results_is_named(folder: Path, text: str) -> None:
     assert len(list(tm.Dataset(results))) == 1
 
 
-def test_work_under_way_is_abandoned_without_warnings() -> None:
-    """joblib warns of tasks that it cancels, and warnings are errors in these tests."""
+def test_running_tasks_are_cancelled_without_warnings() -> None:
+    """joblib warns when it cancels tasks, and warnings are errors in these tests."""
     results = Executor(batch_samples.slept, 2, None).results(
         (name, 0.2) for name in "abcdef"
     )
@@ -195,7 +199,7 @@ def test_work_under_way_is_abandoned_without_warnings() -> None:
     results.close()
 
 
-def test_warm_starts_are_taken_over_with_the_motions_they_began_with(
+def test_warm_started_results_are_reused_with_their_origin(
     folder: Path,
 ) -> None:
     given = dict(zip("abcdefghi", problems(folder, 9), strict=True))
@@ -230,7 +234,7 @@ position = [-9.0, 0.0, 0.0]
 
 
 @pytest.mark.parametrize("changed", ["arm.urdf", "post.stl", "none"])
-def test_results_of_files_that_have_changed_are_not_taken_over(
+def test_results_are_not_reused_after_a_change_of_their_files(
     tmp_path: Path, changed: str
 ) -> None:
     urdf = tmp_path / "arm.urdf"
@@ -257,10 +261,10 @@ def test_results_of_files_that_have_changed_are_not_taken_over(
     assert (second.T > 1.001 * first.T) == (changed == "arm.urdf")
 
 
-def test_a_mesh_whose_file_is_gone_stops_no_batch(
+def test_batch_saves_a_problem_whose_mesh_file_was_deleted(
     tmp_path: Path, planar3r: tm.Robot
 ) -> None:
-    """A scenario with the mesh itself keeps the problem."""
+    """The saved scenario holds the mesh itself."""
     file = tmp_path / "post.stl"
     trimesh.creation.box((0.1, 0.1, 0.1)).export(file)
     post = tm.Mesh("post", path=file, position=(0.0, 0.0, 3.0))
@@ -284,7 +288,7 @@ import time
 import tominpmp as tm
 def given(folder):
     yield from problems(folder, 400)[:60]
-    time.sleep(3600.0)  # it is killed before, however fast the machine
+    time.sleep(3600.0)  # the process is killed before, however fast the machine
 if __name__ == "__main__":
     folder = Path({folder!r})
     results = folder / "killed"
@@ -293,7 +297,7 @@ if __name__ == "__main__":
 """
 
 
-def test_a_killed_run_loses_what_was_under_way(folder: Path) -> None:
+def test_killed_batch_keeps_its_finished_results(folder: Path) -> None:
     results, script = folder / "killed", folder / "script.py"
     here = str(Path(batch_samples.__file__).parent)
     script.write_text(SCRIPT.format(here=here, folder=str(folder)))
@@ -303,7 +307,7 @@ def test_a_killed_run_loses_what_was_under_way(folder: Path) -> None:
         time.sleep(0.05)
     run.send_signal(signal.SIGKILL)
     run.wait()
-    time.sleep(1.0)  # what was under way ends, or is ended
+    time.sleep(1.0)  # until the workers have ended
     done = list(results.glob("*/*.npz"))
     assert 6 <= len(done) < 400
     found = tm.plan_many(problems(folder, 400), workers=1, results=results, **QUICK)
@@ -312,7 +316,7 @@ def test_a_killed_run_loses_what_was_under_way(folder: Path) -> None:
     assert all(outcome.resumed and outcome.success for outcome in heads)
 
 
-def test_warm_starts_do_not_depend_on_workers(folder: Path) -> None:
+def test_warm_starts_do_not_depend_on_the_number_of_workers(folder: Path) -> None:
     given = problems(folder, 9)
     one, two = (
         list(tm.plan_many(given, warm_start=True, workers=count, **QUICK))
@@ -328,7 +332,7 @@ def test_warm_starts_do_not_depend_on_workers(folder: Path) -> None:
         assert warm.T == pytest.approx(other.T, rel=2e-3)
 
 
-def test_neighbours_are_near_and_known_before(folder: Path) -> None:
+def test_neighbours_are_near_and_planned_in_earlier_rounds(folder: Path) -> None:
     given = [*problems(folder, 12), None]
     rounds, near = rounds_of(given)
     assert sorted(k for numbers in rounds for k in numbers) == list(range(13))
@@ -340,7 +344,7 @@ def test_neighbours_are_near_and_known_before(folder: Path) -> None:
     assert all(min(abs(k - j) for j, _ in near[k]) == 1 for k in rounds[-1])
 
 
-def test_progress(folder: Path) -> None:
+def test_progress_counts_done_and_solved_problems(folder: Path) -> None:
     states: list[Progress] = []
     given = [*problems(folder, 2), "none.toml"]
     outcomes = tm.plan_many(given, workers=1, progress=states.append, **QUICK)
@@ -353,7 +357,7 @@ def test_progress(folder: Path) -> None:
     assert states[-1].last.name == "none"
 
 
-def test_time_limits_are_those_of_each_plan(folder: Path) -> None:
+def test_time_limit_holds_for_each_plan_of_a_batch(folder: Path) -> None:
     given = problems(folder, 2)
     found = list(tm.plan_many(given, workers=1, max_planning_time=1e-4))
     assert {outcome.status for outcome in found} == {"TIME_LIMIT"}
@@ -375,12 +379,14 @@ def test_time_limits_are_those_of_each_plan(folder: Path) -> None:
         ({"results": 5}, "results is 5"),
     ],
 )
-def test_wrong_arguments(arguments: dict[str, Any], message: str) -> None:
+def test_invalid_argument_is_named_in_the_error(
+    arguments: dict[str, Any], message: str
+) -> None:
     with pytest.raises(tm.ProblemError, match=message):
         tm.plan_many(**{"problems": [], **arguments})
 
 
-def test_wrong_options_and_folders(tmp_path: Path) -> None:
+def test_invalid_options_and_folders_are_rejected(tmp_path: Path) -> None:
     with pytest.raises(tm.OptionsError, match="no_such"):
         tm.plan_many([], no_such=3)
     (tmp_path / "file").write_text("")
@@ -390,7 +396,7 @@ def test_wrong_options_and_folders(tmp_path: Path) -> None:
         tm.Dataset(tmp_path / "none")
 
 
-def test_a_dataset_is_read_without_the_problems(
+def test_dataset_is_read_without_the_list_of_problems(
     folder: Path, alone: list[tm.Outcome]
 ) -> None:
     results = folder / "dataset"
@@ -414,7 +420,7 @@ def test_a_dataset_is_read_without_the_problems(
     assert not list(results.rglob(".*")), "drafts are left"
 
 
-def test_parquet(folder: Path) -> None:
+def test_parquet_table_has_the_motions_and_joint_names(folder: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     results = folder / "table"
     list(tm.plan_many(problems(folder, 2), results=results, workers=1, **QUICK))
@@ -424,16 +430,16 @@ def test_parquet(folder: Path) -> None:
     assert table[0]["joint_names"] == [*problems(folder, 1)[0].robot.joint_names]
 
 
-def test_parquet_needs_a_package(
+def test_parquet_without_pyarrow_names_the_missing_dependency(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The message began with "Parquet files needs"."""
+    """Regression: the message began with "Parquet files needs"."""
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(tm.MissingDependency, match="writing Parquet files needs"):
         tm.Dataset(tmp_path).to_parquet(tmp_path / "table.parquet")
 
 
-def test_parquet_has_the_motions_after_a_result_without_one(folder: Path) -> None:
+def test_parquet_table_may_begin_with_a_result_without_a_motion(folder: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     results = folder / "late"
     cases = [folder / "missing.toml", *problems(folder, 1)]
@@ -444,14 +450,16 @@ def test_parquet_has_the_motions_after_a_result_without_one(folder: Path) -> Non
     assert len(planned["q"]) > 8 and planned["robot"]
 
 
-def test_files_that_are_no_results(tmp_path: Path) -> None:
+def test_npz_file_that_is_no_result_is_rejected(tmp_path: Path) -> None:
     path = tmp_path / "a.npz"
     np.savez(path, x=np.zeros(3))
     with pytest.raises(tm.ScenarioError, match="not the result of a batch"):
         Entry.read(path)
 
 
-def test_the_command_line_names_what_is_broken(folder: Path, tmp_path: Path) -> None:
+def test_batch_command_names_broken_scenarios_and_reads_lists(
+    folder: Path, tmp_path: Path
+) -> None:
     cells = tmp_path / "cells"
     (cells / "more").mkdir(parents=True)
     one, two = problems(folder, 2)
@@ -474,7 +482,7 @@ def test_the_command_line_names_what_is_broken(folder: Path, tmp_path: Path) -> 
     assert found.exit_code == 0, found.output
     data = json.loads(found.stdout)
     assert data["found"] == 2 and data["outcomes"][1]["name"] == "cells/more/c"
-    # Patterns may be absolute, too, and are those of a shell.
+    # Patterns may be absolute, too, and follow the rules of a shell.
     (cells / ".draft.toml").write_text("")
     absolute = tmp_path / "absolute.toml"
     absolute.write_text(f"problems = ['{cells}/**/*.toml', '{cells}/[a]*']\n")
@@ -492,7 +500,9 @@ def test_the_command_line_names_what_is_broken(folder: Path, tmp_path: Path) -> 
         ("problems = []", "holds no scenario"),
     ],
 )
-def test_lists_that_are_wrong(tmp_path: Path, content: str, message: str) -> None:
+def test_invalid_list_of_scenarios_is_reported(
+    tmp_path: Path, content: str, message: str
+) -> None:
     path = tmp_path / "list.toml"
     path.write_text(content)
     found = invoke(["batch", str(path), "-o", str(tmp_path / "r")])
@@ -500,12 +510,12 @@ def test_lists_that_are_wrong(tmp_path: Path, content: str, message: str) -> Non
     assert not (tmp_path / "r").exists()
 
 
-def test_an_empty_folder_holds_nothing(tmp_path: Path) -> None:
+def test_batch_of_an_empty_folder_is_an_error(tmp_path: Path) -> None:
     found = invoke(["batch", str(tmp_path)])
     assert found.exit_code == 2 and "holds no scenario" in found.output
 
 
-def test_an_executor_that_is_not_there(
+def test_backend_that_is_not_installed_is_named_in_the_error(
     monkeypatch: pytest.MonkeyPatch, folder: Path
 ) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
@@ -514,6 +524,6 @@ def test_an_executor_that_is_not_there(
         tm.plan_many(problems(folder, 1), backend="dask")
 
 
-def test_records(alone: list[tm.Outcome]) -> None:
+def test_outcome_has_a_readable_repr_and_equality(alone: list[tm.Outcome]) -> None:
     assert repr(alone[0]).startswith("<Outcome 'problem 0': CONVERGED, T = ")
     assert replace(alone[0]) == alone[0]

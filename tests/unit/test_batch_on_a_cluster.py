@@ -1,4 +1,4 @@
-"""Batches on a local cluster of Dask, one of whose workers is killed on the way."""
+"""Batches on a local cluster of Dask, one worker of which is killed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ with warnings.catch_warnings():
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore")]
 
 
-def test_one_of_two_workers_is_killed(tmp_path: Path) -> None:
+def test_batch_is_completed_after_a_worker_is_killed(tmp_path: Path) -> None:
     given = problems(tmp_path, 40)
     cluster = distributed.LocalCluster(
         n_workers=2,

@@ -1,4 +1,4 @@
-"""Curvature that constraints know of: what programs are given of it, and what for."""
+"""Curvature of constraints: its values, the programs that use it, and its benefit."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ from tominpmp.transcription.rows import Rows
 TENSOR = np.diag([2e-3, 3e-3, 4e-3])
 SQUARE = [(-0.03, -0.02), (0.05, -0.02), (0.05, 0.04), (-0.03, 0.04)]
 CENTER = (0.01, 0.0, 0.1)
-# Their vectors are linear in velocities, or in accelerations.
+# The values of these constraints are norms of vectors, linear in velocities here,
+# linear in accelerations below.
 IN_V = (tm.ToolSpeed("tool0", 0.3),)
 IN_A = (
     tm.ToolAcceleration("tool0", 2.0),
@@ -39,7 +40,7 @@ def ur5():
 
 
 @pytest.mark.parametrize("item", [*IN_V, *IN_A])
-def test_bends_are_the_second_derivatives_of_convex_values(item, ur5):
+def test_curvature_equals_second_differences_of_the_values(item, ur5):
     ready, n = item.on(ur5), ur5.n
     rng = np.random.default_rng(2)
     q, v, a = (rng.uniform(-1.0, 1.0, (1, n)) for _ in range(3))
@@ -54,8 +55,8 @@ def test_bends_are_the_second_derivatives_of_convex_values(item, ur5):
     middle, unit = (v if in_v else a), STEP * np.eye(n)
     count = ready.count
     state = States(np.zeros(1), q, v, a)
-    which = np.arange(count)
-    found = ready.bend(state, np.zeros(count, dtype=np.int64), which)
+    rows = np.arange(count)
+    found = ready.bend(state, np.zeros(count, dtype=np.int64), rows)
     slopes = found.by_v if in_v else found.by_a
     for k in range(count):
         root = slopes[found.row == k]
@@ -71,15 +72,15 @@ def test_bends_are_the_second_derivatives_of_convex_values(item, ur5):
                 assert root[:, i] @ root[:, j] == pytest.approx(bend, abs=2e-5)
 
 
-def test_nothing_is_known_of_what_is_no_length(ur5):
-    """Rows of their own may be bent any way."""
+def test_region_constraints_report_no_curvature(ur5):
+    """The curvature of their rows may have any sign."""
     box = tm.WithinRegion("tool0", (-1, -1, 0), (1, 1, 1))
     away = tm.KeepAway("tool0", (0.2, 0.2, 0.5), 0.1)
-    none = np.zeros((1, 0))
+    empty = np.zeros((1, 0))
     for item in (box, away):
         ready = item.on(ur5)
         assert not ready.bends
-        assert ready.bend_rows(np.zeros((1, 6)), none, none) is None
+        assert ready.bend_rows(np.zeros((1, 6)), empty, empty) is None
 
 
 def two_links(limit: float, during=None) -> tm.Problem:
@@ -93,8 +94,8 @@ def two_links(limit: float, during=None) -> tm.Problem:
 
 
 @pytest.mark.parametrize("during", [None, (0.1, np.inf)])
-def test_the_curvature_of_a_program_is_that_of_its_rows(during):
-    """Along steps that leave the places where the rows are nearly alone."""
+def test_program_curvature_is_the_weighted_curvature_of_its_rows(during):
+    """Compared along a step that changes the positions, but not the duration."""
     system = ProblemFunctions.of(two_links(0.5, during))
     shares = interval_shares("uniform", 12)
     of = InverseTranscription(system, shares, 4.0)
@@ -113,7 +114,7 @@ def test_the_curvature_of_a_program_is_that_of_its_rows(during):
     weights = np.where(mine, 0.3, 0.0)
     root = program.curvature(z, weights)
     assert root.shape[1] == program.size
-    # The vectors themselves, linearised: their convex function is what is bent.
+    # The vectors are linearised; only the curvature of their norm counts.
     rng = np.random.default_rng(0)
     step = 1e-3 * rng.normal(size=program.size)
     step[-1] = 0.0
@@ -126,7 +127,7 @@ def test_the_curvature_of_a_program_is_that_of_its_rows(during):
     assert program.curvature(z, -weights) is None
 
 
-def test_values_of_rows_are_carried_to_those_that_have_joined_them():
+def test_values_are_carried_from_former_rows_to_later_rows():
     def rows(**counts):
         return Rows.stack(
             [
@@ -141,8 +142,8 @@ def test_values_of_rows_are_carried_to_those_that_have_joined_them():
 
 
 @pytest.mark.parametrize("name", ["piqp", "clarabel", "highs"])
-def test_solvers_that_are_curved_heed_the_curvature(name):
-    """Of x^2/2 + y^2/2 - x - y with x + y <= 1 the least is in the middle."""
+def test_solvers_with_curvature_solve_the_quadratic_program(name):
+    """The minimum of x^2/2 + y^2/2 - x - y with x + y <= 1 is at x = y = 1/2."""
     try:
         solver = make_solver(name)
     except tm.TominpmpError:
@@ -179,17 +180,20 @@ def test_solvers_that_are_curved_heed_the_curvature(name):
         ("clearance", 10.0),
     ],
 )
-def test_violations_weigh_what_slowing_down_costs_at_first(kind, weight):
-    """Too much, and steps along what is curved are cut; those of segments too."""
+def test_initial_merit_weight_of_each_kind_of_violation(kind, weight):
+    """The weight is the cost of slowing down; kinds of segments have the same weight.
+
+    With a larger weight, steps along curved constraints are cut.
+    """
     assert first_weight(kind) == weight
 
 
-def test_a_way_that_a_tool_speed_rules_settles_in_a_few_iterations():
-    """Linear programs alone go to and fro across it for ever."""
+def test_plan_at_a_tool_speed_limit_converges_in_few_iterations():
+    """Linear programs without curvature oscillate across the limit."""
     solution = tm.plan(two_links(0.5), effort="quick", refine=None)
     assert solution.status is tm.Status.CONVERGED
-    assert len(solution.history) <= 18  # linear ones take 94
-    # The tip goes straight but for what speeding up takes.
+    assert len(solution.history) <= 18  # linear programs take 94
+    # The tip moves straight, except while it speeds up and brakes.
     way = np.linalg.norm(_tip(1.6, 1.4) - _tip(0.0, 0.4))
     assert way / 0.5 < solution.T < 1.02 * way / 0.5
 

@@ -1,4 +1,4 @@
-"""Arms that sweep fast past corners: rows where pairs come nearest between the rows."""
+"""Clearance rows added at the closest approaches between rows, for fast arms."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 
 # A box and a ball, side by side where the tip passes: without further rows the plan
-# ended at 3.855 s, of which small changes promised 6 %.
+# ended at 3.855 s, with a predicted gain of 6 %.
 START, GOAL = [2.36108, -0.14796, 1.95794], [2.74605, 0.83243, 2.70663]
 BOX = tm.Box("box", size=[0.212, 0.36, 0.274], position=[-3.6765, 1.1352, 0.0])
 BALL = tm.Sphere("ball", radius=0.1593, position=[-3.3817, 0.5666, 0.0])
@@ -30,7 +30,7 @@ def problem() -> tm.Problem:
     return tm.Problem(arm, START, tm.JointGoal(GOAL), tm.Scene([BOX, BALL]))
 
 
-def test_a_motion_that_is_too_close_between_its_rows_is_settled_again(
+def test_plan_converges_again_after_rows_were_added_between_rows(
     problem: tm.Problem,
 ) -> None:
     solution = tm.plan(problem)
@@ -42,8 +42,8 @@ def test_a_motion_that_is_too_close_between_its_rows_is_settled_again(
 
 
 @pytest.mark.parametrize("angle", np.linspace(1.38, 1.52, 8))
-def test_what_fast_links_pass_between_two_looks_becomes_a_row(angle: float) -> None:
-    """The tip goes 19 cm from one look to the next, and through a ball of 10 cm."""
+def test_obstacle_passed_between_two_rows_becomes_a_row(angle: float) -> None:
+    """The tip moves 19 cm from one row to the next, through a ball of 10 cm."""
     place = 5.95 * np.array([np.cos(angle), np.sin(angle), 0.0])
     ball = tm.Sphere("ball", radius=0.05, position=place)
     start, way = np.array([0.2, 0.0, 0.0]), np.array([2.7, 0.0, 0.0])
@@ -65,18 +65,21 @@ def test_what_fast_links_pass_between_two_looks_becomes_a_row(angle: float) -> N
     assert _clearance(program, z).max() < 0.0 < _clearance(more, z).max()
 
 
-def test_replays_find_nothing_that_the_rows_have_missed(
+def test_replay_finds_no_collision_that_the_rows_missed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Instants near others were left out, where a tip goes 3 cm on from one to one."""
+    """Regression: instants close to others were left out of the rows.
+
+    The tip moves 3 cm between two such instants.
+    """
     replayed: list[Candidate] = []
 
-    def verified(self: Candidate, *args: Any, **options: Any) -> Candidate:
-        replayed.append(found := judge(self, *args, **options))
+    def recorded(self: Candidate, *args: Any, **options: Any) -> Candidate:
+        replayed.append(found := verified(self, *args, **options))
         return found
 
-    judge = Candidate.verified
-    monkeypatch.setattr(Candidate, "verified", verified)
+    verified = Candidate.verified
+    monkeypatch.setattr(Candidate, "verified", recorded)
     arm = tm.load_robot("planar3r")
     arm = arm.with_changes(velocity=4.0 * arm.limits.velocity)
     box = tm.Box("box", size=[0.2192, 0.3548, 0.3104], position=[-4.1142, -1.59, 0.0])
@@ -92,7 +95,7 @@ def test_replays_find_nothing_that_the_rows_have_missed(
 
 
 def _clearance(program: NonlinearProgram, z: Array) -> Array:
-    """What distances lack at the instants of a program."""
+    """Violations of the clearance at the instants of a program."""
     of = program.transcription
     (block,) = (one for one in program.blocks if one.name == "clearance")
     _, states = block.states(of.motion(z))

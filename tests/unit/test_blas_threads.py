@@ -1,4 +1,4 @@
-"""Linear algebra takes one thread while the library works, and no longer."""
+"""BLAS uses one thread during the calls of the library, and its former number after."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ import tominpmp as tm
 MANY = 3
 
 
-def numbers() -> list[int]:
-    """Threads of each library of linear algebra."""
+def thread_counts() -> list[int]:
+    """The number of threads of each loaded BLAS library."""
     found = ThreadpoolController().select(user_api="blas").info()
     return [library["num_threads"] for library in found]
 
 
 def set_all(count: int) -> None:
-    """Set the number in a thread that ends: one that lives would have the say."""
+    """Set the number in a thread that ends: a living thread would determine it."""
 
     def act() -> None:
         ThreadpoolController().select(user_api="blas").limit(limits=count)
@@ -33,11 +33,11 @@ def set_all(count: int) -> None:
 
 
 @pytest.fixture(autouse=True)
-def several() -> Iterator[None]:
-    """More than one, whatever the machine has; some libraries have no more."""
-    usual = max(numbers(), default=1)
+def several_threads() -> Iterator[None]:
+    """BLAS has several threads; without such a library the tests are skipped."""
+    usual = max(thread_counts(), default=1)
     set_all(MANY)
-    if MANY not in numbers():
+    if MANY not in thread_counts():
         pytest.skip("the linear algebra that is installed has one thread only")
     yield
     set_all(usual)
@@ -54,33 +54,33 @@ def motion(problem: tm.Problem) -> tm.Solution:
     return tm.plan(problem, effort="quick", starts=1)
 
 
-def test_planning_takes_one_thread_and_gives_back_what_was_there(
+def test_plan_uses_one_thread_and_restores_the_former_number(
     problem: tm.Problem,
 ) -> None:
-    before, seen = numbers(), []
+    before, seen = thread_counts(), []
     tm.plan(
         problem,
         effort="quick",
         starts=1,
-        callback=lambda record: seen.extend(numbers()),
+        callback=lambda record: seen.extend(thread_counts()),
     )
     assert set(seen) == {1}
-    assert numbers() == before
+    assert thread_counts() == before
 
 
-def test_what_fails_gives_them_back_too(problem: tm.Problem) -> None:
+def test_failed_plan_restores_the_number_of_threads(problem: tm.Problem) -> None:
     class Odd(Exception):
         pass
 
     def fail(record: object) -> None:
         raise Odd
 
-    before = numbers()
+    before = thread_counts()
     with pytest.raises(Odd):
         tm.plan(problem, effort="quick", starts=1, callback=fail)
     with pytest.raises(tm.OptionsError):
         tm.plan(problem, method="magic")
-    assert numbers() == before
+    assert thread_counts() == before
 
 
 JUDGES: dict[str, Callable[[tm.Problem, tm.Solution], object]] = {
@@ -93,40 +93,40 @@ JUDGES: dict[str, Callable[[tm.Problem, tm.Solution], object]] = {
 
 
 @pytest.mark.parametrize("name", JUDGES)
-def test_so_does_what_judges_motions(
+def test_functions_on_motions_use_one_thread_and_restore_the_number(
     monkeypatch: pytest.MonkeyPatch,
     problem: tm.Problem,
     motion: tm.Solution,
     name: str,
 ) -> None:
-    """Seen from where all of them come by: the robot's dynamics and limits."""
+    """The number is read in accesses to the robot, which all functions make."""
     seen: list[int] = []
     usual = tm.Robot.__getattribute__
 
     def watched(self: tm.Robot, field: str) -> Any:
         if field in ("model", "limits") and len(seen) < 10:
-            seen.extend(numbers())
+            seen.extend(thread_counts())
         return usual(self, field)
 
-    before = numbers()
+    before = thread_counts()
     monkeypatch.setattr(tm.Robot, "__getattribute__", watched)
     JUDGES[name](problem, motion)
     monkeypatch.undo()
     assert set(seen) == {1}
-    assert numbers() == before
+    assert thread_counts() == before
 
 
 @pytest.mark.parametrize("first_ends", [True, False])
-def test_of_two_threads_none_leaves_a_limit_behind(
+def test_two_concurrent_plans_restore_the_number_of_threads(
     problem: tm.Problem, first_ends: bool
 ) -> None:
-    """The number is the whole process's: who comes second must not put back a one."""
-    before, seen = numbers(), list[int]()
+    """The number belongs to the process: the second plan must not restore a one."""
+    before, seen = thread_counts(), list[int]()
     begun, over = threading.Event(), threading.Event()
 
     def first(record: object) -> None:
         begun.set()
-        seen.extend(numbers())
+        seen.extend(thread_counts())
         over.wait(60.0)
 
     def second(record: object) -> None:
@@ -134,7 +134,7 @@ def test_of_two_threads_none_leaves_a_limit_behind(
             over.set()
             one.join(60.0)
         else:
-            seen.extend(numbers())
+            seen.extend(thread_counts())
 
     def plan(callback: Callable[[object], None]) -> None:
         tm.plan(problem, effort="quick", starts=1, refine=None, callback=callback)
@@ -147,4 +147,4 @@ def test_of_two_threads_none_leaves_a_limit_behind(
     one.join(60.0)
     assert not one.is_alive()
     assert set(seen) == {1}
-    assert numbers() == before
+    assert thread_counts() == before

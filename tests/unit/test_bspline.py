@@ -1,4 +1,4 @@
-"""Smooth motions: derivatives, exactness of the curve, limits of controllers."""
+"""The B-spline transcription: derivatives, exactness of the curve, motion limits."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 
-# The search for the best motion is looked at elsewhere.
+# The multi-start search is tested elsewhere.
 plan_quickly = partial(tm.plan, effort="quick", refine=None)
 
 START = (0.5, 1.7, -1.7)
@@ -84,7 +84,7 @@ def test_jacobian_against_differences(goal, degree):
 
 @pytest.mark.parametrize("a_start", [(0.0, 0.0, 0.0), (3.0, -2.0, 1.0)])
 @pytest.mark.parametrize("degree", [3, 5])
-def test_trajectory_is_the_spline_and_begins_as_asked(degree, a_start):
+def test_trajectory_is_the_spline_with_the_given_initial_state(degree, a_start):
     problem = planar(v_start=(0.1, -0.2, 0.3), a_start=a_start, motion_limits=ALL)
     nlp, z = build(problem, degree)
     motion = nlp.trajectory(z)
@@ -130,7 +130,7 @@ def test_jerk_limited_rail_against_the_closed_form(acceleration, jerk, rail):
     assert np.max(np.abs(dense.a)) < acceleration * (1 + 1e-5)
 
 
-def test_torque_rate_is_kept_and_costs_time(rail):
+def test_torque_rate_limit_holds_and_lengthens_the_motion(rail):
     times = []
     for rate in (np.inf, 400.0, 40.0):
         limits = MotionLimits(effort_rate=rate)
@@ -145,7 +145,7 @@ def test_torque_rate_is_kept_and_costs_time(rail):
     assert times[0] > free * (1 - 1e-4)  # a relaxed problem is no slower
 
 
-def test_torque_over_speed_is_kept(rail):
+def test_torque_speed_curve_holds(rail):
     curve = EffortCurve(np.array([0.0, 1.0, 2.0]), np.array([10.0, 6.0, 0.0]))
     limits = MotionLimits(effort_curves={rail.joint_names[0]: curve})
     problem = tm.Problem(rail, [0.0], tm.JointGoal([2.0]), motion_limits=limits)
@@ -156,7 +156,7 @@ def test_torque_over_speed_is_kept(rail):
     assert solution.T > plan_quickly(tm.Problem(rail, [0.0], tm.JointGoal([2.0]))).T
 
 
-def test_effort_scale_leaves_a_reserve(rail):
+def test_effort_scale_reduces_the_torque_limit(rail):
     full = plan_quickly(tm.Problem(rail, [0.0], tm.JointGoal([0.2])))
     limits = MotionLimits(effort_scale=0.81)
     part = plan_quickly(
@@ -167,7 +167,7 @@ def test_effort_scale_leaves_a_reserve(rail):
     assert part.T / full.T == pytest.approx(1 / 0.9, rel=1e-3)
 
 
-def test_effort_scale_leaves_a_share_of_each_limit(rail):
+def test_effort_scale_reduces_asymmetric_limits_by_the_same_share(rail):
     limits = replace(rail.limits, effort_lower=0.5 * rail.limits.effort_lower)
     weaker = replace(rail, limits=limits)
     scaled = MotionLimits(effort_scale=0.5)
@@ -179,7 +179,7 @@ def test_effort_scale_leaves_a_share_of_each_limit(rail):
 
 @pytest.mark.parametrize("control", ["linear", "spline"])
 def test_smooth_controls_converge_faster_with_the_grid(control):
-    # The same problem in each control: constant accelerations are of first order only.
+    # One problem in each control: constant accelerations converge of first order only.
     fine = plan_quickly(planar(), tm.Options(method="collocation", intervals=80)).T
     constant = plan_quickly(planar(), tm.Options(control="constant"))
     smooth = plan_quickly(planar(), tm.Options(control=control))
@@ -198,12 +198,12 @@ def test_smooth_controls_converge_faster_with_the_grid(control):
         ({"effort_curves": {"joint1": 3.0}}, "joint1"),
     ],
 )
-def test_wrong_limits_are_refused(arguments, word):
+def test_invalid_motion_limit_is_named_in_the_error(arguments, word):
     with pytest.raises(ProblemError, match=word):
         MotionLimits(**arguments)
 
 
-def test_limits_that_do_not_fit_the_robot_are_refused():
+def test_motion_limits_of_other_joints_are_rejected():
     with pytest.raises(ProblemError, match="jerk has 2 numbers, expected 3"):
         planar(motion_limits=MotionLimits(jerk=[1.0, 2.0]))
     with pytest.raises(JointNotFound, match="elbow"):
@@ -213,7 +213,7 @@ def test_limits_that_do_not_fit_the_robot_are_refused():
         planar(motion_limits=MotionLimits(effort_curves={"elbow": curve}))
 
 
-def test_curves_are_checked():
+def test_invalid_effort_curves_are_rejected_and_power_curves_are_exact():
     with pytest.raises(ProblemError, match="3 speeds and 2 torques"):
         EffortCurve(np.array([0.0, 1.0, 2.0]), np.array([1.0, 0.0]))
     with pytest.raises(ProblemError, match="increase"):
@@ -226,7 +226,7 @@ def test_curves_are_checked():
     np.testing.assert_allclose(curve(speed)[0], limit, rtol=5e-3)
 
 
-def test_a_curve_of_power_stays_within_the_power():
+def test_power_curve_stays_within_the_power_limit():
     """Up to nine times the speed at which the power limit begins, 2 rad/s."""
     speed = np.linspace(0.0, 18.0, 2001)
     share = EffortCurve.power(10.0, 20.0, 18.0)(speed)[0] * speed / 20.0
@@ -234,7 +234,7 @@ def test_a_curve_of_power_stays_within_the_power():
     assert np.min(share[speed > 2.0]) > 0.99
 
 
-def test_methods_that_cannot_keep_the_limits_say_so():
+def test_methods_without_jerk_limits_reject_them():
     problem = planar(motion_limits=MotionLimits(jerk=100.0))
     with pytest.raises(OptionsError, match="inverse"):
         plan_quickly(problem, tm.Options(method="collocation"))
@@ -243,7 +243,7 @@ def test_methods_that_cannot_keep_the_limits_say_so():
 
 
 @pytest.mark.parametrize("degree", [3, 5])
-def test_what_depends_on_the_time_alone_is_pulled_back(degree):
+def test_time_derivatives_are_pulled_back_to_the_duration(degree):
     nlp, z = build(planar(), degree)
     of = nlp.transcription
     at = of.instants(2, "")

@@ -1,4 +1,4 @@
-"""Convex pieces from the disk are believed only if they are those of the mesh."""
+"""The cache of convex pieces on disk is used only if its pieces belong to the mesh."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ def bowl() -> Any:
 
 
 @pytest.fixture
-def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The cache file of the mesh."""
+def cache_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The cache file of the pieces of the mesh."""
     monkeypatch.setenv(decomposition_cache.FOLDER_VARIABLE, str(tmp_path))
     decomposition_cache._known_pieces.cache_clear()
     assert decomposition_cache.pieces_of(bowl()) is not None
@@ -56,68 +56,71 @@ def moved(arrays: Arrays) -> None:
     arrays["points"] = arrays["points"] + 1e-3
 
 
-def longer(arrays: Arrays) -> None:
+def with_further_array(arrays: Arrays) -> None:
     arrays["more"] = np.zeros(2)
 
 
-def whole_counts(arrays: Arrays) -> None:
+def with_counts_as_floats(arrays: Arrays) -> None:
     arrays["counts"] = arrays["counts"].astype(float)
 
 
-def single(arrays: Arrays) -> None:
+def in_single_precision(arrays: Arrays) -> None:
     arrays["points"] = arrays["points"].astype(np.float32)
 
 
-@pytest.mark.parametrize("spoil", [scaled, moved, longer, whole_counts, single])
-def test_wrong_pieces_are_cut_anew(
+@pytest.mark.parametrize(
+    "spoil",
+    [scaled, moved, with_further_array, with_counts_as_floats, in_single_precision],
+)
+def test_invalid_cached_pieces_are_computed_anew_and_replaced(
     spoil: Callable[[Arrays], None],
-    kept: Path,
+    cache_file: Path,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     mesh = bowl()
-    with np.load(kept) as data:
+    with np.load(cache_file) as data:
         sound = dict(data)
     wrong = dict(sound)
     spoil(wrong)
-    np.savez(kept, **wrong)
+    np.savez(cache_file, **wrong)
     pieces = decomposition_cache.pieces_of(mesh)
     assert "are invalid" in caplog.text
     np.testing.assert_array_equal(np.concatenate(pieces.corners), sound["points"])
-    # The file is mended.
+    # The file has been replaced by a valid one.
     decomposition_cache._known_pieces.cache_clear()
     caplog.clear()
     decomposition_cache.pieces_of(mesh)
     assert not caplog.text
 
 
-def test_shuffled_corners_are_noticed(
-    kept: Path, caplog: pytest.LogCaptureFixture
+def test_reordered_corners_in_the_cache_are_detected(
+    cache_file: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    with np.load(kept) as data:
+    with np.load(cache_file) as data:
         arrays = dict(data)
     arrays["points"] = arrays["points"][::-1]
-    np.savez(kept, **arrays)
+    np.savez(cache_file, **arrays)
     assert decomposition_cache.pieces_of(bowl()) is not None
     assert "are invalid" in caplog.text
 
 
-def test_a_cache_file_that_grows_is_not_read(
-    kept: Path, caplog: pytest.LogCaptureFixture
+def test_cache_file_larger_than_allowed_is_not_read(
+    cache_file: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    with zipfile.ZipFile(kept, "w", zipfile.ZIP_DEFLATED) as archive:
+    with zipfile.ZipFile(cache_file, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("points.npy", bytes(2 * decomposition_cache.MAX_BYTES))
     assert decomposition_cache.pieces_of(bowl()) is not None
     assert "cannot be read" in caplog.text
 
 
 @pytest.mark.parametrize("step", ["write", "close", "replace"])
-def test_a_full_disk_leaves_nothing(
+def test_full_disk_leaves_no_partial_cache_file(
     step: str,
-    kept: Path,
+    cache_file: Path,
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    kept.unlink()
+    cache_file.unlink()
 
     def full(*_: object, **__: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -145,4 +148,4 @@ def test_a_full_disk_leaves_nothing(
         monkeypatch.setattr(Path, "open", closing)
     assert decomposition_cache.pieces_of(bowl()) is not None
     assert "cannot be kept" in caplog.text
-    assert not list(kept.parent.iterdir())
+    assert not list(cache_file.parent.iterdir())

@@ -1,4 +1,4 @@
-"""The certificate of the minimum principle, against extremals known otherwise."""
+"""The certificate of the minimum principle, compared with extremals known otherwise."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def rail(distance: float = 1.0, **limits: float) -> Problem:
 
 
 def bang_bang_rail(distance: float = 1.0, switch: float = 0.5) -> Trajectory:
-    """Full force, and full brakes from a share of the time on."""
+    """Full force, and full braking force after the share `switch` of the duration."""
     a = FORCE / MASS
     T = 2.0 * np.sqrt(distance / a)
     t = np.array([0.0, switch * T, T])
@@ -129,8 +129,8 @@ def planned(method: str = "auto", *, limited: bool = False) -> Solution:
 
 
 @cache
-def industrial() -> Solution:
-    """A motion of an arm whose speed limits rule."""
+def speed_limited() -> Solution:
+    """A motion of an arm at whose optimum speed limits are active."""
     robot = load_robot("ur5", limits="urdf")
     goal = JointGoal((1.0, -0.6, 0.9, -1.5, 0.4, 1.2))
     return plan(Problem(robot, (-0.8, -1.2, 1.2, -1.0, 0.0, 0.0), goal))
@@ -146,12 +146,14 @@ def certificate(solution: Solution) -> Certificate:
 
 
 @pytest.mark.parametrize("distance", [0.01, 1.0, 3.0])
-def test_double_integrator(distance: float) -> None:
-    """Its costates are p_q = -T / 2d, p_v = p_q (T / 2 - t), whatever the distance."""
+def test_certificate_of_a_double_integrator_matches_the_closed_form(
+    distance: float,
+) -> None:
+    """The costates are p_q = -T / 2d, p_v = p_q (T / 2 - t) for each distance d."""
     found = certify(rail(distance), bang_bang_rail(distance))
     T = 2.0 * np.sqrt(distance * MASS / FORCE)
     assert found.ok, found.message
-    assert found.t.size - 1 >= 20  # two intervals would not show anything
+    assert found.t.size - 1 >= 20  # two intervals would show no time history
     p_q, p_v = found.costates.T
     np.testing.assert_allclose(p_q, -T / (2.0 * distance), rtol=1e-4)
     line = -T / (2.0 * distance) * (0.5 * T - found.t)
@@ -169,8 +171,8 @@ def test_double_integrator(distance: float) -> None:
 @pytest.mark.parametrize(
     "case", [*pendulum_cases(), swing_cases()[0]], ids=lambda case: case.name
 )
-def test_pendulum(case: Case) -> None:
-    """Costates agree with those of a shooting method that knows no linear program."""
+def test_costates_of_a_pendulum_match_those_of_a_shooting_method(case: Case) -> None:
+    """The shooting method uses no linear program."""
     problem, motion, p = exact(case)
     found = certify(problem, motion)
     assert found.ok, found.message
@@ -183,8 +185,8 @@ def test_pendulum(case: Case) -> None:
     assert found.costate_error is not None and found.costate_error < 1e-3
 
 
-def test_friction_switches_late() -> None:
-    """The force obeys its switching function with friction, too."""
+def test_switching_function_changes_sign_late_with_friction() -> None:
+    """The force has the sign of its switching function with friction, too."""
     case = friction_cases()[1]
     found = certificate(plan(case.problem(), Options(refine="switching", starts=1)))
     assert found.ok, found.message
@@ -195,8 +197,8 @@ def test_friction_switches_late() -> None:
     assert found.t[changes[0]] > 0.55 * found.t[-1]
 
 
-def test_speed_limit() -> None:
-    """On its speed limit the mass needs no force: sigma is zero, and p falls."""
+def test_switching_function_vanishes_on_the_speed_limit() -> None:
+    """On its speed limit the mass needs no force: sigma is zero, and p decreases."""
     speed = 1.0
     problem = rail(1.0, velocity=speed, position_lower=-4, position_upper=4)
     a = FORCE / MASS
@@ -222,29 +224,31 @@ def test_speed_limit() -> None:
     assert found.hamiltonian_mean_deviation < 0.02
 
 
-# -- what is no optimum ----------------------------------------------------------------
+# -- motions that are not optimal ------------------------------------------------------
 
 
 @pytest.mark.parametrize("factor", [1.02, 1.05, 1.3])
-@pytest.mark.parametrize("speeds_rule", [False, True])
-def test_slowed(speeds_rule: bool, factor: float) -> None:
-    """A motion that is slower by some share promises that share, and fails."""
-    solution = industrial() if speeds_rule else planned()
+@pytest.mark.parametrize("at_speed_limits", [False, True])
+def test_slowed_motion_fails_with_a_predicted_gain_of_its_slowdown(
+    at_speed_limits: bool, factor: float
+) -> None:
+    """A motion slowed by a share has at least this share as its predicted gain."""
+    solution = speed_limited() if at_speed_limits else planned()
     motion = solution.trajectory
     assert motion is not None
     before = certificate(solution).stationarity
     found = certify(solution.problem, slowed(solution.problem, motion, factor))
     assert not found.ok
     assert "does not satisfy the first-order conditions" in found.message
-    assert ("velocity" if speeds_rule else "torque") in found.message
+    assert ("velocity" if at_speed_limits else "torque") in found.message
     gained = 1.0 - 1.0 / factor
-    # Torques go with the square of the pace, so that what they promise is more.
+    # Torques grow with the square of the pace, so that their predicted gain is larger.
     most = 0.5 * (factor**2 - 1.0)
     assert gained - 1e-3 < found.stationarity < most + before + 2e-3
 
 
-def test_wrong_path() -> None:
-    """A detour around an obstacle that is not there could be shorter."""
+def test_detour_around_a_removed_obstacle_fails() -> None:
+    """Without the obstacle the motion could be shorter."""
     solution = planned(limited=True)
     motion = solution.trajectory
     assert motion is not None
@@ -255,16 +259,16 @@ def test_wrong_path() -> None:
     assert found.stationarity > 0.05
 
 
-def test_wrong_switch() -> None:
-    """Braking late: the mass is beyond the goal, and moving."""
+def test_motion_that_brakes_late_is_not_admissible() -> None:
+    """The mass ends beyond the goal, and moving."""
     found = certify(rail(), bang_bang_rail(switch=0.55))
     assert not found.ok
     assert "not admissible" in found.message
     assert "joint joint1 ends" in found.message
 
 
-def test_torque_off_its_limit() -> None:
-    """Some of the motion at 80 % of the force: it says when."""
+def test_message_has_the_instant_of_a_torque_below_its_limit() -> None:
+    """For 0.1 s the force is half of the force of the other intervals."""
     problem, T = rail(), 1.0
     t = np.linspace(0.0, T, 41)
     share = np.where(t < 0.5, 1.0, -1.0)
@@ -296,8 +300,8 @@ def test_torque_off_its_limit() -> None:
 
 
 @pytest.mark.parametrize("method", ["inverse", "collocation", "adjoint"])
-def test_planned(method: str) -> None:
-    """What the solvers call converged keeps the conditions, whichever made it."""
+def test_converged_motion_of_every_method_is_certified(method: str) -> None:
+    """A converged motion satisfies the first-order conditions, whatever the method."""
     solution = planned(method)
     found = certificate(solution)
     assert found.ok, found.message
@@ -307,22 +311,22 @@ def test_planned(method: str) -> None:
     assert found.saturated_share > 0.9
     assert found.hamiltonian_mean_deviation < 0.06
     assert found.costate_error is not None and found.costate_error < 0.05
-    assert certificate(solution) is found  # made once
-    # The optimum of finer grids is within what the certificate says is to be gained.
+    assert certificate(solution) is found  # computed once
+    # The optimum of finer grids is within the gain that the certificate predicts.
     other = min(planned(name).T for name in ("inverse", "collocation", "adjoint"))
     assert solution.T * (1.0 - found.grid_gain - 2e-3) < other
 
 
-def test_hamiltonian_has_no_mean() -> None:
-    """The duration is free: H is zero in the mean."""
-    for solution in (planned(), planned(limited=True), industrial()):
+def test_mean_of_the_hamiltonian_is_zero() -> None:
+    """The duration is free, so that the mean of H is zero."""
+    for solution in (planned(), planned(limited=True), speed_limited()):
         found = certificate(solution)
         mean = np.average(found.hamiltonian, weights=np.diff(found.t))
         assert abs(mean) < 1e-4
 
 
-def test_multipliers_account_for_the_promise() -> None:
-    """The promise is the sum of multiplier times room, as duality says."""
+def test_predicted_gain_is_the_sum_over_the_multipliers() -> None:
+    """By duality, the predicted gain is the sum of multiplier times slack."""
     solution = planned(limited=True)
     assert solution.trajectory is not None
     motion = GridMotion.of(ProblemFunctions.of(solution.problem), solution.trajectory)
@@ -335,9 +339,9 @@ def test_multipliers_account_for_the_promise() -> None:
     assert given.of("effort").sum() + given.of("clearance").sum() > 100
 
 
-def test_speed_limits_rule() -> None:
-    """Limits on speeds hold an industrial arm, and explain its torques."""
-    found = certificate(industrial())
+def test_active_speed_limits_are_listed_in_the_certificate() -> None:
+    """An industrial arm is limited by its speeds, which explain its torques."""
+    found = certificate(speed_limited())
     assert found.ok, found.message
     assert found.active_share > 0.95
     assert "velocity" in {item.kind for item in found.active}
@@ -348,8 +352,8 @@ def test_speed_limits_rule() -> None:
         assert np.all(item.multiplier > 0.0)
 
 
-def test_passive_joint() -> None:
-    """A joint without a motor obeys nothing, and hinders nothing."""
+def test_joint_without_a_motor_satisfies_the_conditions() -> None:
+    """A passive joint has no switching function that it could contradict."""
     robot = make_arm(
         slide(1.0),
         rod(0.5, 1.0),
@@ -368,8 +372,8 @@ def test_passive_joint() -> None:
 
 
 @pytest.mark.parametrize("count", [50, 400])
-def test_many_nodes(count: int) -> None:
-    """Motions of many nodes are looked at on a coarser grid, with the same result."""
+def test_certificate_of_many_nodes_uses_a_coarser_grid(count: int) -> None:
+    """The result is the same on the coarser grid."""
     whole = bang_bang_rail()
     t = np.linspace(0.0, whole.duration, 2 * count + 1)
     state = whole(t)
@@ -384,16 +388,16 @@ def test_many_nodes(count: int) -> None:
     assert found.hamiltonian_deviation < 2e-2
 
 
-def test_set_of_goals() -> None:
-    """The goal that was reached counts."""
+def test_certificate_of_a_goal_set_uses_the_reached_goal() -> None:
+    """Both goals of the set are joint goals."""
     problem = rail()
     goals = AnyGoal([JointGoal([2.0]), JointGoal([1.0])])
     found = certify(Problem(problem.robot, [0.0], goals), bang_bang_rail())
     assert found.ok, found.message
 
 
-def test_goals_of_a_set_have_rows_of_their_own() -> None:
-    """Of a frame and of a joint: another number of rows each."""
+def test_goal_set_may_have_goals_with_different_numbers_of_rows() -> None:
+    """A goal of a frame has another number of rows than a goal of joints."""
     problem = rail()
     goals = AnyGoal([PositionGoal("tip", (-0.5, 0.0, 0.0)), JointGoal([1.0])])
     found = certify(Problem(problem.robot, [0.0], goals), bang_bang_rail())
@@ -403,8 +407,8 @@ def test_goals_of_a_set_have_rows_of_their_own() -> None:
 # -- limits as rows --------------------------------------------------------------------
 
 
-def test_rows_are_derivatives(rng: np.random.Generator) -> None:
-    """Every row agrees with what a changed motion shows, accelerations and lengths."""
+def test_limit_rows_are_derivatives_of_the_limits(rng: np.random.Generator) -> None:
+    """Every row agrees with differences over accelerations and interval lengths."""
     limits = MotionLimits(
         acceleration=9.0,
         jerk=200.0,
@@ -440,7 +444,7 @@ def test_rows_are_derivatives(rng: np.random.Generator) -> None:
         )
 
     def keyed(rows: LimitRows) -> list[tuple[object, ...]]:
-        """What tells rows apart; their instants may move a little."""
+        """Keys of the rows; their instants may move a little."""
         keys, seen = [], Counter[tuple[object, ...]]()
         places = rows.kind, rows.at.interval, rows.subject, np.round(rows.at.share, 3)
         for key in zip(*(part.tolist() for part in places), strict=True):
@@ -449,7 +453,7 @@ def test_rows_are_derivatives(rng: np.random.Generator) -> None:
         return keys
 
     def rooms(motion: GridMotion) -> dict[tuple[object, ...], float]:
-        """How far each row is below its upper bound."""
+        """The slack of each row to its upper bound."""
         rows = limits_of(motion)
         return dict(zip(keyed(rows), rows.upper.tolist(), strict=True))
 
@@ -460,12 +464,12 @@ def test_rows_are_derivatives(rng: np.random.Generator) -> None:
     most = [
         float(item.on(problem.robot).measures(states).max()) for item in (speed, tilt)
     ]
-    # A little below their limits where they are largest.
+    # The limits are a little above the largest values.
     limited = (
         replace(speed, limit=1.04 * most[0]),
         replace(tilt, tolerance=1.04 * most[1]),
     )
-    reached = JointGoal(base.q[-1])  # which keeps these limits, wherever it is
+    reached = JointGoal(base.q[-1])  # the final position, which satisfies these limits
     problem = replace(problem, goal=reached, constraints=limited)
     system = ProblemFunctions.of(problem)
     motion = GridMotion.of(system, base)
@@ -505,11 +509,13 @@ def test_rows_are_derivatives(rng: np.random.Generator) -> None:
             tolerance = 2e-4 * scale[kinds[row]]
             assert slope[row] == pytest.approx(found, abs=tolerance), key
             compared += 1
-    assert compared > 450  # one row a node where values are continuous
+    assert compared > 450  # one row for each node where values are continuous
 
 
-def test_steps_carry_positions(rng: np.random.Generator) -> None:
-    """Positions and velocities inside the intervals, constant accelerations."""
+def test_perturbations_inside_intervals_match_differences(
+    rng: np.random.Generator,
+) -> None:
+    """Positions and velocities inside intervals of constant acceleration."""
     N, n = 6, 2
     a, h = rng.normal(size=(N, n)), rng.uniform(0.1, 0.3, N)
 
@@ -546,21 +552,21 @@ def test_steps_carry_positions(rng: np.random.Generator) -> None:
 # -- the record, and the figure --------------------------------------------------------
 
 
-def test_no_motion() -> None:
-    nothing = Solution(rail(), Options(), Status.INFEASIBLE, "no way", False, None)
-    assert nothing.certificate is None
+def test_solution_without_motion_has_no_certificate() -> None:
+    failed = Solution(rail(), Options(), Status.INFEASIBLE, "no way", False, None)
+    assert failed.certificate is None
     with pytest.raises(ProblemError, match="there is no motion: no way"):
-        nothing.plot_certificate()
+        failed.plot_certificate()
 
 
-def test_of_another_robot() -> None:
+def test_motion_of_another_robot_is_rejected() -> None:
     solution = planned()
     assert solution.trajectory is not None
     with pytest.raises(ProblemError, match="this is a motion of joint1, joint2"):
         certify(rail(), solution.trajectory)
 
 
-def test_no_numbers() -> None:
+def test_motion_with_nan_is_rejected() -> None:
     motion = bang_bang_rail()
     broken = replace(motion, v=np.full(motion.v.shape, np.nan))
     with pytest.raises(ProblemError, match="not finite numbers"):
@@ -568,7 +574,7 @@ def test_no_numbers() -> None:
 
 
 def test_failed_motion_is_not_certified() -> None:
-    """A motion whose replay failed is no optimum, whatever its multipliers."""
+    """A motion whose replay failed is not optimal, whatever its multipliers."""
     solution = planned()
     assert solution.verification is not None
     failed = replace(
@@ -587,13 +593,15 @@ def test_arrays_are_read_only_and_pickled() -> None:
     assert found.seconds > 0.0
 
 
-def test_plot(tmp_path: Path) -> None:
+def test_certificate_plot_has_panels_of_joints_limits_and_hamiltonian(
+    tmp_path: Path,
+) -> None:
     solution = planned(limited=True)
     path = tmp_path / "certificate.png"
     figure = solution.plot_certificate(path)
     assert path.stat().st_size > 10_000
     n = solution.problem.robot.n
-    # A panel a joint, with a second axis each; the limits, and the Hamiltonian.
+    # Two axes for each joint, one panel of the limits, and one of the Hamiltonian.
     assert len(figure.axes) == 2 * n + 2
     labels = [text.get_text() for text in figure.axes[n].get_yticklabels()]
     assert len(labels) == len(certificate(solution).active)
@@ -602,9 +610,9 @@ def test_plot(tmp_path: Path) -> None:
         assert panel.get_xlim() == (0.0, pytest.approx(solution.T))
 
 
-def test_the_hamiltonian_may_change_where_obstacles_move():
-    # A ball rises out of the way, and still does when the arm passes it: H is what
-    # waiting costs.
+def test_hamiltonian_may_vary_among_moving_obstacles():
+    # A ball is still rising out of the way when the arm passes it: H is the cost of
+    # waiting.
     robot = load_robot("planar3r")
     ball = Sphere(
         "lift",

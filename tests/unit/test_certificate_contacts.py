@@ -1,4 +1,4 @@
-"""The certificate takes pairs of bodies where they are nearest, whenever that is."""
+"""Rows of the certificate at the closest approaches of pairs of bodies."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 START = np.array([-0.9, 0.2, 0.1])
 SPEED = np.array([1.5, 0.3, -0.2])
 N, H = 24, 0.05
-# Pairs that are looked at, by their distance as a share of the reach.
+# Pairs nearer than this share of the reach are compared.
 CLOSE = 0.01
 # Accelerations that jump.
 WAVES = 0.1 * (-1.0) ** np.arange(N)[:, None] * np.ones(3)
@@ -38,7 +38,7 @@ OBSTACLES = {
 
 
 def passing(name: str) -> Problem:
-    """An arm whose hand passes something that stands at the end of its reach."""
+    """An arm whose tip passes an obstacle at the end of its reach."""
     robot = load_robot(
         "planar3r", velocity=100.0, position_lower=-50.0, position_upper=50.0
     )
@@ -60,7 +60,10 @@ def build(problem: Problem, a: Array, h: Array) -> Trajectory:
 
 
 def approaches(problem: Problem, motion: Trajectory) -> dict[int, tuple[float, float]]:
-    """When each pair is nearest [s], and how near, looked at every 50 microseconds."""
+    """Instant [s] and distance of the closest approach of each pair.
+
+    The distances are sampled every 50 microseconds.
+    """
     t = np.linspace(0.4, 0.7, 6_001)
     distances = problem.checker.distances(motion(t).q, times=t)
     return {
@@ -77,8 +80,11 @@ def rows_of(problem: Problem, motion: Trajectory) -> tuple[GridMotion, LimitRows
 
 
 @pytest.mark.parametrize("name", OBSTACLES)
-def test_the_nearest_instant_of_a_pair_is_a_row(name: str) -> None:
-    """It was the node or the middle beside it: millimetres too far, and too late."""
+def test_closest_approach_of_a_pair_is_a_row(name: str) -> None:
+    """Regression: the row was at the next node or midpoint, millimetres too far.
+
+    That instant was also too late.
+    """
     problem = passing(name)
     motion = build(problem, WAVES, np.full(N, H))
     seen, rows = rows_of(problem, motion)
@@ -97,10 +103,13 @@ def test_the_nearest_instant_of_a_pair_is_a_row(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", OBSTACLES)
-def test_a_row_is_the_derivative_of_the_least_distance(
+def test_contact_row_is_the_derivative_of_the_least_distance(
     name: str, rng: np.random.Generator
 ) -> None:
-    """Of that, over time; a change of the pace alone is none where nothing moves."""
+    """The least distance over time; it does not change with the pace alone.
+
+    It changes with the pace where an obstacle moves.
+    """
     problem = passing(name)
     h = np.full(N, H)
     base = build(problem, WAVES, h)
@@ -129,8 +138,8 @@ def test_a_row_is_the_derivative_of_the_least_distance(
     assert compared >= 2
 
 
-def test_each_approach_is_one_row() -> None:
-    """A second one beside it would hold the pace, which nothing holds."""
+def test_each_closest_approach_has_one_row() -> None:
+    """A second row of the same approach would restrict the pace, which is free."""
     problem = passing("ball")
     motion = build(problem, WAVES, np.full(N, H))
     pairs = rows_of(problem, motion)[1].subject
@@ -138,10 +147,10 @@ def test_each_approach_is_one_row() -> None:
     assert pairs.size
 
 
-def test_a_joint_that_turns_back_between_the_nodes_is_held_there(
+def test_joint_reversal_between_nodes_has_a_position_row(
     rng: np.random.Generator,
 ) -> None:
-    """Positions at the nodes alone would leave it room that it does not have."""
+    """Position rows at the nodes alone would leave slack that does not exist."""
     free = load_robot(
         "planar3r", velocity=100.0, position_lower=-50.0, position_upper=50.0
     )

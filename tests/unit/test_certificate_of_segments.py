@@ -26,7 +26,7 @@ def at(x, **changes):
 
 PROBLEMS = {
     "passed": on_rail(at(0.3), at(1.0)),
-    "stay": on_rail(at(0.3, dwell=0.2), at(1.0)),
+    "dwell": on_rail(at(0.3, dwell=0.2), at(1.0)),
     "there and back": on_rail(at(1.0), at(0.4)),
     "load": on_rail(at(0.5), at(1.5, payload=tm.Payload(3.0, "tip"))),
     "slow": on_rail(at(0.5), at(1.0, constraints=(tm.ToolSpeed("tip", 0.5),))),
@@ -39,24 +39,24 @@ def solutions():
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
-def test_optimal_motions_are_certified(solutions, name):
+def test_converged_motions_of_several_segments_are_certified(solutions, name):
     found = solutions[name].certificate
     assert found.ok, found.message
     assert found.stationarity < 0.01
-    stays = sum(segment.dwell for segment in PROBLEMS[name].segments)
-    assert found.t[-1] == pytest.approx(solutions[name].T - stays, abs=1e-9)
+    dwells = sum(segment.dwell for segment in PROBLEMS[name].segments)
+    assert found.t[-1] == pytest.approx(solutions[name].T - dwells, abs=1e-9)
 
 
-def test_the_plot_leaves_dwells_out_as_the_certificate_does(solutions):
-    """Torques after a dwell were drawn later than their switching functions."""
-    solution = solutions["stay"]
+def test_certificate_plot_leaves_out_dwells(solutions):
+    """Regression: torques after a dwell were drawn later than switching functions."""
+    solution = solutions["dwell"]
     figure = solution.plot_certificate()
     torque = figure.axes[0].lines[0].get_xdata()
     assert torque[-1] == pytest.approx(solution.certificate.t[-1], abs=1e-9)
 
 
 @pytest.mark.parametrize("name", ["passed", "load"])
-def test_a_motion_that_stops_for_nothing_is_not(solutions, name):
+def test_motion_with_an_unnecessary_stop_fails(solutions, name):
     problem = PROBLEMS[name]
     stopping = [replace(segment, stop=True) for segment in problem.segments]
     slower = tm.plan(on_rail(*stopping), **OPTIONS)
@@ -68,8 +68,11 @@ def test_a_motion_that_stops_for_nothing_is_not(solutions, name):
 
 
 @pytest.mark.parametrize("name", ["passed", "load"])
-def test_torques_of_a_recorded_motion_are_those_of_its_segment(solutions, name):
-    """Those of a later segment were looked for among the intervals of the motion."""
+def test_torques_of_a_recorded_motion_belong_to_their_segment(solutions, name):
+    """Regression: torques of a later segment were sought among the intervals.
+
+    The intervals were those of the whole motion, not of the segment.
+    """
     recorded = solutions[name].trajectory.sample(0.002)
     assert recorded.segment_ends is not None
     found = tm.certify(PROBLEMS[name], recorded)
@@ -77,12 +80,12 @@ def test_torques_of_a_recorded_motion_are_those_of_its_segment(solutions, name):
     assert solutions[name].T == pytest.approx(found.t[-1])
 
 
-def test_what_holds_a_segment_is_named(solutions):
+def test_active_limits_of_a_segment_are_listed(solutions):
     active = {item.kind for item in solutions["slow"].certificate.active}
     assert "speed of frame tip" in active and "effort" in active
 
 
-def test_two_links_that_pick_up_a_load():
+def test_motion_that_picks_up_a_payload_is_certified():
     robot = make_arm(
         rod(1.0, 0.5), rod(1.0, 0.5), effort=(8.0, 4.0), gravity=(0.0, 0.0, 0.0)
     )
@@ -104,8 +107,8 @@ def test_two_links_that_pick_up_a_load():
     assert not tm.certify(problem, again).ok
 
 
-def test_light_joints_are_not_promised_speeds_between_the_nodes():
-    """What is promised is no more than the speed limits leave, where T is known."""
+def test_predicted_gain_respects_speed_limits_between_nodes():
+    """The lower bound of the light joint is exact: the predicted T is not below it."""
     robot = make_arm(slide(2.0), slide(1e-3), effort=(10.0, 10.0), velocity=(5.0, 1.0))
     segments = [
         tm.Segment(tm.JointGoal([0.02, 0.3]), stop=True),
@@ -120,8 +123,11 @@ def test_light_joints_are_not_promised_speeds_between_the_nodes():
     assert (1.0 - found.stationarity) * solution.T > 0.999 * least
 
 
-def test_torques_after_a_stay_of_several_intervals_are_those_of_the_next_segment():
-    """They were those that held the arm after the first interval of the stay."""
+def test_torques_after_a_long_dwell_are_those_of_the_next_segment():
+    """Regression: the torques after the dwell were the holding torques within it.
+
+    The dwell has several intervals.
+    """
     problem = on_rail(at(0.1, dwell=0.2), at(0.2))
     t = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
     q = np.array([0.0, 0.05, 0.1, 0.1, 0.1, 0.15, 0.2])[:, None]

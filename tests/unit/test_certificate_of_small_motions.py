@@ -1,4 +1,4 @@
-"""Certificates of motions of micrometres: those of the same motions in metres."""
+"""Certificates of motions over micrometres or within microseconds."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ def goal_at(share: float) -> tm.Problem:
 
 
 @pytest.mark.parametrize("share", [2e-6, 1e-5])
-def test_a_small_motion_that_converged_is_certified(share: float) -> None:
+def test_converged_motion_over_micrometres_is_certified(share: float) -> None:
     solution = tm.plan(goal_at(share), effort="quick")
     assert solution.status is tm.Status.CONVERGED, solution.message
     certificate = solution.certificate
     assert certificate is not None
     assert certificate.ok, certificate.message
-    # T grows with the root of the way where no speed limit is reached.
+    # T grows with the root of the distance where no speed limit is reached.
     assert solution.T / np.sqrt(share) == pytest.approx(0.8, rel=0.5)
 
 
-def test_a_small_motion_that_is_slow_is_refuted() -> None:
+def test_slow_motion_over_micrometres_fails() -> None:
     solution = tm.plan(goal_at(2e-6), objective="feasible")
     assert solution.success
     certificate = solution.certificate
@@ -37,7 +37,7 @@ def test_a_small_motion_that_is_slow_is_refuted() -> None:
 
 
 @pytest.mark.parametrize("way", [2e-6, 2e-5])
-def test_a_motion_of_microseconds_is_certified_as_any(way: float) -> None:
+def test_converged_motion_within_microseconds_is_certified(way: float) -> None:
     strong = tm.load_robot("planar3r", effort=[1e5, 1e5, 1e5])
     goal = tm.JointGoal(START + way)
     solution = tm.plan(tm.Problem(strong, START, goal), effort="quick")
@@ -49,7 +49,7 @@ def test_a_motion_of_microseconds_is_certified_as_any(way: float) -> None:
     assert certificate.stationarity < 0.01
 
 
-def test_what_takes_no_time_cannot_be_shortened() -> None:
+def test_motion_of_zero_duration_is_certified() -> None:
     solution = tm.plan(goal_at(0.0))
     certificate = solution.certificate
     assert certificate is not None

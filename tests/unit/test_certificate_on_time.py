@@ -1,4 +1,4 @@
-"""The certificate of motions of which something is asked at some times only."""
+"""The certificate of motions with arrival windows and constraints in time windows."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def certified(problem: tm.Problem) -> tm.Solution:
     return solution
 
 
-def test_a_goal_that_must_not_be_met_sooner_holds_a_motion():
-    """Half way no sooner than after 3 s, and from there as fast as it can stop."""
+def test_earliest_arrival_is_an_active_limit():
+    """Half way no sooner than after 3 s, then as fast as possible to a stop."""
     solution = certified(by_way_of(to(0.5, arrival=(3.0, 9.0)), to(1.0)))
     assert pytest.approx(4.0, rel=1e-3) == solution.T
     found = solution.certificate
@@ -43,7 +43,7 @@ def test_a_goal_that_must_not_be_met_sooner_holds_a_motion():
     assert ("arrival", "segment 1") in {(x.kind, x.name) for x in found.active}
 
 
-def test_a_goal_that_is_met_later_than_need_be_is_told():
+def test_goal_reached_later_than_necessary_is_named():
     solution = certified(by_way_of(to(0.5, arrival=(3.5, 9.0)), to(1.0)))
     sooner = by_way_of(to(0.5, arrival=(3.0, 9.0)), to(1.0))
     found = tm.certify(sooner, solution.trajectory)
@@ -52,8 +52,8 @@ def test_a_goal_that_is_met_later_than_need_be_is_told():
     assert "the goal of segment 1 is met 0.5 s later than necessary" in found.message
 
 
-def test_stays_count_until_a_goal_is_met():
-    """There and back, with a stay: the second goal waits for its time."""
+def test_dwells_count_towards_the_arrival_at_a_goal():
+    """There and back, with dwells: the second goal is reached at its earliest time."""
     early, late = to(0.5, dwell=0.4), to(0.2, arrival=(3.0, 9.0), dwell=0.3)
     solution = certified(by_way_of(early, late, to(1.0)))
     assert pytest.approx(3.3 + 2.0 * math.sqrt(0.8), rel=1e-3) == solution.T
@@ -61,8 +61,8 @@ def test_stays_count_until_a_goal_is_met():
     assert not tm.certify(sooner, solution.trajectory).ok
 
 
-def test_accelerations_are_zero_where_an_arm_stays():
-    """There and back with a limit of jerk: through the turn it would not stop."""
+def test_accelerations_are_zero_at_a_dwell():
+    """There and back with a jerk limit: only at a reversal may the arm accelerate."""
     limits = tm.MotionLimits(jerk=10.0)
     staying = by_way_of(to(1.0, dwell=0.2), to(0.4), motion_limits=limits)
     solution = certified(staying)
@@ -70,7 +70,7 @@ def test_accelerations_are_zero_where_an_arm_stays():
     assert certified(turning).T < 0.98 * (solution.T - 0.2)
 
 
-def test_what_ends_to_hold_lets_the_hamiltonian_jump():
+def test_hamiltonian_may_jump_where_a_constraint_ends():
     solution = certified(in_windows(tm.ToolSpeed("tip", 0.3, during=(0.0, 0.8))))
     assert (
         pytest.approx(duration_with_a_slow_beginning(0.3, 0.8), rel=3e-3) == solution.T
@@ -81,8 +81,8 @@ def test_what_ends_to_hold_lets_the_hamiltonian_jump():
     assert not tm.certify(problem, slower.trajectory).ok
 
 
-def test_a_place_that_must_not_be_left_before_its_time_stays_at_that_time():
-    """It is left at the speed that can be braked: sooner is not to be had."""
+def test_region_may_be_left_at_the_end_of_its_time_window():
+    """The arm leaves at the speed that it can brake: no motion is shorter."""
     place = tm.WithinRegion(
         "tip", (-9.0, -9.0, -9.0), (0.3, 9.0, 9.0), during=(0.0, 2.0)
     )

@@ -1,4 +1,4 @@
-"""Tests of files that any planner may have written, judged as they will be joined."""
+"""`check_file`: motion files of any planner, verified with their interpolation."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def robot() -> Robot:
 
 
 @pytest.mark.parametrize("ending", ["csv", "npz", "yaml", "json", "mcap"])
-def test_a_file_is_judged_without_a_solution(
+def test_motion_file_is_verified_without_a_solution(
     robot: Robot, ending: str, tmp_path: Path
 ) -> None:
     motion = quintic(robot, START, END, 2.0, 60)
@@ -44,10 +44,10 @@ def test_a_file_is_judged_without_a_solution(
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize(("row", "column"), [(-1, 0), (2, 1), (2, 5), (2, 7)])
-def test_numbers_that_overflow_do_not_pass(
+def test_overflowing_numbers_in_a_motion_file_fail(
     robot: Robot, row: int, column: int, tmp_path: Path
 ) -> None:
-    """NumPy warned of each operation."""
+    """Regression: NumPy warned of each operation that overflows."""
     problem = Problem(robot, START, JointGoal(END))
     path = export(quintic(robot, START, END, 2.0, 60), tmp_path / "m.csv")
     rows = [line.split(",") for line in path.read_text().splitlines()]
@@ -56,7 +56,9 @@ def test_numbers_that_overflow_do_not_pass(
     assert not check_file(problem, path).ok
 
 
-def test_tolerances_and_interpolation_are_heeded(robot: Robot, tmp_path: Path) -> None:
+def test_check_file_uses_tolerances_and_interpolation(
+    robot: Robot, tmp_path: Path
+) -> None:
     motion = quintic(robot, START, END, 2.0, 60)
     far = [END[0] + 0.01, *END[1:]]
     problem = Problem(robot, START, JointGoal(far))
@@ -68,7 +70,9 @@ def test_tolerances_and_interpolation_are_heeded(robot: Robot, tmp_path: Path) -
     assert not straight.ok
 
 
-def test_what_a_controller_refuses_is_no_pass(robot: Robot, tmp_path: Path) -> None:
+def test_motion_file_that_a_controller_refuses_fails(
+    robot: Robot, tmp_path: Path
+) -> None:
     path = export(quintic(robot, START, END, 2.0, 60), tmp_path / "m.json", dt=0.02)
     message = json.loads(path.read_text())
     message["points"][-1]["velocities"][1] = 1e-5
@@ -79,7 +83,7 @@ def test_what_a_controller_refuses_is_no_pass(robot: Robot, tmp_path: Path) -> N
     assert "a controller would refuse it" in found.message
 
 
-def test_a_message_that_names_a_joint_twice_is_a_wrong_file(
+def test_repeated_joint_name_in_a_message_is_an_error(
     robot: Robot, tmp_path: Path
 ) -> None:
     path = export(quintic(robot, START, END, 2.0, 60), tmp_path / "m.json", dt=0.02)
@@ -91,7 +95,7 @@ def test_a_message_that_names_a_joint_twice_is_a_wrong_file(
     assert (error.value.path, error.value.key) == (path, "joint_names")
 
 
-def test_wrong_arguments(robot: Robot, tmp_path: Path) -> None:
+def test_check_file_names_the_invalid_argument(robot: Robot, tmp_path: Path) -> None:
     problem = Problem(robot, START, JointGoal(END))
     with pytest.raises(ProblemError, match="expected a Problem"):
         check_file(robot, "m.csv")  # type: ignore[arg-type]

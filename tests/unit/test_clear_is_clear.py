@@ -1,4 +1,4 @@
-"""What is reported clear is clear: for the shapes as they are, at all times."""
+"""Replay finds every contact: of micrometres, between samples, and of true shapes."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def past_a_ball(rail: tm.Robot, gap: float, margin: float = 0.0) -> tm.Problem:
 
 
 @pytest.mark.parametrize("margin", (0.0, 0.02))
-def test_a_touch_of_a_few_micrometres_is_no_clearance(
+def test_replay_rejects_a_penetration_below_a_micrometre(
     rail: tm.Robot, margin: float
 ) -> None:
     free = tm.plan(tm.Problem(rail, [-1.0], tm.JointGoal([1.0]))).trajectory
@@ -56,10 +56,10 @@ def test_a_touch_of_a_few_micrometres_is_no_clearance(
         assert found.min_clearance == pytest.approx(margin + gap, abs=1e-9)
 
 
-def test_a_post_that_is_hit_between_two_milliseconds_is_found(rail: tm.Robot) -> None:
+def test_replay_finds_a_contact_between_two_samples(rail: tm.Robot) -> None:
     free = tm.plan(tm.Problem(rail, [-1.0], tm.JointGoal([1.0]))).trajectory
     fast = float(np.max(np.abs(free.v)))
-    # Overlapping for a tenth of a millisecond.
+    # The balls overlap for a tenth of a millisecond.
     depth = (0.5e-4 * fast) ** 2 / (2.0 * RADIUS)
     rows = tm.verify(past_a_ball(rail, 1.0), free).replay.q[:, 0]
     here = int(np.argmin(np.abs(rows)))
@@ -73,7 +73,7 @@ def test_a_post_that_is_hit_between_two_milliseconds_is_found(rail: tm.Robot) ->
     assert not found.ok
 
 
-def test_starts_and_goals_that_touch_are_left_and_reached(rail: tm.Robot) -> None:
+def test_start_and_goal_in_contact_are_allowed(rail: tm.Robot) -> None:
     ends = [
         tm.Sphere(name, radius=RADIUS, position=(1.0 + x, 0.0, 0.0))
         for name, x in (("behind", -1.0 - 2 * RADIUS), ("before", 1.0 + 2 * RADIUS))
@@ -85,7 +85,7 @@ def test_starts_and_goals_that_touch_are_left_and_reached(rail: tm.Robot) -> Non
 
 
 @pytest.mark.parametrize("name", ("panda", "ur5", "xarm7", "kinova"))
-def test_convex_pieces_hold_their_meshes(name: str) -> None:
+def test_convex_pieces_contain_their_meshes(name: str) -> None:
     arm = tm.load_robot(name)
     for part, body in enumerate(link_bodies(arm, "mesh")):
         if not is_mesh(body.shape):
@@ -104,7 +104,7 @@ def test_convex_pieces_hold_their_meshes(name: str) -> None:
         assert np.max(beyond) < 1e-7
 
 
-def test_the_least_room_is_what_dense_samples_find(rail: tm.Robot) -> None:
+def test_least_clearance_matches_dense_samples(rail: tm.Robot) -> None:
     arm = tm.load_robot("ur5", limits="urdf")
     problem = tm.Problem(
         arm, [0.0, -1.2, 1.0, 0.0, 0.5, 0.0], tm.JointGoal([2, -0.8, 0.4, 0.3, -1, 1])
