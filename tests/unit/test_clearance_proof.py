@@ -1,4 +1,4 @@
-"""Proofs that motions keep clear between the samples."""
+"""`prove_clearance`: proofs of a least clearance at all times of a motion."""
 
 from __future__ import annotations
 
@@ -43,17 +43,17 @@ def wandering(robot: Robot, rng: np.random.Generator) -> Trajectory:
 
 
 def tip_sphere(angle: float, radius: float, distance: float) -> Scene:
-    """A ball at a distance from the base, in some direction."""
+    """A ball at an angle and a distance from the base."""
     position = distance * np.array([np.cos(angle), np.sin(angle), 0.0])
     return Scene([Sphere("ball", radius=radius, position=position)])
 
 
-def test_contact_between_the_nodes_is_found(planar3r: Robot) -> None:
+def test_contact_between_nodes_is_found(planar3r: Robot) -> None:
     motion = turning(planar3r, 0.2, 2.2)
     # A small ball in the way, between the middles and the ends of the four intervals.
     checker = CollisionChecker(planar3r, tip_sphere(0.2 + 2.0 * 0.3, 0.02, 5.5))
-    looked_at = np.linspace(0.0, 1.0, 9)
-    assert np.min(checker.distances(motion(looked_at).q)) > 0.1
+    sampled = np.linspace(0.0, 1.0, 9)
+    assert np.min(checker.distances(motion(sampled).q)) > 0.1
     found = prove_clearance(checker, motion)
     assert not found.proved and found.contact
     assert found.bound == -np.inf
@@ -63,7 +63,7 @@ def test_contact_between_the_nodes_is_found(planar3r: Robot) -> None:
     assert "Not clear" in found.message
 
 
-def test_clearance_is_proved_up_to_what_there_is(planar3r: Robot) -> None:
+def test_clearance_is_proved_up_to_the_least_distance(planar3r: Robot) -> None:
     motion = turning(planar3r, 0.2, 2.2)
     # The tip passes at a distance that is known.
     checker = CollisionChecker(planar3r, tip_sphere(1.0, 0.1, 7.0))
@@ -80,7 +80,7 @@ def test_clearance_is_proved_up_to_what_there_is(planar3r: Robot) -> None:
     assert not prove_clearance(checker, motion, 1.001 * least).proved
 
 
-def test_the_nearest_approach_is_that_of_the_whole_motion(planar3r: Robot) -> None:
+def test_closest_approach_is_that_of_the_whole_motion(planar3r: Robot) -> None:
     motion = turning(planar3r, 0.2, 2.3)
     checker = CollisionChecker(planar3r, tip_sphere(1.0, 0.1, 7.0))
     least = float(np.min(checker.distances(motion(np.linspace(0.3, 0.5, 4001)).q)))
@@ -89,7 +89,9 @@ def test_the_nearest_approach_is_that_of_the_whole_motion(planar3r: Robot) -> No
     assert found.distance == pytest.approx(least, abs=1e-5)
 
 
-def test_proof_is_given_up_where_it_takes_too_long(planar3r: Robot) -> None:
+def test_proof_ends_undecided_after_the_largest_number_of_stretches(
+    planar3r: Robot,
+) -> None:
     motion = turning(planar3r, 0.2, 2.2)
     checker = CollisionChecker(planar3r, tip_sphere(1.0, 0.1, 7.0))
     found = prove_clearance(checker, motion, 0.8989, max_stretches=4)
@@ -97,14 +99,16 @@ def test_proof_is_given_up_where_it_takes_too_long(planar3r: Robot) -> None:
     assert "Neither" in found.message
 
 
-def test_a_motion_of_other_joints_is_refused(planar3r: Robot) -> None:
-    """Only the number of joints was compared."""
+def test_proof_rejects_a_motion_of_other_joints(planar3r: Robot) -> None:
+    """Regression: the proof compared only the number of joints."""
     motion = replace(turning(planar3r, 0.2, 2.2), joint_names=("one", "two", "three"))
     with pytest.raises(ProblemError, match="a motion of one, two, three, expected a"):
         prove_clearance(CollisionChecker(planar3r, Scene()), motion)
 
 
-def test_deviation_of_the_real_motion_is_taken_off(planar3r: Robot) -> None:
+def test_deviation_of_the_real_motion_reduces_the_proved_clearance(
+    planar3r: Robot,
+) -> None:
     motion = turning(planar3r, 0.2, 2.2)
     checker = CollisionChecker(planar3r, tip_sphere(1.0, 0.1, 7.0))
     least = float(np.min(checker.distances(motion(np.linspace(0.3, 0.5, 4001)).q)))
@@ -148,14 +152,14 @@ def test_proved_bounds_hold_on_random_motions(
     assert proved >= 3 and contacts >= 3
 
 
-def test_nothing_to_collide_with_is_proved_at_once(planar3r: Robot) -> None:
+def test_motion_without_pairs_is_proved_at_once(planar3r: Robot) -> None:
     checker = CollisionChecker(planar3r, Scene(), self_collision=False)
     found = prove_clearance(checker, turning(planar3r, 0.2, 2.2))
     assert found.proved and found.pair is None
     assert found.bound == np.inf and found.stretches == 0
 
 
-def test_curves_of_degree_three_are_proved_too(planar3r: Robot) -> None:
+def test_cubic_motion_is_proved_as_its_parabolic_equivalent(planar3r: Robot) -> None:
     motion = turning(planar3r, 0.2, 2.2, 12)
     cubic = replace(motion, a=None)
     checker = CollisionChecker(planar3r, tip_sphere(1.0, 0.1, 7.0))
@@ -164,11 +168,13 @@ def test_curves_of_degree_three_are_proved_too(planar3r: Robot) -> None:
     assert one.bound == pytest.approx(other.bound, abs=1e-9)
 
 
-# -- what is said ----------------------------------------------------------------------
+# -- messages --------------------------------------------------------------------------
 
 
-def test_the_proved_margin_is_named_with_the_nearest_approach(planar3r: Robot) -> None:
-    """It said "Clear by 0.00317 m" where 0.02 m were asked, and proved."""
+def test_message_has_the_proved_margin_and_the_closest_approach(
+    planar3r: Robot,
+) -> None:
+    """Regression: the message was "Clear by 0.00317 m" for a proved 0.02 m."""
     motion = turning(planar3r, 0.2, 2.2)
     scene = tip_sphere(1.0, 0.1, 7.0)
     checker = CollisionChecker(planar3r, scene, self_collision=False)
@@ -188,7 +194,7 @@ def test_the_proved_margin_is_named_with_the_nearest_approach(planar3r: Robot) -
         assert words in prove_clearance(checker, motion, margin, slack=slack).message
 
 
-def test_pairs_of_several_margins_are_told_apart(ur5: Robot) -> None:
+def test_message_separates_pairs_of_different_margins(ur5: Robot) -> None:
     t = np.linspace(0.0, 1.0, 3)
     q = np.array([0.0, -1.2, 1.4, 0.3, 0.2, 0.1]) + t[:, None] * [0.5, 0, 0, 0, 0, 0]
     v = np.tile([0.5, 0.0, 0.0, 0.0, 0.0, 0.0], (3, 1))
@@ -207,26 +213,26 @@ def test_pairs_of_several_margins_are_told_apart(ur5: Robot) -> None:
     assert found.bound == min(item.bound for item in found.kept)
     each = np.linspace(1e-3, 5e-3, margins.size)
     found = prove_clearance(checker, motion, each, slack=0.0)
-    told = "every pair keeps its margin at all times, 0.001 to 0.005 m"
-    assert told in found.message
+    words = "every pair keeps its margin at all times, 0.001 to 0.005 m"
+    assert words in found.message
 
 
-def test_what_a_margin_may_lack_is_not_told_as_proved(planar3r: Robot) -> None:
+def test_message_subtracts_the_slack_from_the_proved_margin(planar3r: Robot) -> None:
     motion = turning(planar3r, 0.2, 2.2)
     checker = CollisionChecker(planar3r, tip_sphere(1.0, 0.1, 7.0))
     least = float(np.min(checker.distances(motion(np.linspace(0.3, 0.5, 4001)).q)))
     found = prove_clearance(checker, motion, least + 0.0005, slack=0.01)
     shown = float(found.message.partition("at least ")[2].partition(" m")[0])
     assert found.bound - 1e-4 < shown <= found.bound <= least
-    # A margin of nothing, of which 1 mm may lack, and 0.5 mm are lacking.
+    # The margin is zero with a slack of 1 mm, and the overlap is 0.5 mm.
     touching = CollisionChecker(planar3r, tip_sphere(1.0, 0.1 + least + 5e-4, 7.0))
     found = prove_clearance(touching, motion, slack=1e-3)
     assert found.proved and -1e-3 <= found.bound <= -5e-4
-    told = float(found.message.partition("clear but for ")[2].partition(" m")[0])
-    assert -found.bound <= told < 1e-5 - found.bound
+    shown = float(found.message.partition("clear but for ")[2].partition(" m")[0])
+    assert -found.bound <= shown < 1e-5 - found.bound
 
 
-def test_pairs_that_are_too_near_are_named_with_their_margin(planar3r: Robot) -> None:
+def test_message_names_the_pair_in_contact_and_its_margin(planar3r: Robot) -> None:
     motion = turning(planar3r, 0.2, 2.2)
     checker = CollisionChecker(planar3r, tip_sphere(1.0, 0.1, 7.0))
     least = float(np.min(checker.distances(motion(np.linspace(0.3, 0.5, 4001)).q)))
@@ -238,8 +244,8 @@ def test_pairs_that_are_too_near_are_named_with_their_margin(planar3r: Robot) ->
     assert f"(required margin {least + 0.05:.4g} m)" in found.message
 
 
-def test_each_segment_is_among_its_own_obstacles(planar3r: Robot) -> None:
-    """It was held against the obstacles of the problem alone, on all segments."""
+def test_proof_uses_the_obstacles_of_each_segment(planar3r: Robot) -> None:
+    """Regression: the proof used the obstacles of the problem on every segment."""
     rest = np.array([0.5, 0.0, 0.0])
     goals = [tm.JointGoal([angle, 0.0, 0.0]) for angle in (1.0, 0.5)]
     ahead = tip_sphere(0.75, 0.1, 6.0)
@@ -252,17 +258,18 @@ def test_each_segment_is_among_its_own_obstacles(planar3r: Robot) -> None:
     found = replace(free, problem=blocked).prove_clearance()
     assert found.contact and found.pair[1] == "ball"
     assert found.time > free.segments[0].end
-    # It is there from the start, and gone when the arm passes.
+    # The ball of the problem is out of reach, that of the second segment is not.
     other = tm.Problem(
         planar3r, rest, scene=tip_sphere(0.9, 0.1, 6.6), segments=[ways[0], later[1]]
     )
     assert not replace(free, problem=other).prove_clearance().proved
+    # Segments with an empty scene of their own are clear.
     gone = [replace(way, scene=Scene()) for way in ways]
     clear = tm.Problem(planar3r, rest, scene=ahead, segments=gone)
     assert replace(free, problem=clear).prove_clearance().proved
 
 
-def test_a_motion_without_duration_keeps_its_clearance(planar3r: Robot) -> None:
+def test_motion_of_zero_duration_is_proved(planar3r: Robot) -> None:
     q = [0.5, 1.7, -1.7]
     scene = Scene([Sphere("ball", radius=0.3, position=(0.0, 2.5, 0.0))])
     problem = tm.Problem(planar3r, q, tm.JointGoal(q), scene=scene, margin=0.02)
@@ -270,7 +277,7 @@ def test_a_motion_without_duration_keeps_its_clearance(planar3r: Robot) -> None:
     assert proof.proved and proof.distance == pytest.approx(1.257, abs=1e-3)
 
 
-def test_a_row_of_a_replay_is_measured_at_its_own_time(planar3r: Robot) -> None:
+def test_closest_approach_measures_a_row_at_its_own_time(planar3r: Robot) -> None:
     gate = tm.Box("gate", size=(1, 1, 1), motion=tm.ConstantVelocity((0, 0.5, 0)))
     checker = CollisionChecker(planar3r, Scene([replace(gate, position=(0, -9, 0))]))
     rows = planned(turning(planar3r, 0.2, 0.9)).between(1.0, 1.0)

@@ -1,4 +1,4 @@
-"""What coarse starts do not do twice, nor after nothing is left to gain."""
+"""The multi-start search on a coarse grid: repeated guesses, and starts ended early."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ START, END = (0.5, 1.7, -1.7), (2.0, -1.0, 0.5)
 
 @pytest.fixture(scope="module")
 def coarse():
-    """A coarse search that has made one start beside an obstacle."""
+    """A coarse search after one start, and the guess of this start."""
     robot = tm.load_robot("planar3r")
     post = tm.Sphere("post", radius=0.05, position=(-9.0, -9.0, 0.0))
     problem = tm.Problem(robot, START, tm.JointGoal(END), scene=tm.Scene([post]))
@@ -34,7 +34,7 @@ def coarse():
     return search, guess
 
 
-def test_no_guess_is_tried_twice(coarse):
+def test_guess_is_not_tried_twice(coarse):
     search, guess = coarse
     before = search.state.records
     assert before
@@ -42,7 +42,7 @@ def test_no_guess_is_tried_twice(coarse):
     assert search.state.records is before
 
 
-def test_guesses_that_were_tried_do_not_count_as_vain(coarse):
+def test_repeated_guess_does_not_count_as_a_failed_start(coarse):
     search, guess = coarse
     before = search.state.records
     other = replace(guess, q=guess.q + 1e-9)
@@ -58,12 +58,12 @@ def record(search, **changes):
 
 
 def loop(search, records):
-    """A loop with records, at the motion that the search has found last."""
+    """A loop with records, at the latest motion of the search."""
     program, iterate, _ = search.state.fallbacks[0].kept
     return loop_with(records, program=program, best=None, state=iterate)
 
 
-def test_a_start_ends_that_will_be_no_faster_than_one_before(monkeypatch):
+def test_start_ends_if_it_will_not_beat_an_earlier_one(monkeypatch):
     robot = tm.load_robot("planar3r")
     problem = tm.Problem(robot, START, tm.PositionGoal("tip", (1.5, 3.0, 0.0)))
     options = resolve_options(problem, tm.Options())
@@ -74,18 +74,18 @@ def test_a_start_ends_that_will_be_no_faster_than_one_before(monkeypatch):
     carried_out(state, search.solve_coarse(lines[1]))
     monkeypatch.setattr(search, "_is_known", lambda shape: False)
 
-    def judged(before, now):
+    def stop_reason(before, now):
         durations = [factor * best.duration for factor in (before, now)]
         records = [record(search, duration=duration) for duration in durations]
         return search._drop_early()(loop(search, records))
 
-    assert judged(1.3, 1.2) is None  # it still falls fast enough to get there
-    assert judged(1.21, 1.2) is Status.STALLED
-    assert judged(1.0, 0.99) is None
-    assert judged(1.0, 1.0) is Status.STALLED
+    assert stop_reason(1.3, 1.2) is None  # the duration still decreases fast enough
+    assert stop_reason(1.21, 1.2) is Status.STALLED
+    assert stop_reason(1.0, 0.99) is None
+    assert stop_reason(1.0, 1.0) is Status.STALLED
 
 
-def test_the_history_tells_of_each_iteration_once():
+def test_history_has_every_iteration_once():
     rail = make_arm(slide(1.0), effort=40.0, velocity=0.5)
     problem = tm.Problem(rail, [0.0], tm.JointGoal([1.0]))
     solution = tm.plan(problem, effort="quick")
@@ -93,7 +93,7 @@ def test_the_history_tells_of_each_iteration_once():
     assert len(set(found)) == len(found) > 0
 
 
-def test_torques_carry_no_weight_on_fine_grids_where_they_rule():
+def test_fine_grid_does_not_smooth_motions_limited_by_torques():
     robot = tm.load_robot("planar3r")
     post = tm.Sphere("post", radius=0.05, position=(-9.0, -9.0, 0.0))
     problem = tm.Problem(robot, START, tm.JointGoal(END), scene=tm.Scene([post]))

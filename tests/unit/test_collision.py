@@ -1,4 +1,7 @@
-"""Tests of distances; their gradients are also in test_derivatives_problem.py."""
+"""Distances of links and obstacles, and their gradients.
+
+`test_derivatives_problem.py` tests the gradients, too.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +38,7 @@ from tominpmp.scene.scene import Scene
 
 BALL = '<sphere radius="0.1"/>'
 Q = np.array([0.5, 1.7, -1.7])
-# Between hulls and meshes that are convex, and what the hulls of a UR5 add [m].
+# How much nearer hulls are than convex meshes, and than the meshes of a UR5 [m].
 SAME_MESH = 5e-6
 UR5_HULLS = 0.04
 
@@ -66,7 +69,9 @@ def to_cylinder(point: np.ndarray, radius: float, length: float) -> float:
 
 
 @pytest.mark.parametrize("kind", ["sphere", "box", "capsule", "cylinder"])
-def test_ball_and_obstacle(kind: str, tmp_path: Path, rng: np.random.Generator) -> None:
+def test_distance_of_a_ball_to_each_obstacle_matches_the_closed_form(
+    kind: str, tmp_path: Path, rng: np.random.Generator
+) -> None:
     arm = load(tmp_path, one_shape(BALL))
     centre = np.array([1.0, 0.0, 0.0])
     size = np.array([0.6, 0.4, 0.5])
@@ -108,7 +113,9 @@ def between_segments(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.linalg.norm(matrix[:3] @ weights))
 
 
-def test_planar_arm_and_capsules(planar3r: Robot, rng: np.random.Generator) -> None:
+def test_distances_of_capsules_match_those_of_segments(
+    planar3r: Robot, rng: np.random.Generator
+) -> None:
     half = np.array([0.0, 0.0, 0.6])
     for _ in range(20):
         q = rng.uniform(planar3r.limits.position_lower, planar3r.limits.position_upper)
@@ -152,10 +159,10 @@ def placement_of(arm: Robot, q: np.ndarray, item: pin.GeometryObject) -> pin.SE3
     ("name", "geometry"),
     [("ur5", "forearm_link_0"), ("ur5", "wrist_1_link_0"), ("panda", "panda_link5_0")],
 )
-def test_depth_in_a_mesh_is_that_in_its_hull(
+def test_penetration_depth_in_a_mesh_is_that_in_its_hull(
     name: str, geometry: str, rng: np.random.Generator
 ) -> None:
-    """Meshes with dents: a box is as deep as the hull of all differences says."""
+    """Non-convex meshes: the depth of a box is that of the Minkowski difference."""
     arm = load_robot(name)
     item = fixed_link(arm, geometry)
     points = hull_points(item)
@@ -178,10 +185,10 @@ def test_depth_in_a_mesh_is_that_in_its_hull(
 
 
 @pytest.mark.parametrize(("name", "excess"), [("panda", SAME_MESH), ("ur5", UR5_HULLS)])
-def test_hulls_against_exact_meshes(
+def test_hulls_are_no_farther_and_little_nearer_than_meshes(
     name: str, excess: float, rng: np.random.Generator
 ) -> None:
-    """A hull contains its mesh: never farther away, and not much nearer."""
+    """A hull contains its mesh, so that its distance is at most that of the mesh."""
     arm = load_robot(name)
     lower = np.maximum(arm.limits.position_lower, -3.0)
     upper = np.minimum(arm.limits.position_upper, 3.0)
@@ -222,7 +229,7 @@ def mesh_robot(folder: Path) -> Robot:
     return load(folder, one_shape(shape))
 
 
-def test_mesh_that_is_convex(tmp_path: Path) -> None:
+def test_distances_of_a_convex_mesh_match_the_closed_form(tmp_path: Path) -> None:
     write_tetrahedron(tmp_path / "body.obj")
     arm = mesh_robot(tmp_path)
     # Above the slanted face of x + y + z <= 1, and inside beside the face z = 0.
@@ -248,10 +255,10 @@ def test_mesh_that_is_convex(tmp_path: Path) -> None:
     ],
     ids=["square", "triangle", "slope"],
 )
-def test_mesh_that_is_flat(
+def test_flat_mesh_is_taken_as_a_thin_plate(
     vertices: list[tuple[int, ...]], faces: list[tuple[int, ...]], tmp_path: Path
 ) -> None:
-    """Coal would end the process; a flat mesh is taken as a thin plate."""
+    """Coal would end the process for the hull of a flat mesh."""
     lines = ["v {} {} {}".format(*v) for v in vertices]
     lines += ["f {} {} {}".format(*f) for f in faces]
     (tmp_path / "body.obj").write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -269,7 +276,7 @@ def test_mesh_that_is_flat(
     np.testing.assert_allclose(found, [0.3, -0.05], atol=shapes.THINNEST)
 
 
-def test_hulls_are_built_once() -> None:
+def test_hull_of_a_mesh_is_computed_once() -> None:
     arm = load_robot("ur5", limits="urdf")
     scene = Scene([Sphere("o", radius=0.1, position=(1, 1, 1))])
     CollisionChecker(arm, scene, geometry="hull")
@@ -285,7 +292,7 @@ def test_hulls_are_built_once() -> None:
 
 @dataclass(frozen=True)
 class Overlap:
-    """A link and an obstacle with one centre, so that no way out is the best."""
+    """A link and an obstacle with one centre: no direction of escape is shortest."""
 
     shape: str
     obstacle: Obstacle
@@ -319,8 +326,8 @@ def test_gradient_is_finite_where_centres_coincide(case: str, tmp_path: Path) ->
     assert abs(gradient[0, 0]) <= 1.0 + 1e-6
 
 
-def test_axes_that_cross_are_parted(tmp_path: Path) -> None:
-    """Coal knows no normal where the axes of capsules cross; the centres are parted."""
+def test_crossing_capsules_are_separated_along_their_centres(tmp_path: Path) -> None:
+    """Coal has no normal where the axes of capsules cross."""
     text = one_shape('<cylinder radius="0.1" length="1"/>')
     capsule = '<collision_checking><capsule name="c"/></collision_checking>'
     text = text.replace("<collision>", f'{capsule}<collision name="c">')
@@ -336,7 +343,9 @@ def test_axes_that_cross_are_parted(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("gap", [0.0, 1e-12, -1e-12, 1e-9, -1e-9])
 @pytest.mark.parametrize("kind", ["sphere", "box", "capsule", "cylinder"])
-def test_exact_contact(kind: str, gap: float, tmp_path: Path) -> None:
+def test_distance_and_gradient_are_exact_at_contact(
+    kind: str, gap: float, tmp_path: Path
+) -> None:
     """A box slides along x up to the face of an obstacle, whose normal is x."""
     text = one_shape('<box size="0.2 0.2 0.2"/>')
     text = text.replace('type="revolute"', 'type="prismatic"')
@@ -354,8 +363,8 @@ def test_exact_contact(kind: str, gap: float, tmp_path: Path) -> None:
     np.testing.assert_allclose(gradient, [[-1.0]], atol=1e-5)
 
 
-def test_failed_queries_are_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Coal tells by huge numbers that a tolerance was too tight; here all are huge."""
+def test_failed_distance_queries_are_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Coal returns huge numbers if a tolerance is too tight; here all count as huge."""
     arm = load_robot("ur5", limits="urdf")
     q = np.array([0.1, -1.2, 1.1, 0.3, 0.2, 0.1])
     item = fixed_link(arm, "forearm_link_0")
@@ -375,10 +384,10 @@ def test_failed_queries_are_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("tolerance", [1e-12, 1e-16])
-def test_no_failure_gets_through(
+def test_distances_are_finite_at_tight_tolerances(
     tolerance: float, monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
 ) -> None:
-    """Tolerances at which Coal does fail now and then."""
+    """Coal does fail now and then at these tolerances."""
     monkeypatch.setattr(narrow, "EPA_TOLERANCE", tolerance)
     arm = load_robot("ur5", limits="urdf")
     q = np.array([0.1, -1.2, 1.1, 0.3, 0.2, 0.1])
@@ -412,8 +421,8 @@ def test_pairs_are_named_by_link(planar3r: Robot) -> None:
     )
 
 
-def test_ball_sinks_into_a_cylinder_without_a_jump(tmp_path: Path) -> None:
-    """Through the flat end as through the side, whichever body is on the arm."""
+def test_penetration_of_ball_and_cylinder_is_continuous(tmp_path: Path) -> None:
+    """The ball enters through the flat end; either body may be that of the arm."""
     heights = np.linspace(-0.2, 0.2, 41)
     for shape, obstacle in (
         ('<sphere radius="0.1"/>', Cylinder("o", radius=0.3, length=1.0)),
@@ -428,18 +437,18 @@ def test_ball_sinks_into_a_cylinder_without_a_jump(tmp_path: Path) -> None:
         np.testing.assert_allclose(found, -heights, atol=2e-6)
 
 
-def test_pairs_of_links_that_are_locked_or_fixed() -> None:
+def test_fixed_links_have_no_pairs_and_every_shape_has_one() -> None:
     scene = Scene([Sphere("o", radius=0.1, position=(1, 1, 1))])
     panda = load_robot(
         "panda", limits="urdf", locked_joints={"panda_finger_joint1": 0.03}
     )
     names = [name for name, _ in CollisionChecker(panda, scene).pairs]
-    assert "panda_link0" not in names  # it does not move
+    assert "panda_link0" not in names  # fixed to the world
     assert names.count("panda_leftfinger") == 4  # its shapes
     assert {f"panda_link{i}" for i in range(1, 8)} < set(names)
 
 
-def test_obstacles_may_have_the_names_of_links(planar3r: Robot) -> None:
+def test_obstacles_may_have_the_same_names_as_links(planar3r: Robot) -> None:
     scene = Scene(
         [
             Sphere("link1_0", radius=0.8, position=(9, 0, 0)),
@@ -461,14 +470,14 @@ def test_without_obstacles_there_are_no_pairs(planar3r: Robot) -> None:
     assert ClearanceConstraint(checker, 0.0, 1.0).count == 0
 
 
-def test_robot_without_shapes(tmp_path: Path) -> None:
+def test_robot_without_collision_geometry_rejects_obstacles(tmp_path: Path) -> None:
     arm = load(tmp_path, one_joint())
     assert CollisionChecker(arm, Scene()).pairs == ()
     with pytest.raises(SceneError, match="'sample' has no collision geometry"):
         CollisionChecker(arm, Scene([Sphere("o", radius=1)]))
 
 
-def test_links_that_do_not_move_are_left_out(tmp_path: Path) -> None:
+def test_fixed_link_is_not_checked_against_obstacles(tmp_path: Path) -> None:
     shape = f"{INERTIAL}<collision><geometry>{BALL}</geometry></collision>"
     arm = load(
         tmp_path,
@@ -479,10 +488,10 @@ def test_links_that_do_not_move_are_left_out(tmp_path: Path) -> None:
     assert checker.closest(np.zeros(1)) == Contact("l1", "o", pytest.approx(0.4))
 
 
-def test_a_distance_of_zero_is_measured_again(
+def test_distance_of_exactly_zero_is_measured_again(
     planar3r: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Coal finds zero for hulls far apart, at rare configurations and tolerances."""
+    """Coal returns zero for distant hulls at rare configurations and tolerances."""
     scene = Scene([Box("o", size=(1.0, 1.0, 1.0), position=(0.0, 5.0, 0.0))])
     checker = CollisionChecker(planar3r, scene)
     expected, exact = checker.distances(np.zeros((1, 3))), pin.computeDistance
@@ -498,7 +507,7 @@ def test_a_distance_of_zero_is_measured_again(
     np.testing.assert_allclose(found, expected, atol=1e-5)
 
 
-def test_closest_pair(planar3r: Robot) -> None:
+def test_closest_returns_the_pair_of_least_distance(planar3r: Robot) -> None:
     scene = Scene(
         [
             Sphere("far", radius=0.1, position=(0, -5, 0)),
@@ -511,8 +520,8 @@ def test_closest_pair(planar3r: Robot) -> None:
     assert contact.distance == pytest.approx(np.hypot(0.2, 0.05) - 0.101, abs=1e-9)
 
 
-def test_margins_that_change_in_place(planar3r: Robot) -> None:
-    """The check of the margins before was used again for the same array."""
+def test_margin_array_may_change_in_place(planar3r: Robot) -> None:
+    """Regression: the result for the former margins was reused for the same array."""
     scene = Scene([Sphere("ball", radius=0.1, position=(0, -5, 0))])
     checker = CollisionChecker(planar3r, scene)
     margin = np.zeros(len(checker.pairs))
@@ -521,7 +530,7 @@ def test_margins_that_change_in_place(planar3r: Robot) -> None:
     assert not checker.is_free(np.zeros(3), margin)
 
 
-def test_unknown_kind_of_obstacle() -> None:
+def test_obstacle_without_a_collision_shape_is_named_in_the_error() -> None:
     with pytest.raises(
         SceneError, match="'o': there is no collision shape for a Obst"
     ) as e:
@@ -543,7 +552,7 @@ def scene_of_four() -> Scene:
     )
 
 
-def test_rows_do_not_know_of_each_other(
+def test_distances_of_a_row_do_not_depend_on_other_rows(
     planar3r: Robot, rng: np.random.Generator
 ) -> None:
     limits = planar3r.limits
@@ -559,17 +568,17 @@ def test_rows_do_not_know_of_each_other(
     assert np.all(np.abs(checker.distances(q[::-1])[::-1] - together) < tolerance)
 
 
-def test_some_gradients(planar3r: Robot) -> None:
+def test_gradients_of_selected_pairs_equal_those_of_all_pairs(planar3r: Robot) -> None:
     checker = CollisionChecker(planar3r, scene_of_four())
     every = gradients(checker, Q, np.arange(12))
     assert every.shape == (12, 3)
     some = np.array([7, 0, 11])
     np.testing.assert_allclose(gradients(checker, Q, some), every[some], atol=1e-4)
-    # The first link does not feel the other joints.
+    # The distances of the first link do not depend on the other joints.
     assert not np.any(every[0::3, 1:])
 
 
-def test_pickle(planar3r: Robot) -> None:
+def test_checker_can_be_pickled(planar3r: Robot) -> None:
     checker = CollisionChecker(planar3r, scene_of_four())
     back = pickle.loads(pickle.dumps(checker))
     assert back.pairs == checker.pairs
@@ -580,7 +589,7 @@ def test_pickle(planar3r: Robot) -> None:
 # The constraint
 
 
-def test_clearance_is_negative_where_it_is_kept(planar3r: Robot) -> None:
+def test_clearance_constraint_is_negative_beyond_the_margin(planar3r: Robot) -> None:
     checker = CollisionChecker(planar3r, scene_of_four())
     constraint = ClearanceConstraint(checker, margin=0.1, length=6.0)
     assert constraint.count == 12
@@ -594,7 +603,7 @@ def test_clearance_is_negative_where_it_is_kept(planar3r: Robot) -> None:
     )
 
 
-def test_constraint_is_picklable(planar3r: Robot) -> None:
+def test_clearance_constraint_can_be_pickled(planar3r: Robot) -> None:
     constraint = ClearanceConstraint(
         CollisionChecker(planar3r, scene_of_four()), margin=0.1, length=6.0
     )
@@ -613,10 +622,10 @@ def test_constraint_is_picklable(planar3r: Robot) -> None:
         (np.zeros(3), "wide", "margin"),
     ],
 )
-def test_wrong_configurations_and_margins(
+def test_invalid_configuration_or_margin_is_named_in_the_error(
     planar3r: Robot, q: np.ndarray, margin: object, match: str
 ) -> None:
-    """A configuration of NaN was free."""
+    """Regression: a configuration of NaN was free of collisions."""
     scene = Scene([Sphere("ball", radius=0.1, position=(2.0, 2.0, 0.0))])
     checker = CollisionChecker(planar3r, scene)
     for query in (checker.is_free, checker.closest):
@@ -625,8 +634,8 @@ def test_wrong_configurations_and_margins(
 
 
 @pytest.mark.parametrize("cutoff", ["wide", None, [0.1, 0.2, 0.3, 0.4, 0.5]])
-def test_wrong_cutoffs(planar3r: Robot, cutoff: object) -> None:
-    """They raised the errors of NumPy."""
+def test_invalid_cutoff_is_named_in_the_error(planar3r: Robot, cutoff: object) -> None:
+    """Regression: invalid cutoffs raised the errors of NumPy."""
     checker = CollisionChecker(planar3r, Scene([Sphere("ball", radius=0.1)]))
     with pytest.raises(ProblemError, match="cutoff"):
         checker.distances(np.zeros((1, 3)), cutoff)

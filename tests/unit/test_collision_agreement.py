@@ -1,4 +1,4 @@
-"""Whether a state is free is what its distances say, wherever it is asked."""
+"""Collision queries agree with distances: `is_free`, and checks of problems."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from scipy.spatial import ConvexHull
 import tominpmp as tm
 from tominpmp.collision.checker import CollisionChecker
 
-# Cylinders of a link and an obstacle (radius, length), the angle that the link is
-# turned about y, whether the obstacle lies along y, where it is from the link, and
-# how deep they overlap [m]. Coal's query for collisions alone takes them for free.
+# Cylinders of a link and an obstacle (radius, length), the rotation of the link about
+# y, whether the obstacle lies along y, its position relative to the link, and the
+# depth of the overlap [m]. Coal's query for collisions alone finds no collision.
 OVERLAPPING = [
     ((0.22, 0.34), (0.36, 0.29), 1.71, True, (0.18, 0.14, -0.17), 0.225),
     ((0.37, 0.39), (0.11, 0.35), 1.51, False, (-0.03, -0.36, -0.31), 0.0869),
@@ -35,7 +35,9 @@ def turning(folder: Path, shapes: str) -> tm.Robot:
 
 
 @pytest.mark.parametrize("case", OVERLAPPING)
-def test_cylinders_that_overlap_are_refused(case: tuple, tmp_path: Path) -> None:
+def test_problem_rejects_overlapping_cylinders_with_their_depth(
+    case: tuple, tmp_path: Path
+) -> None:
     (radius, length), other, q, lies, away, depth = case
     shape = f'<cylinder radius="{radius}" length="{length}"/>'
     arm = turning(tmp_path, f"<collision><geometry>{shape}</geometry></collision>")
@@ -47,14 +49,14 @@ def test_cylinders_that_overlap_are_refused(case: tuple, tmp_path: Path) -> None
         rotation=LYING if lies else None,
     )
     refused = "^start in collision: link 'l1' and obstacle 'can' overlap by"
-    with pytest.raises(tm.ProblemError, match=refused) as said:
+    with pytest.raises(tm.ProblemError, match=refused) as caught:
         tm.Problem(arm, [q], tm.JointGoal([0.5]), scene=tm.Scene([can]))
-    found = float(str(said.value).split("overlap by ")[1].split(" m")[0])
+    found = float(str(caught.value).split("overlap by ")[1].split(" m")[0])
     assert found == pytest.approx(depth, rel=0.01)
 
 
 def mesh_file(path: Path, rng: np.random.Generator) -> np.ndarray:
-    """A file of a convex mesh; its corners."""
+    """Write a convex mesh to a file, and return its corners."""
     points = rng.normal(size=(24, 3)) * [0.2, 0.1, 0.15]
     hull = ConvexHull(points)
     lines = ["v {} {} {}".format(*point) for point in points]
@@ -64,7 +66,7 @@ def mesh_file(path: Path, rng: np.random.Generator) -> np.ndarray:
 
 
 def placed(kind: str, folder: Path, rng: np.random.Generator) -> tm.Obstacle:
-    """An obstacle beside or in the link: turned anyhow, or about right angles."""
+    """An obstacle beside or in the link, rotated at random or by right angles."""
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     if rng.random() < 0.5:
         turn = np.eye(3)[rng.permutation(3)]
@@ -84,7 +86,7 @@ def placed(kind: str, folder: Path, rng: np.random.Generator) -> tm.Obstacle:
 
 
 @pytest.mark.parametrize(("mine", "other"), list(product(KINDS, KINDS)))
-def test_a_state_is_free_where_distances_exceed_the_margin(
+def test_is_free_where_distances_exceed_the_margin(
     mine: str, other: str, tmp_path: Path, rng: np.random.Generator
 ) -> None:
     mesh_file(tmp_path / "body.obj", rng)

@@ -1,4 +1,4 @@
-"""Tests of lower bounds of distances, and of the exact ones below a cutoff."""
+"""Distances with a cutoff: exact below the cutoff, lower bounds above it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tominpmp.scene.motion import ConstantVelocity
 from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Obstacle, Sphere
 from tominpmp.scene.scene import Scene
 
-# Exact queries end within Coal's tolerances [m]; depths are found less precisely.
+# Exact queries end within Coal's tolerances [m]; penetration depths are less precise.
 EXACT = 1e-8
 DEPTHS = 5e-6
 
@@ -31,7 +31,7 @@ def panda() -> Robot:
 
 
 def clutter(rng: np.random.Generator, number: int = 8) -> Scene:
-    """A table, a pole and things around the arm in any pose."""
+    """A table, a pole, and obstacles around the arm in random poses."""
     obstacles: list[Obstacle] = [
         Box("table", size=(1.2, 1.6, 0.05), position=(0.6, 0.0, -0.1)),
         Cylinder("pole", radius=0.03, length=1.5, position=(0.45, 0.3, 0.5)),
@@ -67,7 +67,10 @@ def motion(arm: Robot, count: int, rng: np.random.Generator) -> np.ndarray:
 def check(
     found: np.ndarray, exact: np.ndarray, cutoff: float | np.ndarray
 ) -> np.ndarray:
-    """Exact below the cutoff, else a lower bound above it; which are mere bounds."""
+    """Assert exact distances below the cutoff, and lower bounds beyond it.
+
+    Returns the entries that are mere bounds.
+    """
     cutoff = np.broadcast_to(cutoff, exact.shape)
     near = exact < cutoff - DEPTHS
     error = np.abs(found - exact)
@@ -82,7 +85,7 @@ def check(
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 8, 40])
-def test_enclosures_contain_what_they_enclose(
+def test_bounding_volumes_contain_their_points(
     count: int, rng: np.random.Generator
 ) -> None:
     for _ in range(20):
@@ -100,7 +103,7 @@ def test_enclosures_contain_what_they_enclose(
         assert found.swell == 0.1
 
 
-def test_balls_along_a_stick_are_small() -> None:
+def test_bounding_balls_of_a_stick_are_small() -> None:
     stick = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     found = BoundingVolumes.of(stick, 0.05)
     assert found.radius == pytest.approx(0.55)
@@ -109,7 +112,9 @@ def test_balls_along_a_stick_are_small() -> None:
 
 @pytest.mark.filterwarnings("ignore:.*safety_controller")
 @pytest.mark.parametrize("name", ["panda", "ur5", "planar3r", "tiago"])
-def test_placements_are_those_of_pinocchio(name: str, rng: np.random.Generator) -> None:
+def test_joint_placements_and_jacobians_match_pinocchio(
+    name: str, rng: np.random.Generator
+) -> None:
     arm = load_robot(name)
     q = arm.expand(configurations(arm, 4, rng))
     model, data = arm.model, arm.model.createData()
@@ -140,7 +145,7 @@ def test_placements_are_those_of_pinocchio(name: str, rng: np.random.Generator) 
 
 
 @pytest.mark.parametrize("cutoff", [-0.05, 0.0, 0.02, 0.1, 0.5])
-def test_bounds_are_bounds(
+def test_distances_with_a_cutoff_are_exact_or_lower_bounds(
     panda: Robot, cutoff: float, rng: np.random.Generator
 ) -> None:
     checker = CollisionChecker(panda, clutter(rng), self_collision=True)
@@ -152,7 +157,9 @@ def test_bounds_are_bounds(
     assert np.any(exact < -0.02)
 
 
-def test_cutoff_by_pair(panda: Robot, rng: np.random.Generator) -> None:
+def test_cutoff_may_differ_for_each_pair(
+    panda: Robot, rng: np.random.Generator
+) -> None:
     checker = CollisionChecker(panda, clutter(rng), self_collision=True)
     q = configurations(panda, 20, rng)
     cutoff = rng.uniform(0.0, 0.5, size=len(checker.pairs))
@@ -161,7 +168,9 @@ def test_cutoff_by_pair(panda: Robot, rng: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "planar3r"])
-def test_distances_along_motions(name: str, rng: np.random.Generator) -> None:
+def test_distances_with_a_cutoff_hold_along_motions(
+    name: str, rng: np.random.Generator
+) -> None:
     arm = load_robot(name)
     scene = clutter(rng)
     checker = CollisionChecker(arm, scene, self_collision=True, geometry="hull")
@@ -172,8 +181,10 @@ def test_distances_along_motions(name: str, rng: np.random.Generator) -> None:
             check(checker.distances(q, cutoff), checker.distances(q), cutoff)
 
 
-def test_distances_along_a_fine_motion(panda: Robot, rng: np.random.Generator) -> None:
-    """Pairs that stay apart all along are told at once, in whatever order it comes."""
+def test_distances_of_a_fine_motion_use_bounds_of_groups_of_rows(
+    panda: Robot, rng: np.random.Generator
+) -> None:
+    """Distant pairs are excluded for all rows at once, in any order of the rows."""
     aside = ConstantVelocity(velocity=(0.3, -0.2, 0.1))
     drone = Box("drone", size=(0.2, 0.1, 0.1), position=(0.5, 0.2, 0.5), motion=aside)
     scene = Scene([*clutter(rng).obstacles, drone])
@@ -193,7 +204,7 @@ def test_distances_along_a_fine_motion(panda: Robot, rng: np.random.Generator) -
     assert np.mean(least > cutoff) > 0.5
 
 
-def test_pairs_are_measured_only_where_they_are_near(
+def test_narrow_phase_measures_only_near_pairs(
     panda: Robot, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     checker = CollisionChecker(panda, clutter(rng), self_collision=True)
@@ -213,7 +224,7 @@ def test_pairs_are_measured_only_where_they_are_near(
     np.testing.assert_array_equal(found >= cutoff, exact >= cutoff)
 
 
-def test_without_pairs_or_configurations(planar3r: Robot) -> None:
+def test_distances_without_pairs_or_configurations_are_empty(planar3r: Robot) -> None:
     empty = CollisionChecker(planar3r, Scene())
     assert empty.distances(np.zeros((4, 3)), 0.1).shape == (4, 0)
     assert empty.is_free(np.zeros(3))
@@ -226,7 +237,7 @@ def test_without_pairs_or_configurations(planar3r: Robot) -> None:
     )
 
 
-# Whether a margin is kept
+# Queries with a margin
 
 
 def test_is_free_agrees_with_distances(panda: Robot, rng: np.random.Generator) -> None:
@@ -245,7 +256,9 @@ def test_is_free_agrees_with_distances(panda: Robot, rng: np.random.Generator) -
 # Gradients
 
 
-def test_gradients_at_several_instants(panda: Robot, rng: np.random.Generator) -> None:
+def test_gradients_at_several_instants_equal_single_ones(
+    panda: Robot, rng: np.random.Generator
+) -> None:
     checker = CollisionChecker(panda, clutter(rng), self_collision=True)
     q = motion(panda, 12, rng)
     instants = rng.integers(12, size=40)
@@ -256,7 +269,7 @@ def test_gradients_at_several_instants(panda: Robot, rng: np.random.Generator) -
         np.testing.assert_allclose(found[k], alone, atol=1e-4)
 
 
-def test_gradients_between_links(rng: np.random.Generator) -> None:
+def test_gradients_between_links_match_differences(rng: np.random.Generator) -> None:
     arm, step = load_robot("ur5", limits="urdf"), 1e-6
     checker = CollisionChecker(arm, Scene(), self_collision=True, geometry="hull")
     pairs = np.arange(len(checker.pairs))
@@ -269,13 +282,15 @@ def test_gradients_between_links(rng: np.random.Generator) -> None:
         error = np.abs(gradients(checker, q, pairs) - numeric).max(axis=1)
         errors += error[apart].tolist()
     assert len(errors) > 60
-    assert np.quantile(errors, 0.95) < 1e-4  # the rest is at edges
+    assert np.quantile(errors, 0.95) < 1e-4  # the other pairs touch at edges
 
 
 # The constraint
 
 
-def test_attention(panda: Robot, rng: np.random.Generator) -> None:
+def test_clearance_constraint_is_exact_within_its_attention(
+    panda: Robot, rng: np.random.Generator
+) -> None:
     checker = CollisionChecker(panda, clutter(rng))
     margin = rng.uniform(0.0, 0.02, size=len(checker.pairs))
     constraint = ClearanceConstraint(checker, margin, length=2.0)
@@ -290,20 +305,20 @@ def test_attention(panda: Robot, rng: np.random.Generator) -> None:
     np.testing.assert_allclose(constraint.values(q, np.inf), exact, atol=DEPTHS)
     kept = np.array([checker.is_free(row, margin) for row in q])
     np.testing.assert_array_equal(kept, np.all(exact < 0.0, axis=1))
-    which = np.array([3, 0])
+    pairs = np.array([3, 0])
     instants = np.array([24, 1])
     np.testing.assert_allclose(
-        constraint.derivatives_at(q, instants, which).gradients,
-        -checker.derivatives_at(q, instants, which).gradients / 2.0,
+        constraint.derivatives_at(q, instants, pairs).gradients,
+        -checker.derivatives_at(q, instants, pairs).gradients / 2.0,
         atol=1e-4,
     )
 
 
 @pytest.mark.parametrize("moves", [False, True])
-def test_values_depend_on_the_states_alone(
+def test_clearance_values_depend_on_the_states_alone(
     panda: Robot, rng: np.random.Generator, moves: bool
 ) -> None:
-    """Whatever was asked before, down to the last digit."""
+    """Former queries of the same object change no digit of the values."""
     scene = clutter(rng)
     if moves:
         motion_of = ConstantVelocity(velocity=(0.3, -0.2, 0.1))
@@ -315,23 +330,23 @@ def test_values_depend_on_the_states_alone(
 
     used = fresh()
     m, q, times = 25, motion(panda, 25, rng), np.linspace(0.0, 1.0, 25)
-    which = np.arange(used.count)[:40]
-    at = rng.integers(m, size=which.size)
+    pairs = np.arange(used.count)[:40]
+    at = rng.integers(m, size=pairs.size)
     for attention in (0.05, 0.0, 0.2, np.inf):
         for step in (1e-9, 1e-4, 1e-2, 0.3):
             near = q + step * rng.normal(size=q.shape)
             used.values(near, attention, times)
-            used.derivatives_at(near, at, which, times)
+            used.derivatives_at(near, at, pairs, times)
         expected = fresh().values(q, attention, times)
         np.testing.assert_array_equal(used.values(q, attention, times), expected)
-        found = used.derivatives_at(q, at, which, times)
+        found = used.derivatives_at(q, at, pairs, times)
         for part, alone in zip(
-            found, fresh().derivatives_at(q, at, which, times), strict=True
+            found, fresh().derivatives_at(q, at, pairs, times), strict=True
         ):
             np.testing.assert_array_equal(part, alone)
 
 
-def test_pairs_come_no_closer_within_a_box_than_their_bound(
+def test_distances_in_a_box_decrease_by_at_most_their_bound(
     panda: Robot, rng: np.random.Generator
 ) -> None:
     flying = Sphere(

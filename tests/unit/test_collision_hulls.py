@@ -1,4 +1,4 @@
-"""Hulls of finely made meshes: corners with more neighbours than Coal has room for."""
+"""Convex hulls of fine meshes, whose corners have more neighbours than Coal allows."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from tominpmp.collision import shapes
 from tominpmp.collision.checker import CollisionChecker
 
 RADIUS, HALF = 0.05, 0.12
-# As a share of the diagonal: how much of the points may stick out of a hull, and the
-# hull out of theirs.
+# As a share of the diagonal: how far the points may protrude from a hull, and a hull
+# from the exact hull of the points.
 ROUNDING, STATED = 1e-9, 1e-6
 
 
@@ -41,7 +41,7 @@ def fan(count: int) -> np.ndarray:
     return np.vstack([rim, [[0, 0, 0.5], [-0.1, 0, 0], [0, 0, -0.1]]])
 
 
-def neighbours_of_all(count: int) -> np.ndarray:
+def moment_curve(count: int) -> np.ndarray:
     """Points on a curve, whose ends are neighbours of all others."""
     t = np.linspace(-1.0, 1.0, count)
     return np.column_stack([t, t**2, t**3])
@@ -63,7 +63,7 @@ KINDS: dict[str, Callable[[np.random.Generator], np.ndarray]] = {
     "shield": lambda rng: cone(600) * [1.0, 1.0, 1e-3],
     "two tips": lambda rng: np.vstack([cone(600), [[0.0, 0.0, -1.0]]]),
     "fan": lambda rng: fan(1000),
-    "curve": lambda rng: neighbours_of_all(600),
+    "curve": lambda rng: moment_curve(600),
     "ball": lambda rng: ball(1000, rng),
     "ball with a horn": lambda rng: np.vstack([ball(1000, rng), [[0, 0, 200.0]]]),
 }
@@ -71,7 +71,7 @@ KINDS: dict[str, Callable[[np.random.Generator], np.ndarray]] = {
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("unit", (1e-5, 1.0, 1e4))
-def test_hulls_hold_their_points_and_stick_out_by_what_is_stated(
+def test_hulls_contain_their_points_and_protrude_within_tolerance(
     kind: str, unit: float, rng: np.random.Generator
 ) -> None:
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
@@ -80,28 +80,28 @@ def test_hulls_hold_their_points_and_stick_out_by_what_is_stated(
     corners = np.array(shapes.hull_of(points).points())
     exact = ConvexHull(points)
     outer = points[exact.vertices]
-    for those, planes, most in (
+    for tested, planes, most in (
         (outer, ConvexHull(corners).equations, ROUNDING),
         (corners, exact.equations, STATED),
     ):
-        beyond = those @ planes[:, :3].T + planes[:, 3]
+        beyond = tested @ planes[:, :3].T + planes[:, 3]
         assert np.max(beyond) <= most * size
-    # No corner of the hull is farther from the nearest of theirs either.
+    # No new corner of the hull is farther from its nearest corner of the exact hull.
     new = corners[~np.all(np.isin(corners, outer), axis=1)]
     for corner in new:
         assert np.min(np.linalg.norm(outer - corner, axis=1)) <= STATED * size
 
 
-def test_a_cloud_of_100_000_points_has_a_hull(rng: np.random.Generator) -> None:
+def test_hull_of_100_000_points_is_exact(rng: np.random.Generator) -> None:
     points = ball(100_000, rng)
     corners = np.array(shapes.hull_of(points).points())
-    ways = ball(20, rng).T
-    most = np.max(points @ ways, axis=0)
-    np.testing.assert_allclose(np.max(corners @ ways, axis=0), most, rtol=0, atol=1e-9)
+    rays = ball(20, rng).T
+    most = np.max(points @ rays, axis=0)
+    np.testing.assert_allclose(np.max(corners @ rays, axis=0), most, rtol=0, atol=1e-9)
 
 
-def written(path: Path, points: np.ndarray) -> np.ndarray:
-    """A file with the hull of points as a mesh; its triangles."""
+def write_hull_mesh(path: Path, points: np.ndarray) -> np.ndarray:
+    """Write the hull of points to a mesh file, and return its triangles."""
     triangles = ConvexHull(points).simplices
     lines = ["v {} {} {}".format(*point) for point in points]
     lines += ["f {} {} {}".format(*(corner + 1)) for corner in triangles]
@@ -124,10 +124,10 @@ def carrier(folder: Path, shape: str) -> tm.Robot:
     ],
     ids=["can", "tip", "base"],
 )
-def test_links_and_obstacles_of_many_sides_have_distances(
+def test_distances_of_links_and_obstacles_with_many_sides_are_exact(
     points: np.ndarray, height: float, room: float, tmp_path: Path
 ) -> None:
-    triangles = written(tmp_path / "body.obj", points)
+    triangles = write_hull_mesh(tmp_path / "body.obj", points)
     middle = np.array([1.0, 0.0, 0.0])
     away = np.array([0.0, 0.0, height])
     arm = carrier(tmp_path, '<sphere radius="0.01"/>')
@@ -147,10 +147,10 @@ def test_links_and_obstacles_of_many_sides_have_distances(
     np.testing.assert_allclose(found, room - 0.01, atol=1e-6)
 
 
-def test_a_link_of_300_sides_plans_as_fast_as_one_of_200(tmp_path: Path) -> None:
+def test_link_of_300_sides_moves_as_fast_as_one_of_200(tmp_path: Path) -> None:
     durations = []
     for count in (200, 300):
-        written(tmp_path / "body.obj", can(count))
+        write_hull_mesh(tmp_path / "body.obj", can(count))
         arm = carrier(tmp_path, '<mesh filename="body.obj"/>')
         post = tm.Box("post", size=(0.1, 0.1, 0.5), position=(1.0, 0.2, 0.0))
         problem = tm.Problem(arm, [0.0], tm.JointGoal([1.0]), scene=tm.Scene([post]))
@@ -161,10 +161,10 @@ def test_a_link_of_300_sides_plans_as_fast_as_one_of_200(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("unit", (1e-4, 1.0, 1e3))
-def test_discs_and_flat_meshes_of_many_corners_have_distances(
+def test_disc_with_many_corners_is_taken_as_a_thin_plate(
     unit: float, tmp_path: Path
 ) -> None:
-    """A disc of no thickness is a thin plate; its corners are on two flat faces."""
+    """A disc without thickness becomes a thin plate with corners on two flat faces."""
     rim = np.vstack([circle(600, unit), [[0.0, 0.0, 0.0]]])
     triangles = [(i, (i + 1) % 600, 600) for i in range(600)]
     arm = carrier(tmp_path, '<sphere radius="0.01"/>')

@@ -1,4 +1,4 @@
-"""Tests of meshes: convex pieces, what is kept of them on disk, mesh obstacles."""
+"""Meshes: convex decomposition, its cache on disk, mesh obstacles, and grids."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ CUBE = np.array([t for a, b, c, d in QUADS for t in ((a, b, c), (a, c, d))])
 
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder of one's own, and nothing in memory."""
+    """A cache folder for each test, and an empty cache in memory."""
     decomposition_cache._known_pieces.cache_clear()
     folder = tmp_path / "cache"
     monkeypatch.setenv(decomposition_cache.FOLDER_VARIABLE, str(folder))
@@ -65,7 +65,7 @@ def angle_iron(size: float = 0.3, thick: float = 0.05) -> tuple[np.ndarray, np.n
 
 
 def depth_in(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """How far points are outside of a hull, negative inside."""
+    """Signed distances of points from a hull, negative inside."""
     equations = ConvexHull(corners).equations
     return np.asarray(np.max(points @ equations[:, :3].T + equations[:, 3], axis=1))
 
@@ -79,7 +79,7 @@ def outward(mesh: Any, pieces: ConvexPieces) -> float:
 
 
 def inward(mesh: Any, pieces: ConvexPieces, rng: np.random.Generator) -> float:
-    """How far a mesh protrudes from its pieces, at its corners and samples of it."""
+    """How far a mesh protrudes from its pieces, at its corners and surface samples."""
     vertices, corners = mesh_arrays(mesh)
     weights = rng.dirichlet(np.ones(3), size=len(corners))
     points = np.einsum("kc,kci->ki", weights, vertices[corners])
@@ -90,7 +90,7 @@ def inward(mesh: Any, pieces: ConvexPieces, rng: np.random.Generator) -> float:
 # Convex pieces
 
 
-def test_a_convex_mesh_stays_whole(rng: np.random.Generator) -> None:
+def test_convex_mesh_is_one_piece(rng: np.random.Generator) -> None:
     mesh = triangle_mesh(CORNERS, CUBE)
     found = decompose(mesh)
     assert found is not None
@@ -99,7 +99,7 @@ def test_a_convex_mesh_stays_whole(rng: np.random.Generator) -> None:
     assert inward(mesh, found, rng) < 1e-9
 
 
-def test_an_angle_iron_becomes_two_bars(rng: np.random.Generator) -> None:
+def test_l_shaped_bar_is_decomposed_into_its_legs(rng: np.random.Generator) -> None:
     vertices, triangles = angle_iron()
     mesh = triangle_mesh(vertices, triangles)
     found = decompose(mesh)
@@ -108,7 +108,7 @@ def test_an_angle_iron_becomes_two_bars(rng: np.random.Generator) -> None:
     assert outward(mesh, found) < 3e-3
     volume = sum(ConvexHull(corners).volume for corners in found.corners)
     assert volume == pytest.approx((0.3 + 0.25) * 0.05 * 0.4, rel=0.2)
-    # The pieces contain the bar, inside and out, and not what is between its legs.
+    # The pieces contain the bar, but not the space between its legs.
     inside = rng.uniform(size=(300, 3)) * [0.3, 0.05, 0.4]
     inside = np.concatenate([inside, inside[:, [1, 0, 2]]])
     beyond = np.min([depth_in(c, inside) for c in found.corners], axis=0)
@@ -118,8 +118,13 @@ def test_an_angle_iron_becomes_two_bars(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize("size", [(0.5, 0.4, 0.3), (0.7, 0.4, 0.2), (0.4, 0.3, 0.3)])
-def test_an_open_box_is_not_filled(size: tuple[float, float, float]) -> None:
-    """It was: its hull protrudes as far until the last of the four walls is cut off."""
+def test_pieces_of_an_open_box_leave_its_inside_free(
+    size: tuple[float, float, float],
+) -> None:
+    """Regression: the pieces filled the box.
+
+    The hull protrudes as far until the last of the four walls is cut off.
+    """
     wall = 0.02
     inner = CORNERS * (np.array(size) - [2 * wall, 2 * wall, wall]) + wall
     rim = (1, 5, 13, 9), (5, 7, 15, 13), (7, 3, 11, 15), (3, 1, 9, 11)
@@ -134,28 +139,31 @@ def test_an_open_box_is_not_filled(size: tuple[float, float, float]) -> None:
     assert np.min([depth_in(c, middle) for c in found.corners]) > 0.0
 
 
-def test_cutting_looks_at_the_clock_before_each_hull(
+def test_decomposition_checks_the_time_limit_before_each_hull(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """It looked at it between cuts, which took a second for a link of 15 000 triangles.
+    """Regression: decomposition checked the time limit between cuts only.
 
-    A plan of half a second took three times as long.
+    A cut took a second for a link of 15 000 triangles. A plan of half a second took
+    three times as long.
     """
-    since = [0]
+    hulls_since_check = [0]
 
     def hull(points: np.ndarray) -> ConvexHull:
-        since[0] += 1
-        assert since[0] == 1
+        hulls_since_check[0] += 1
+        assert hulls_since_check[0] == 1
         return ConvexHull(points)
 
     monkeypatch.setattr(decomposition, "ConvexHull", hull)
-    monkeypatch.setattr(decomposition, "check", lambda: since.__setitem__(0, 0))
+    monkeypatch.setattr(
+        decomposition, "check", lambda: hulls_since_check.__setitem__(0, 0)
+    )
     found = decompose(triangle_mesh(*angle_iron()))
     assert found is not None
     assert len(found.corners) > 1
 
 
-def test_a_flat_mesh_has_no_pieces() -> None:
+def test_flat_mesh_has_no_pieces() -> None:
     square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]])
     assert decompose(triangle_mesh(square, np.array([[0, 1, 2], [0, 2, 3]]))) is None
 
@@ -167,8 +175,10 @@ def mesh_of(arm: Robot, name: str) -> coal.BVHModelBase:
     raise LookupError(name)
 
 
-def test_pieces_of_a_real_link(rng: np.random.Generator) -> None:
-    """The forearm of a UR5, whose hull is 37 mm off."""
+def test_pieces_of_a_ur5_forearm_protrude_less_than_its_hull(
+    rng: np.random.Generator,
+) -> None:
+    """The hull of the forearm of a UR5 protrudes by 37 mm."""
     mesh = mesh_of(load_robot("ur5", limits="urdf"), "forearm_link_0")
     found = decomposition_cache.pieces_of(mesh)
     assert found is not None
@@ -185,9 +195,11 @@ def bar_robot(folder: Path) -> Robot:
     return load(folder, one_shape('<mesh filename="bar.obj"/>'))
 
 
-def test_links_are_taken_as_pieces(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_link_geometry_convex_uses_the_pieces_of_the_mesh(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
     arm = bar_robot(tmp_path)
-    # Between the legs of the bar, 0.1 m from both, where the hull is.
+    # Between the legs of the bar, 0.1 m from both, inside its hull.
     ball = Sphere("o", radius=0.02, position=(1.15, 0.15, 0.2))
     found = {
         geometry: CollisionChecker(arm, Scene([ball]), geometry=geometry)
@@ -211,8 +223,10 @@ def test_links_are_taken_as_pieces(tmp_path: Path, rng: np.random.Generator) -> 
     assert pickle.loads(pickle.dumps(found["mesh"])).geometry == "mesh"
 
 
-def test_bounds_of_triangles(tmp_path: Path, rng: np.random.Generator) -> None:
-    """No plane parts a mesh with dents; its motion counts whatever its direction."""
+def test_lower_bounds_of_non_convex_meshes_hold(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
+    """No plane separates a non-convex mesh: its bound uses motion in any direction."""
     arm = bar_robot(tmp_path)
     scene = Scene(
         [
@@ -234,10 +248,12 @@ def test_bounds_of_triangles(tmp_path: Path, rng: np.random.Generator) -> None:
         assert np.all(found[exact >= 0.03] >= 0.03)
 
 
-# What is kept on disk
+# The cache on disk
 
 
-def test_pieces_are_kept(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pieces_are_read_from_the_cache(
+    own_cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     mesh = triangle_mesh(*angle_iron())
     first = decomposition_cache.pieces_of(mesh)
     (path,) = own_cache.iterdir()
@@ -258,8 +274,8 @@ def test_pieces_are_kept(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> No
         decomposition_cache.pieces_of(triangle_mesh(*angle_iron(0.31)))
 
 
-def cut_and_kept(mesh: Any, folder: Path) -> Path:
-    """The file that keeps the pieces of a mesh, which are no longer in memory."""
+def cached_file(mesh: Any, folder: Path) -> Path:
+    """The cache file of the pieces of a mesh; the cache in memory is emptied."""
     decomposition_cache.pieces_of(mesh)
     decomposition_cache._known_pieces.cache_clear()
     (path,) = folder.iterdir()
@@ -267,11 +283,11 @@ def cut_and_kept(mesh: Any, folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("content", [b"", b"not a file", b"PK\x03\x04 broken"])
-def test_a_broken_file_is_replaced(
+def test_unreadable_cache_file_is_replaced(
     content: bytes, own_cache: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     mesh = triangle_mesh(*angle_iron())
-    cut_and_kept(mesh, own_cache).write_bytes(content)
+    cached_file(mesh, own_cache).write_bytes(content)
     with caplog.at_level(logging.WARNING):
         assert decomposition_cache.pieces_of(mesh) is not None
     assert "cannot be read" in caplog.text
@@ -281,16 +297,16 @@ def test_a_broken_file_is_replaced(
     assert not caplog.text
 
 
-def test_pieces_that_make_no_sense(own_cache: Path) -> None:
+def test_cached_pieces_of_nan_are_computed_anew(own_cache: Path) -> None:
     mesh = triangle_mesh(*angle_iron())
-    path = cut_and_kept(mesh, own_cache)
+    path = cached_file(mesh, own_cache)
     np.savez(path, points=np.full((4, 3), np.nan), counts=[4], deviation=[0.0, 0.0])
     found = decomposition_cache.pieces_of(mesh)
     assert found is not None
     assert all(np.all(np.isfinite(corners)) for corners in found.corners)
 
 
-def test_a_folder_that_cannot_be_written(
+def test_unwritable_cache_folder_keeps_pieces_in_memory(
     own_cache: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     own_cache.write_text("in the way", encoding="utf-8")
@@ -299,10 +315,12 @@ def test_a_folder_that_cannot_be_written(
         first = decomposition_cache.pieces_of(mesh)
     assert first is not None
     assert "cannot be kept" in caplog.text
-    assert decomposition_cache.pieces_of(mesh) is first  # at least in memory
+    assert decomposition_cache.pieces_of(mesh) is first  # from the cache in memory
 
 
-def test_cache_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_cache_folder_follows_the_environment(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     assert decomposition_cache.cache_folder() == tmp_path / "cache"
     monkeypatch.delenv(decomposition_cache.FOLDER_VARIABLE)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
@@ -325,7 +343,7 @@ def ball(tmp_path: Path) -> Robot:
     return load(tmp_path, one_shape(BALL))
 
 
-def test_a_mesh_is_where_it_is_put(ball: Robot) -> None:
+def test_mesh_obstacle_has_its_position_rotation_and_scale(ball: Robot) -> None:
     place = {"position": (2.0, 0.0, 0.0), "rotation": (0, 0, 1, 1)}
     mesh = Mesh("m", vertices=CORNERS, triangles=CUBE, scale=(0.4, 0.6, 0.8), **place)
     # A quarter turn about z: x of the cube points along y, y along -x.
@@ -340,7 +358,7 @@ def test_a_mesh_is_where_it_is_put(ball: Robot) -> None:
 
 
 @pytest.mark.parametrize("convex", ["auto", "hull", "none"])
-def test_what_a_mesh_is_taken_as(ball: Robot, convex: str) -> None:
+def test_option_convex_determines_the_shape_of_a_mesh(ball: Robot, convex: str) -> None:
     vertices, triangles = angle_iron(1.0, 0.05)
     mesh = Mesh(
         "m",
@@ -364,7 +382,7 @@ def write_stl(path: Path, points: np.ndarray) -> None:
     path.write_bytes(b"solid of a kind".ljust(80) + count + table.tobytes())
 
 
-def test_files(tmp_path: Path) -> None:
+def test_mesh_files_of_all_formats_have_the_same_volume(tmp_path: Path) -> None:
     write_stl(tmp_path / "cube.stl", CORNERS[CUBE])
     text = "solid\n" + "".join(
         "facet normal 0 0 0\nouter loop\n"
@@ -411,7 +429,7 @@ def test_files(tmp_path: Path) -> None:
         ("m.xyz", b"nothing", "cannot be read"),
     ],
 )
-def test_files_that_are_no_meshes(
+def test_invalid_mesh_file_is_named_in_the_error(
     name: str, content: bytes, message: str, tmp_path: Path
 ) -> None:
     path = tmp_path / name
@@ -422,7 +440,7 @@ def test_files_that_are_no_meshes(
     assert caught.value.obstacle == "post"
 
 
-def test_files_that_are_not_there(tmp_path: Path) -> None:
+def test_missing_mesh_file_is_named_in_the_error(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match=r"a\.stl' does not exist: .* no such file"):
         Mesh("post", path=tmp_path / "a.stl")
     with pytest.raises(SceneError, match="nowhere does not exist"):
@@ -447,7 +465,9 @@ def test_files_that_are_not_there(tmp_path: Path) -> None:
         ({"path": 3}, "expected the path of a file"),
     ],
 )
-def test_bad_meshes(change: dict[str, object], message: str) -> None:
+def test_invalid_mesh_argument_is_named_in_the_error(
+    change: dict[str, object], message: str
+) -> None:
     with pytest.raises(SceneError, match=message) as caught:
         Mesh("m", **{"vertices": CORNERS, "triangles": CUBE, **change})
     assert caught.value.obstacle == "m"
@@ -456,7 +476,7 @@ def test_bad_meshes(change: dict[str, object], message: str) -> None:
 # Grids
 
 
-def test_height_field(ball: Robot) -> None:
+def test_height_field_has_distances_surface_and_pickle(ball: Robot) -> None:
     heights = np.zeros((3, 5))
     heights[1, 3] = 0.5  # a peak at x = 1, y = 0
     ground = HeightField("g", heights=heights, size=(4.0, 2.0), position=(0, 0, -1))
@@ -473,11 +493,13 @@ def test_height_field(ball: Robot) -> None:
     assert pickle.loads(pickle.dumps(ground)) == ground
 
 
-def test_octree(ball: Robot, rng: np.random.Generator) -> None:
+def test_octree_merges_cubes_and_contains_its_points(
+    ball: Robot, rng: np.random.Generator
+) -> None:
     points = rng.uniform(size=(3000, 3)) * [0.4, 0.4, 0.1] + [0.8, 0.5, 0.0]
     cloud = OcTree("c", points=points, resolution=0.1)
     centres, sizes = cloud.boxes
-    assert len(centres) == 1  # 4 x 4 x 1 cubes, all of them taken
+    assert len(centres) == 1  # 4 x 4 x 1 cubes, all of them occupied
     np.testing.assert_allclose(centres[0], [1.0, 0.7, 0.05])
     np.testing.assert_allclose(sizes[0], [0.4, 0.4, 0.1])
     assert clearance(ball, cloud) == pytest.approx(0.4, abs=1e-8)
@@ -507,7 +529,9 @@ def test_octree(ball: Robot, rng: np.random.Generator) -> None:
         ({"base": 0.0}, "expected a height below"),
     ],
 )
-def test_bad_height_fields(change: dict[str, object], message: str) -> None:
+def test_invalid_height_field_is_rejected(
+    change: dict[str, object], message: str
+) -> None:
     with pytest.raises(SceneError, match=message):
         HeightField("g", **{"heights": np.zeros((2, 2)), "size": (1, 1), **change})
 
@@ -522,6 +546,8 @@ def test_bad_height_fields(change: dict[str, object], message: str) -> None:
         (np.array([[0, 0, 0], [1e3, 1e3, 1e3]]), 1e-3, "too fine"),
     ],
 )
-def test_bad_octrees(points: np.ndarray, resolution: float, message: str) -> None:
+def test_invalid_octree_is_rejected(
+    points: np.ndarray, resolution: float, message: str
+) -> None:
     with pytest.raises(SceneError, match=message):
         OcTree("c", points=points, resolution=resolution)

@@ -1,4 +1,4 @@
-"""Tests of which links are watched against each other."""
+"""Self-collision: the pairs of links that are checked against each other."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def own_pairs(arm: Robot) -> set[frozenset[str]]:
     return {frozenset(pair) for pair in checker.pairs}
 
 
-def test_pairs_of_a_panda() -> None:
-    """All that its SRDF leaves, but for links that never part."""
+def test_self_collision_pairs_of_a_panda_follow_its_srdf() -> None:
+    """All pairs that its SRDF enables, except links without relative motion."""
     arm = load_robot(
         "panda", limits="urdf", locked_joints={"panda_finger_joint1": 0.03}
     )
@@ -37,7 +37,7 @@ def test_pairs_of_a_panda() -> None:
     assert arm.srdf is not None
     disabled = {frozenset(pair) for pair in arm.srdf.disabled_pairs}
     expected = {frozenset(pair) for pair in itertools.combinations(names, 2)} - disabled
-    # These are of one piece when the fingers do not move.
+    # The fingers are rigidly connected when their joint is locked.
     ends = frozenset(("panda_leftfinger", "panda_rightfinger"))
     found = own_pairs(arm)
     assert found == expected - {ends}
@@ -45,7 +45,7 @@ def test_pairs_of_a_panda() -> None:
     assert frozenset(("panda_link1", "panda_link2")) not in found
 
 
-def test_pairs_of_a_ur5() -> None:
+def test_self_collision_pairs_of_a_ur5_follow_its_srdf() -> None:
     arm = load_robot("ur5", limits="urdf")
     assert arm.srdf is not None
     disabled = {frozenset(pair) for pair in arm.srdf.disabled_pairs}
@@ -56,8 +56,8 @@ def test_pairs_of_a_ur5() -> None:
     assert len(found) == 17
 
 
-def test_pairs_without_an_srdf() -> None:
-    """Neighbours are left out, and what always touches; the fixed base counts."""
+def test_self_collision_pairs_without_an_srdf_exclude_neighbours() -> None:
+    """Pairs that always touch are excluded, too; the fixed base has pairs."""
     arm = load_robot("ur10", limits="urdf")
     assert arm.srdf is None
     found = own_pairs(arm)
@@ -69,8 +69,8 @@ def test_pairs_without_an_srdf() -> None:
     assert frozenset(("upper_arm_link", "wrist_2_link")) in found
 
 
-def test_planar_arm_has_none(planar3r: Robot) -> None:
-    """The paper's arm may cross itself; its SRDF says so."""
+def test_planar_arm_has_no_self_collision_pairs(planar3r: Robot) -> None:
+    """The paper's arm may cross itself: its SRDF disables all pairs."""
     assert own_pairs(planar3r) == set()
 
 
@@ -78,14 +78,14 @@ SHAPE = '{}<collision><geometry><sphere radius="{}"/></geometry></collision>'
 
 
 def beads(folder: Path, radii: tuple[float, ...]) -> Robot:
-    """Balls in a row, 1 m apart, with a joint about z between each two."""
+    """Balls in a row, 1 m apart, with a joint about z between neighbours."""
     shapes = [SHAPE.format(INERTIAL, radius) for radius in radii]
     links = [link(f"l{i}", shape) for i, shape in enumerate(shapes)]
     joints = [joint(f"j{i}", f"l{i - 1}", f"l{i}") for i in range(1, len(radii))]
     return load(folder, robot(*links, *joints))
 
 
-def test_neighbours_of_a_chain(tmp_path: Path) -> None:
+def test_pairs_of_a_chain_exclude_neighbours(tmp_path: Path) -> None:
     arm = beads(tmp_path, (0.1, 0.1, 0.1, 0.1))
     assert own_pairs(arm) == {
         frozenset(pair) for pair in (("l0", "l2"), ("l0", "l3"), ("l1", "l3"))
@@ -100,15 +100,15 @@ def test_neighbours_of_a_chain(tmp_path: Path) -> None:
     assert checker.closest(np.array([0.0, np.pi, 0.0])).own  # type: ignore[union-attr]
 
 
-def test_links_that_always_touch_are_left_out(tmp_path: Path) -> None:
-    """Big balls touch their second neighbours wherever they are."""
+def test_links_that_always_touch_have_no_pair(tmp_path: Path) -> None:
+    """Big balls touch their second neighbours in every configuration."""
     arm = beads(tmp_path, (0.1, 1.2, 0.1, 1.2))
     found = own_pairs(arm)
     assert frozenset(("l1", "l3")) not in found
     assert frozenset(("l0", "l2")) in found
 
 
-def test_obstacles_go_first() -> None:
+def test_obstacle_pairs_precede_self_collision_pairs() -> None:
     arm = load_robot("ur5", limits="urdf")
     both = CollisionChecker(arm, FAR, self_collision=True, geometry="hull")
     alone = CollisionChecker(arm, FAR, geometry="hull")
@@ -124,12 +124,12 @@ def test_obstacles_go_first() -> None:
 
 
 def folded_ur5() -> tuple[Robot, np.ndarray]:
-    """An arm whose forearm lies on its shoulder."""
+    """An arm and a configuration whose forearm overlaps its shoulder."""
     arm = load_robot("ur5", limits="urdf")
     return arm, np.array([0.0, -1.0, 3.1, 0.0, 0.0, 0.0])
 
 
-def test_start_that_hits_itself() -> None:
+def test_start_or_goal_in_self_collision_is_rejected() -> None:
     arm, q = folded_ur5()
     goal = JointGoal(np.array([0.0, -1.0, 1.0, 0.0, 0.0, 0.0]))
     with pytest.raises(ProblemError, match=r"^start in collision: links '.*overlap by"):
@@ -144,8 +144,8 @@ def test_start_that_hits_itself() -> None:
     assert Problem(arm, q, goal, scene=FAR, self_collision=False).margins.size
 
 
-def test_links_keep_no_margin_from_each_other() -> None:
-    """Some links are always nearer to each other than an obstacle may be."""
+def test_margin_does_not_hold_between_links() -> None:
+    """Some links are always nearer to each other than the margin of obstacles."""
     arm = load_robot("ur5", limits="urdf")
     q = np.array([0.3, -1.2, 1.0, 0.3, 0.4, 0.0])
     problem = Problem(arm, q, JointGoal(q + 0.1), scene=FAR, margin=0.15)
