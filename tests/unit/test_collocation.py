@@ -1,4 +1,4 @@
-"""The collocation transcription: rows, bounds, starts, and optima it must find."""
+"""The collocation transcription: rows, bounds, guesses, and optimal durations."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def kind_rows(nlp, kind):
 
 
 def fall(nlp, T=0.4):
-    """States, torques and duration of the arm left to itself."""
+    """States, torques and duration of the arm that falls without torques."""
     problem, N = nlp.system.problem, nlp.transcription.shares.shape[0]
     u = np.zeros((N, nlp.system.n))
     v = np.zeros(nlp.system.n) if problem.v_start is None else problem.v_start
@@ -49,12 +49,12 @@ def fall(nlp, T=0.4):
     return motion, u, np.array([T])
 
 
-def test_an_integrated_motion_has_no_defects():
+def test_integrated_motion_has_no_defects():
     nlp = build(MOVING)
     motion, u, eta = fall(nlp)
     values = nlp.evaluate(nlp.transcription.pack(motion.x, u, eta))
     np.testing.assert_allclose(values[kind_rows(nlp, "dynamics")], 0.0, atol=1e-10)
-    # The states at a third of the intervals keep the velocity limits too.
+    # The states inside the intervals have velocity rows, too.
     limits = nlp.system.problem.robot.limits.velocity
     np.testing.assert_allclose(
         values[kind_rows(nlp, "velocity")].reshape(-1, 3),
@@ -63,7 +63,7 @@ def test_an_integrated_motion_has_no_defects():
     )
 
 
-def test_what_is_known_replaces_what_is_given(rng):
+def test_pack_replaces_end_states_and_clips_to_the_limits(rng):
     nlp = build(JOINT)
     x = 10.0 * rng.normal(size=(INTERVALS + 1, 6))
     u = 100.0 * rng.normal(size=(INTERVALS, 3))
@@ -104,7 +104,7 @@ def test_steps_stay_within_limits_and_trust_region(rng, problem, radius):
         assert moved[-1, 3:].any() == (problem is MOVING)
 
 
-def test_a_joint_without_a_motor_keeps_its_torque():
+def test_passive_joint_keeps_a_torque_of_zero():
     problem = planar(
         tm.JointGoal((0.5, 1, 1)), effort={"joint2": 0.0}, gravity=(0, 0, 0)
     )
@@ -119,8 +119,8 @@ def test_a_joint_without_a_motor_keeps_its_torque():
     assert nlp.variation(z).offset.size == 2 * (INTERVALS - 1)
 
 
-def test_a_start_follows_a_path():
-    """Of a parabola the velocities are exact, and the torques drive it."""
+def test_initial_iterate_follows_the_path_of_the_guess():
+    """The velocities of a parabola are exact, and the torques drive this motion."""
     nlp = build(MOVING)
     v0, a = MOVING.v_start, np.array([0.4, -0.3, 0.2])
 
@@ -140,7 +140,7 @@ def test_a_start_follows_a_path():
     np.testing.assert_allclose(torques, expected, atol=1e-12)
 
 
-def test_clearances_enter_only_where_the_step_can_bring_contact():
+def test_clearance_rows_are_those_that_a_step_can_violate():
     nlp = build(POSITION)
     # From far above the obstacle to near it.
     end = np.array([0.63, -0.56, -2.08])
@@ -154,7 +154,7 @@ def test_clearances_enter_only_where_the_step_can_bring_contact():
     assert values[near].min() > values[np.setdiff1d(rows, near)].max()
 
 
-def test_variation_counts_jumps_in_full_ranges():
+def test_total_variation_is_in_ranges_of_the_torque():
     nlp = build(JOINT)
     limits = JOINT.robot.limits.effort_upper
     u = np.zeros((INTERVALS, 3))
@@ -163,7 +163,7 @@ def test_variation_counts_jumps_in_full_ranges():
     assert nlp.variation(z).total(z) == pytest.approx(0.5 + 0.5)
 
 
-def test_stretching_keeps_the_path():
+def test_time_scaling_keeps_the_path():
     nlp = build(JOINT)
     line = START + np.linspace(0, 1, INTERVALS + 1)[:, None] * (JOINT.goal.q - START)
     z = nlp.transcription.start(lambda _: line, 2.0, np.array([2.0]))
@@ -182,19 +182,19 @@ def solve(nlp, z, **options):
 
 
 def on_a_rail(velocity=1e3):
-    """One metre with 2 m/s^2, from rest to rest."""
+    """A mass moves one metre with 2 m/s^2 at most, from rest to rest."""
     robot = make_arm(slide(2.0), effort=4.0, velocity=velocity)
     nlp = build(tm.Problem(robot, [0.0], tm.JointGoal([1.0])), 20)
     return nlp, nlp.transcription.start(lambda t: t[:, None], 1.0, np.array([4.0]))
 
 
-def test_a_mass_on_a_rail_takes_its_least_time():
+def test_mass_on_a_rail_is_time_optimal():
     result = solve(*on_a_rail())
     assert result.status is Status.CONVERGED
     assert result.best.duration == pytest.approx(2.0 * np.sqrt(1.0 / 2.0), rel=1e-6)
 
 
-def test_a_mass_on_a_rail_keeps_its_speed_limit():
+def test_mass_on_a_rail_is_time_optimal_within_its_speed_limit():
     nlp, z = on_a_rail(0.8)
     result = solve(nlp, z)
     # d / v + v / a; the switches lie within intervals.
@@ -204,8 +204,11 @@ def test_a_mass_on_a_rail_keeps_its_speed_limit():
     assert np.abs(motion.v).max() <= 0.8 * (1 + 1e-9)
 
 
-def test_a_share_of_the_torques_is_kept():
-    """Torques above the share began a descent, and no step had to reduce them."""
+def test_effort_scale_holds_from_the_first_iterate():
+    """Regression: the first iterate had torques above the scaled limit.
+
+    No step had to reduce them.
+    """
     share = tm.MotionLimits(effort_scale=0.5)
     problem = planar(tm.JointGoal((1.3, 1.3, -1.14)), motion_limits=share)
     of = build(problem).transcription
@@ -224,8 +227,8 @@ def test_a_share_of_the_torques_is_kept():
         (False, False, (0.63, -0.56, -2.08), 0.859, 0.861),
     ],
 )
-def test_the_papers_example(free, gravity, end, least, most):
-    """From a straight line that keeps neither dynamics nor obstacle."""
+def test_durations_of_the_papers_example(free, gravity, end, least, most):
+    """The guess is a straight line that violates dynamics and clearance."""
     changes = {} if gravity else {"gravity": (0, 0, 0)}
     if free:
         changes |= {"position_lower": -np.inf, "position_upper": np.inf}
@@ -250,8 +253,8 @@ def test_the_papers_example(free, gravity, end, least, most):
         assert nlp.system.clearance.values(motion.q).max() <= 1e-6
 
 
-def test_slow_motions_have_intervals_that_the_dynamics_bear():
-    """Torques kept for 0.3 s drove the arm 444 units from the straight line."""
+def test_slow_motion_has_intervals_short_enough_for_its_dynamics():
+    """Regression: torques held for 0.3 s drove the arm 444 units from the line."""
     arm = make_arm(
         rod(2.486, 1.049),
         rod(1.476, 1.077).with_payload(1.221),
@@ -267,8 +270,11 @@ def test_slow_motions_have_intervals_that_the_dynamics_bear():
     assert solution.T < 1.05 * solution.lower_bound.T
 
 
-def test_swift_motions_get_a_grid_that_their_replay_bears():
-    """Two finer grids were not enough: every start failed its replay, for 100 s."""
+def test_fast_motion_gets_a_grid_fine_enough_for_its_replay():
+    """Regression: two refinements of the grid were too few.
+
+    Every start failed its replay, for 100 s.
+    """
     start = [-0.492, 2.918, 1.347, -2.1, -3.037, 2.053]
     goal = tm.JointGoal([2.45, -3.074, -2.031, -2.455, 1.546, -0.541])
     problem = tm.Problem(tm.load_robot("ur5", limits="urdf"), start, goal)
@@ -278,8 +284,8 @@ def test_swift_motions_get_a_grid_that_their_replay_bears():
     assert solution.T < 1.05 * smooth.T
 
 
-def test_what_a_grid_of_torques_cannot_do_is_said():
-    """At 2 mrad/s the finest grid keeps torques for seconds."""
+def test_message_names_the_length_of_too_long_intervals():
+    """At 2 mrad/s the finest grid holds torques for seconds."""
     arm = make_arm(
         rod(1.0, 1.0),
         rod(1.0, 0.7),
@@ -294,7 +300,7 @@ def test_what_a_grid_of_torques_cannot_do_is_said():
     assert "keeps torques for up to" in solution.message
 
 
-def test_torques_overcome_the_friction_of_the_actual_direction() -> None:
+def test_torques_include_the_friction_of_the_actual_direction() -> None:
     """An assumed direction may be wrong where no torque is near its limit."""
     robot = make_arm(slide(2.0), effort=100.0, friction=3.0)
     problem = tm.Problem(robot, [0.0], tm.JointGoal([1.0]))
@@ -309,13 +315,16 @@ def test_torques_overcome_the_friction_of_the_actual_direction() -> None:
     assert motion.u[:4, 0] == pytest.approx([11.0, 11.0, -5.0, -5.0])
 
 
-def test_starts_have_torques_within_the_limits_of_their_directions():
-    """Torques beyond them stayed there: bounds of steps only keep them from leaving."""
+def test_initial_torques_are_within_the_limits_of_their_direction():
+    """Regression: initial torques beyond these limits stayed there.
+
+    Step bounds only keep torques within the limits from leaving them.
+    """
     arm = make_arm(slide(1.0), effort=np.array([1.0]), friction=0.3)
     problem = tm.Problem(arm, [0.0], tm.JointGoal([1.0]))
     shares = np.full((INTERVALS, 1), 1.0 / INTERVALS)
     of = CollocationTranscription(ProblemFunctions.of(problem), shares, 1.0)
-    # So fast that the torques of all intervals are at their limits.
+    # The guess is so fast that the torques of all intervals are at their limits.
     z = of.start(lambda t: t[:, None] ** 2, 1.0, np.array([0.01]))
     directed = of.scaled_at(z)
     lower, upper = directed.torque_bounds

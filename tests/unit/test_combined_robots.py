@@ -1,4 +1,4 @@
-"""Tests of several robots in one workspace."""
+"""`combine_robots`: several robots in one workspace become one robot."""
 
 from __future__ import annotations
 
@@ -43,11 +43,13 @@ def panda() -> Robot:
 
 @pytest.fixture(scope="module")
 def cell(ur5: Robot, panda: Robot) -> Robot:
-    """The names are not in alphabetical order."""
+    """A UR5 and a Panda, whose names are not in alphabetical order."""
     return combine_robots([("right", ur5, (0, 0, 0)), ("left", panda, TILTED)])
 
 
-def test_joints_and_limits_are_stacked(cell: Robot, ur5: Robot, panda: Robot) -> None:
+def test_combined_robot_stacks_joints_and_limits(
+    cell: Robot, ur5: Robot, panda: Robot
+) -> None:
     assert cell.joint_names == (
         *(f"right/{name}" for name in ur5.joint_names),
         *(f"left/{name}" for name in panda.joint_names),
@@ -64,10 +66,10 @@ def test_joints_and_limits_are_stacked(cell: Robot, ur5: Robot, panda: Robot) ->
     )
 
 
-def test_dynamics_are_those_of_each(
+def test_dynamics_of_a_combined_robot_are_those_of_its_parts(
     cell: Robot, ur5: Robot, panda: Robot, rng: np.random.Generator
 ) -> None:
-    # The base of the second is tilted, so that gravity is another one in its axes.
+    # The base of the second robot is tilted, so that gravity differs in its axes.
     gravity = TILTED.rotation.T @ panda.gravity
     tilted = panda.with_changes(gravity=gravity)
     q, v, a = rng.normal(size=(3, 4, 14))
@@ -82,14 +84,16 @@ def test_dynamics_are_those_of_each(
         assert not np.any(whole[:, 6:, :6])
 
 
-def test_frames_are_placed_by_their_base(cell: Robot, panda: Robot) -> None:
+def test_frames_are_placed_by_the_base_of_their_robot(
+    cell: Robot, panda: Robot
+) -> None:
     q = np.array([0.1, -0.5, 0.2, -2.0, 0.3, 1.5, 0.7, 0.02])
     alone = placement(panda, q.tolist(), "panda_hand")
     both = placement(cell, cell.stack(right=HOME, left=q).tolist(), "left/panda_hand")
     assert both.isApprox(TILTED * alone, 1e-10)
 
 
-def test_stack(cell: Robot) -> None:
+def test_stack_orders_values_and_names_missing_ones(cell: Robot) -> None:
     values = cell.stack(left=np.arange(8), right=-np.ones(6))
     np.testing.assert_array_equal(values, [-1] * 6 + [0, 1, 2, 3, 4, 5, 6, 7])
     with pytest.raises(ProblemError, match="values for 'left' are missing"):
@@ -102,7 +106,7 @@ def test_stack(cell: Robot) -> None:
         cell.stack(right=[0.0, 0.0, 0.0, 0.0, 0.0, np.nan], left=np.zeros(8))
 
 
-def test_pairs_within_each_robot_are_its_own(
+def test_pairs_within_a_robot_are_those_of_the_single_robot(
     cell: Robot, ur5: Robot, panda: Robot
 ) -> None:
     """The UR5 has no list of disabled pairs, the Panda has one."""
@@ -121,7 +125,7 @@ def test_pairs_within_each_robot_are_its_own(
     assert frozenset(("right/shoulder_link", "left/panda_link0")) in between
 
 
-def test_robots_collide_with_each_other(ur5: Robot) -> None:
+def test_start_with_colliding_robots_is_rejected(ur5: Robot) -> None:
     pair = combine_robots([("a", ur5, (0, 0, 0)), ("b", ur5, (0.6, 0, 0))])
     # The arms lie along -x of their bases or turn to the other one.
     apart = pair.stack(a=[0, 0.0, 0, 0, 0, 0], b=[np.pi, 0, 0, 0, 0, 0])
@@ -129,7 +133,9 @@ def test_robots_collide_with_each_other(ur5: Robot) -> None:
         Problem(pair, pair.stack(a=HOME * 0, b=HOME * 0), JointGoal(apart))
 
 
-def test_a_combined_robot_is_a_value(cell: Robot, ur5: Robot, panda: Robot) -> None:
+def test_combined_robot_has_equality_pickle_and_changes(
+    cell: Robot, ur5: Robot, panda: Robot
+) -> None:
     assert pickle.loads(pickle.dumps(cell)) == cell
     again = combine_robots([("right", ur5, (0, 0, 0)), ("left", panda, TILTED)])
     assert again == cell
@@ -140,7 +146,9 @@ def test_a_combined_robot_is_a_value(cell: Robot, ur5: Robot, panda: Robot) -> N
     assert cell.locked_joints == {}
 
 
-def test_parts_with_payloads_and_locked_joints(ur5: Robot) -> None:
+def test_combined_robot_keeps_payloads_and_locked_joints_of_its_parts(
+    ur5: Robot,
+) -> None:
     panda = load_robot(
         "panda", limits="urdf", locked_joints={"panda_finger_joint1": 0.03}
     )
@@ -159,7 +167,7 @@ def test_parts_with_payloads_and_locked_joints(ur5: Robot) -> None:
     assert np.abs(RobotDynamics(other).inverse(whole, rest, rest)[0] - found).max() > 1
 
 
-def test_states_that_all_robots_have(tmp_path: Path) -> None:
+def test_group_state_of_all_robots_is_stacked(tmp_path: Path) -> None:
     robots = []
     for number, value in enumerate((0.2, 0.4)):
         folder = tmp_path / str(number)
@@ -173,10 +181,10 @@ def test_states_that_all_robots_have(tmp_path: Path) -> None:
     np.testing.assert_array_equal(cell.group_state("home"), [0.2, 0.4])
 
 
-# One duration
+# Plans of several robots
 
 
-def test_robots_far_apart_take_as_long_as_the_slower_one(planar3r: Robot) -> None:
+def test_distant_robots_take_as_long_as_the_slower_robot(planar3r: Robot) -> None:
     ends = [np.array([[0.5, 1.7, -1.7], q]) for q in ([1.2, 1.0, -1.0], [0.7, 1.5, 0])]
     options = Options(intervals=20, effort="quick", refine=None)
     alone = [plan(Problem(planar3r, a, JointGoal(b)), options).T for a, b in ends]
@@ -188,7 +196,7 @@ def test_robots_far_apart_take_as_long_as_the_slower_one(planar3r: Robot) -> Non
     assert together.T == pytest.approx(alone[1], rel=5e-3)
 
 
-def test_a_goal_for_each(planar3r: Robot) -> None:
+def test_every_robot_may_have_a_goal_of_its_own(planar3r: Robot) -> None:
     cell = combine_robots([("a", planar3r, (0, 0, 0)), ("b", planar3r, (30, 0, 0))])
     start = np.array([0.5, 1.7, -1.7])
     goal = AllGoals(
@@ -208,10 +216,10 @@ def test_a_goal_for_each(planar3r: Robot) -> None:
     assert np.abs(q[3:] - [0.7, 1.5, 0.0]).max() <= 0.1 + 1e-5
 
 
-# Wrong input
+# Invalid input
 
 
-def test_wrong_parts(ur5: Robot) -> None:
+def test_invalid_robot_of_a_combination_is_named_in_the_error(ur5: Robot) -> None:
     one = ("a", ur5, (0, 0, 0))
     for parts, message in (
         ([one, ("a", ur5, (2, 0, 0))], "two of them are named 'a'"),
@@ -230,14 +238,14 @@ def test_wrong_parts(ur5: Robot) -> None:
             combine_robots(parts)  # type: ignore[arg-type]
 
 
-def test_bases_without_shapes(tmp_path: Path) -> None:
+def test_bases_without_geometry_must_differ_in_position(tmp_path: Path) -> None:
     arm = load(tmp_path, one_shape('<sphere radius="0.1"/>'))
     with pytest.raises(ProblemError, match=r"are at one place, \[0.0, 0.0, 1.0\]"):
         combine_robots([("a", arm, (0, 0, 1)), ("b", arm, (0, 0, 1))])
     combine_robots([("a", arm, (0, 0, 1)), ("b", arm, (0, 0.1, 1))])
 
 
-def test_gravity_is_one(ur5: Robot) -> None:
+def test_different_gravity_of_robots_needs_an_explicit_value(ur5: Robot) -> None:
     light = ur5.with_changes(gravity=(0, 0, -1.6))
     parts = [("a", ur5, (0, 0, 0)), ("b", light, FAR)]
     with pytest.raises(ProblemError, match=r"gravity is \[.*-9.81\] for 'a' and"):

@@ -1,4 +1,4 @@
-"""Constraints are evaluated at many states at once, as they are at one."""
+"""Constraints on rows of states: values as at single states, guesses, certificates."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ def ur5():
 
 
 @pytest.mark.parametrize("item", ITEMS, ids=lambda item: type(item).__name__)
-def test_rows_are_those_of_single_states(item, ur5):
+def test_constraint_rows_equal_those_of_single_states(item, ur5):
     ready = pickle.loads(pickle.dumps(item.on(ur5)))
     rng = np.random.default_rng(3)
     q, v, a = (rng.uniform(-2, 2, (4, 6)) for _ in range(3))
     states = States(np.zeros(4), q, v, a)
     values, sizes = ready.evaluate(states), ready.measures(states)
-    at, which = (part.ravel() for part in np.indices(values.shape))
-    partials = ready.differentiate(states, at, which)
+    at, entry = (part.ravel() for part in np.indices(values.shape))
+    partials = ready.differentiate(states, at, entry)
     for k in range(4):
         assert sizes[k] == pytest.approx(ready.measure(q[k], v[k], a[k]), abs=1e-12)
         alone, *by = ready.terms(q[k], v[k], a[k])
@@ -49,14 +49,14 @@ def test_rows_are_those_of_single_states(item, ur5):
     "axis",
     [DIRECTION, -DIRECTION, (1.0, 0.0, 0.0), (0.0, 0.6 + 1e-5, 0.8), (0, -0.6, -0.8)],
 )
-def test_deviations_are_as_long_as_angles_with_their_derivatives(axis):
+def test_deviation_of_an_axis_has_the_length_and_slope_of_the_angle(axis):
     axis = np.array(axis) / np.linalg.norm(axis)
     (found, other), (by_axis, _) = deviations(np.array([axis, [1, 0, 0]]), DIRECTION)
     angle = np.arctan2(np.linalg.norm(np.cross(axis, DIRECTION)), axis @ DIRECTION)
     np.testing.assert_allclose(np.linalg.norm(found), angle, atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(other), 0.5 * np.pi, atol=1e-12)
     if np.pi - angle < 1e-6:
-        return  # where any way back is as short
+        return  # opposite axes: the deviation has no unique direction
     for turn in 1e-6 * np.eye(3):
         step = np.cross(turn, axis)
         ends = deviations(np.array([axis - step, axis + step]), DIRECTION)[0]
@@ -64,8 +64,11 @@ def test_deviations_are_as_long_as_angles_with_their_derivatives(axis):
         np.testing.assert_allclose(by_axis @ step, slope, rtol=1e-4, atol=1e-11)
 
 
-def test_the_certificate_knows_constraints_that_are_no_lengths():
-    """They raised there, and the motion was called optimal without a look at it."""
+def test_certificate_includes_contact_and_keep_away_constraints():
+    """Regression: these constraints raised an error in the certificate.
+
+    The motion was called optimal without being examined.
+    """
     rail = make_arm(slide(1.0), effort=np.array([100.0]), gravity=(0.0, 0.0, -9.81))
     tray = tm.StableContact("tip", (0, 0, 0.05), 0.2)
     away = tm.KeepAway("tip", (1.3, 0.0, 0.0), 0.2)
@@ -78,8 +81,8 @@ def test_the_certificate_knows_constraints_that_are_no_lengths():
     assert given.stationarity > 20 * solution.certificate.stationarity
 
 
-def test_guesses_are_as_slow_as_their_loads_ask_for():
-    """Those that were not began far from any motion, and ended in slow ones."""
+def test_initial_guess_is_slow_enough_for_its_load():
+    """Regression: faster guesses were far from feasible, and ended in slow motions."""
     rail = make_arm(slide(1.0), effort=np.array([100.0]), gravity=(0.0, 0.0, -9.81))
     tray = tm.StableContact("tip", (0, 0, 0.05), 0.2)
     problem = tm.Problem(rail, [0.0], tm.JointGoal([1.0]), constraints=(tray,))

@@ -1,4 +1,4 @@
-"""Continuous joints are angles: their goals are reached by the nearest whole turn."""
+"""Continuous joints: goals are angles, reached with the fastest number of turns."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def pose(robot: tm.Robot, q: list[float]) -> tm.PoseGoal:
     return tm.PoseGoal("l2", RobotKinematics(robot).placement(np.array(q), "l2"))
 
 
-def test_the_nearest_way_from_any_number_of_turns(robot: tm.Robot) -> None:
+def test_goal_is_reached_at_the_nearest_turn_of_the_start(robot: tm.Robot) -> None:
     start = [3.0 + 10 * TURN, 0.1]
     solution = tm.plan(tm.Problem(robot, start, tm.JointGoal([-3.0, 0.4])))
     assert solution.T == pytest.approx(0.151, rel=0.02)
@@ -43,15 +43,15 @@ def test_the_nearest_way_from_any_number_of_turns(robot: tm.Robot) -> None:
     assert solution.lower_bound.T <= solution.T
 
 
-def test_replays_are_not_lost_after_many_turns(robot: tm.Robot) -> None:
-    """Positions beyond 1e6 rad counted as a failed integration: T was 3 s."""
+def test_replay_accepts_positions_after_many_turns(robot: tm.Robot) -> None:
+    """Regression: positions beyond 1e6 rad counted as failed integration: T was 3 s."""
     start = [3.0 + 3e5 * TURN, 0.1]
     goal = tm.JointGoal([-3.0 + 3e5 * TURN, 0.4])
     solution = tm.plan(tm.Problem(robot, start, goal))
     assert solution.T == pytest.approx(0.151, rel=0.02)
 
 
-def test_a_number_is_taken_as_it_is(robot: tm.Robot) -> None:
+def test_goal_without_wrap_is_reached_at_its_own_turn(robot: tm.Robot) -> None:
     goal = tm.JointGoal([-3.0, 0.4], wrap=False)
     solution = tm.plan(tm.Problem(robot, [3.0, 0.1], goal))
     assert solution.T == pytest.approx(3.0007, abs=1e-3)
@@ -59,30 +59,30 @@ def test_a_number_is_taken_as_it_is(robot: tm.Robot) -> None:
     assert "turn" not in solution.message
 
 
-def test_a_start_turns_away_is_at_the_goal(robot: tm.Robot) -> None:
+def test_start_whole_turns_from_the_goal_is_at_the_goal(robot: tm.Robot) -> None:
     goal = tm.JointGoal([0.0, 0.1])
     solution = tm.plan(tm.Problem(robot, [10 * TURN, 0.1], goal))
     assert solution.T == 0.0
     assert "j1 10 turns above" in solution.message
 
 
-def test_joints_by_name_stay_where_they_are_not_named(robot: tm.Robot) -> None:
+def test_unnamed_joints_of_a_goal_keep_their_position(robot: tm.Robot) -> None:
     start = [0.1 + 3 * TURN, 0.1]
     found = end_of(robot, start, tm.JointGoal({"j2": 0.4}))
     assert found == pytest.approx([start[0], 0.4], abs=1e-5)
 
 
-def test_numbers_that_are_near_are_kept(robot: tm.Robot) -> None:
+def test_goal_within_half_a_turn_keeps_its_number(robot: tm.Robot) -> None:
     for q in (0.5, -3.1, np.pi, -np.pi):
         problem = tm.Problem(robot, [0.0, 0.1], tm.JointGoal([q, 0.1]))
         assert problem.goal.configuration[0] == q
 
 
 @pytest.mark.parametrize(("x", "end"), [(0.25, TURN - 0.8), (-0.25, -0.8)])
-def test_an_obstacle_makes_the_other_way_round_faster(
+def test_obstacle_makes_the_other_direction_faster(
     robot: tm.Robot, x: float, end: float
 ) -> None:
-    """A pillar stands on one of two ways that are about as long."""
+    """A pillar bars one of the two directions, which are about equally long."""
     pillar = tm.Box("pillar", size=(0.1, 0.1, 2.0), position=(x, 0.0, 0.4))
     goal = tm.JointGoal([-0.8, 1.5])
     problem = tm.Problem(robot, [2.4, 1.5], goal, [pillar], motion_limits=LIMITS)
@@ -91,19 +91,19 @@ def test_an_obstacle_makes_the_other_way_round_faster(
     assert found.trajectory.q[-1, 0] == pytest.approx(end, abs=1e-5)
 
 
-def test_no_joint_turns_the_long_way_round_for_next_to_nothing() -> None:
+def test_joints_with_time_to_spare_take_the_short_direction() -> None:
     turn = "j2s6s200_joint_1"
     limits = {"position_lower": {turn: -3.1}, "position_upper": {turn: 3.1}}
     kinova = tm.load_robot("kinova", **limits)
     start = [3.0, 3.0, 3.0, 0.0, 1.5, 0.0]
     goal = tm.JointGoal([-3.0, 2.6, 2.6, 0.5, 1.5, 6.0])
     end = tm.plan(tm.Problem(kinova, start, goal)).trajectory.q[-1]
-    # The first joint takes 9.55 s; the others have time for any number of turns.
+    # The first joint takes 9.55 s; the others have time for many turns.
     np.testing.assert_allclose(end[[3, 5]], [0.5, 6.0 - TURN], atol=1e-4)
 
 
-def test_many_goals_keep_the_ways_in_both_directions(robot: tm.Robot) -> None:
-    """A pillar bars the nearest way to each goal, but not the way round."""
+def test_goal_set_keeps_both_directions_of_each_goal(robot: tm.Robot) -> None:
+    """A pillar bars the short direction to each goal, but not the long one."""
     pillar = tm.Box("pillar", size=(0.1, 0.1, 2.0), position=(-0.3, 0.0, 0.4))
     goal = tm.AnyGoal([tm.JointGoal([-0.8 + 0.1 * k, 1.5]) for k in range(5)])
     problem = tm.Problem(robot, [2.4, 1.5], goal, [pillar], motion_limits=LIMITS)
@@ -112,8 +112,8 @@ def test_many_goals_keep_the_ways_in_both_directions(robot: tm.Robot) -> None:
     assert found.trajectory.q[-1, 0] == pytest.approx(-0.4, abs=1e-5)
 
 
-def endless_arm(joints: int) -> tm.Robot:
-    """Joints without limits about one axis; the first link is the longest."""
+def continuous_arm(joints: int) -> tm.Robot:
+    """An arm of continuous joints about parallel axes, with a long first link."""
     text = '<robot name="endless"><link name="l0"/>'
     for i in range(1, joints + 1):
         length, x = (0.5, 0.0) if i == 1 else (0.1, 0.5 if i == 2 else 0.1)
@@ -128,9 +128,9 @@ def endless_arm(joints: int) -> tm.Robot:
     return tm.load_robot(text + "</robot>")
 
 
-def coasting(goal: tm.Goal, velocity: float, **limits: float) -> tm.Problem:
-    """A single joint without end that moves at the start, with motion limits."""
-    robot, motion_limits = endless_arm(1), tm.MotionLimits(**limits)
+def moving_start(goal: tm.Goal, velocity: float, **limits: float) -> tm.Problem:
+    """A problem of one continuous joint that moves at the start, with motion limits."""
+    robot, motion_limits = continuous_arm(1), tm.MotionLimits(**limits)
     v_start = [velocity]
     return tm.Problem(robot, [0.0], goal, v_start=v_start, motion_limits=motion_limits)
 
@@ -138,9 +138,9 @@ def coasting(goal: tm.Goal, velocity: float, **limits: float) -> tm.Problem:
 POST = tm.Cylinder("post", radius=0.03, length=1.0, position=(0.3, 0.0, 0.0))
 
 
-def test_each_of_many_joints_may_go_the_other_way_round() -> None:
-    """A post bars one joint; the others have nearly half a turn to go."""
-    robot = endless_arm(5)
+def test_one_of_many_joints_may_take_the_long_direction() -> None:
+    """A post bars one joint; the other joints move by nearly half a turn."""
+    robot = continuous_arm(5)
     start, end = np.zeros(5), np.full(5, 3.1)
     start[0], end[0] = -0.5, 0.5
     problem = tm.Problem(robot, start, tm.JointGoal(end), [POST], self_collision=False)
@@ -150,17 +150,19 @@ def test_each_of_many_joints_may_go_the_other_way_round() -> None:
 
 
 @pytest.mark.parametrize("count", [4, 8])
-def test_later_segments_follow_the_way_round_of_one(count: int) -> None:
+def test_later_segments_keep_the_direction_of_the_first(count: int) -> None:
     goals = [tm.JointGoal([0.5 + 0.1 * k]) for k in range(count)]
     segments = [tm.Segment(goal) for goal in goals]
-    problem = tm.Problem(endless_arm(1), [-0.5], segments=segments, scene=[POST])
+    problem = tm.Problem(continuous_arm(1), [-0.5], segments=segments, scene=[POST])
     found = tm.plan(problem, effort="quick")
     assert found.success, found.message
     ends = [part.trajectory.q[-1, 0] for part in found.segments]
     assert ends == pytest.approx([goal.q[0] - TURN for goal in goals], abs=1e-4)
 
 
-def test_a_joint_that_cannot_stop_goes_on_for_two_turns(robot: tm.Robot) -> None:
+def test_joint_that_brakes_too_weakly_reaches_its_goal_two_turns_later(
+    robot: tm.Robot,
+) -> None:
     problem = tm.Problem(
         robot,
         [0.0, 0.1],
@@ -176,17 +178,17 @@ def test_a_joint_that_cannot_stop_goes_on_for_two_turns(robot: tm.Robot) -> None
 @pytest.mark.parametrize(
     "goal", [tm.JointGoal([1.0]), tm.AnyGoal([tm.JointGoal([1.0])] * 2)]
 )
-def test_problems_of_passed_goals_are_made_anew(goal: tm.Goal) -> None:
+def test_phase_with_a_goal_on_the_way_can_be_replaced(goal: tm.Goal) -> None:
     segments = [tm.Segment(goal, stop=False), tm.Segment(tm.JointGoal([1.5]))]
-    first = tm.Problem(endless_arm(1), [0.0], segments=segments).phases[0]
+    first = tm.Problem(continuous_arm(1), [0.0], segments=segments).phases[0]
     again = replace(first, margin=0.01)
     assert again.margin == 0.01
     ends = [each.configuration for each in again.goal.alternatives]
     assert ends == [each.configuration for each in first.goal.alternatives]
 
 
-def test_copies_of_problems_have_the_same_turns() -> None:
-    problem = tm.Problem(endless_arm(2), [0.0, 0.0], tm.JointGoal([1.0, -1.0]))
+def test_replaced_problem_has_the_same_turns() -> None:
+    problem = tm.Problem(continuous_arm(2), [0.0, 0.0], tm.JointGoal([1.0, -1.0]))
     copied = replace(problem, margin=0.01)
     ends = [[one.goal.q for one in each.alternatives] for each in (problem, copied)]
     assert len(ends[0]) > 1
@@ -202,22 +204,22 @@ def test_copies_of_problems_have_the_same_turns() -> None:
     ],
     ids=["any", "region", "all"],
 )
-def test_goals_of_all_kinds_are_reached_where_a_joint_comes_by_itself(
+def test_goals_of_all_kinds_are_reached_where_the_joint_can_stop(
     goal: tm.Goal,
 ) -> None:
-    """It comes to rest 31 rad away at the earliest."""
-    found = tm.plan(coasting(goal, -2.5, acceleration=0.1), **QUICK)
+    """The joint comes to rest 31 rad away at the earliest."""
+    found = tm.plan(moving_start(goal, -2.5, acceleration=0.1), **QUICK)
     assert found.success, found.message
     assert found.trajectory.q[-1, 0] == pytest.approx(1.0 - 6.0 * TURN, abs=1e-4)
 
 
-def test_later_segments_begin_where_a_moving_joint_comes_by_itself() -> None:
+def test_later_segment_is_reached_where_a_moving_joint_can_stop() -> None:
     segments = [
         tm.Segment(tm.JointGoal([1.0], v=[2.5])),
         tm.Segment(tm.JointGoal([1.5])),
     ]
     problem = tm.Problem(
-        endless_arm(1),
+        continuous_arm(1),
         [0.0],
         segments=segments,
         motion_limits=tm.MotionLimits(acceleration=0.3),
@@ -227,20 +229,20 @@ def test_later_segments_begin_where_a_moving_joint_comes_by_itself() -> None:
     assert way == pytest.approx([0.5 + 2.0 * TURN], abs=1e-4)
 
 
-def test_jerk_limits_count_for_where_a_joint_comes_by_itself() -> None:
-    found = tm.plan(coasting(tm.JointGoal([1.0]), 2.5, jerk=0.1), effort="quick")
+def test_jerk_limit_determines_where_a_moving_joint_can_stop() -> None:
+    found = tm.plan(moving_start(tm.JointGoal([1.0]), 2.5, jerk=0.1), effort="quick")
     assert found.T == pytest.approx(2.0 * np.sqrt(2.5 / 0.1), rel=0.1)
 
 
-def test_bounds_of_joints_that_hardly_brake_take_no_time() -> None:
-    """One after the other, their fifty thousand turns took a minute."""
-    problem = coasting(tm.JointGoal([1.0]), 2.5, acceleration=1e-5)
+def test_bounds_of_joints_that_hardly_brake_are_fast() -> None:
+    """Regression: bounds of fifty thousand turns, one by one, took a minute."""
+    problem = moving_start(tm.JointGoal([1.0]), 2.5, acceleration=1e-5)
     found = tm.plan(problem, max_planning_time=2.0)
     assert not found.success and found.planning_time < 3.0
 
 
-def test_no_bound_exceeds_a_motion_that_goes_on_for_two_turns(robot: tm.Robot) -> None:
-    """A joint that cannot stop earlier goes on to a later turn, which takes less."""
+def test_lower_bound_regards_goals_at_later_turns(robot: tm.Robot) -> None:
+    """A joint that cannot stop earlier reaches a later turn in less time."""
     limits = tm.MotionLimits(acceleration=0.17)
     nearest = tm.JointGoal([0.5, 0.1])
     later = tm.JointGoal([0.5 + 2 * TURN, 0.1], wrap=False)
@@ -256,8 +258,8 @@ def test_no_bound_exceeds_a_motion_that_goes_on_for_two_turns(robot: tm.Robot) -
     assert bounds[0].T <= bounds[1].T
 
 
-def test_a_moving_start_goes_on(robot: tm.Robot) -> None:
-    """To turn back would take longer than to go the longer way."""
+def test_moving_start_keeps_its_direction(robot: tm.Robot) -> None:
+    """Reversing would take longer than the longer direction."""
     limits = tm.MotionLimits(acceleration=1.0)
     problem = tm.Problem(
         robot,
@@ -270,7 +272,7 @@ def test_a_moving_start_goes_on(robot: tm.Robot) -> None:
     assert found.trajectory.q[-1, 0] == pytest.approx(TURN - 3.0, abs=1e-4)
 
 
-def test_regions(robot: tm.Robot) -> None:
+def test_region_goal_of_a_continuous_joint_wraps(robot: tm.Robot) -> None:
     goal = tm.JointRegionGoal([-3.0], 0.05, joints=["j1"])
     found = end_of(robot, [3.0, 0.1], goal)
     assert found[0] == pytest.approx(TURN - 3.05, abs=1e-4)
@@ -279,13 +281,13 @@ def test_regions(robot: tm.Robot) -> None:
     assert tm.lower_bound(problem).T > 2.9
 
 
-def test_any_of_several_goals(robot: tm.Robot) -> None:
+def test_goal_set_chooses_the_goal_nearest_by_whole_turns(robot: tm.Robot) -> None:
     goal = tm.AnyGoal([tm.JointGoal([6.2, 0.1]), tm.JointGoal([2.0, 0.5])])
     found = end_of(robot, [0.0, 0.1], goal)
     assert found == pytest.approx([6.2 - TURN, 0.1], abs=1e-5)
 
 
-def test_segments_go_on_from_turn_to_turn(robot: tm.Robot) -> None:
+def test_segments_continue_from_the_turn_of_the_last_segment(robot: tm.Robot) -> None:
     goals = [tm.JointGoal([q, 0.1]) for q in (2.0, -2.5, -0.5, 1.5)]
     segments = [tm.Segment(goal, stop=True) for goal in goals]
     problem = tm.Problem(robot, [0.0, 0.1], segments=segments, motion_limits=LIMITS)
@@ -296,12 +298,12 @@ def test_segments_go_on_from_turn_to_turn(robot: tm.Robot) -> None:
     assert "j1 a turn above the number given of segment 2" in solution.message
 
 
-def test_poses_are_reached_the_nearest_way(robot: tm.Robot) -> None:
+def test_pose_goal_is_reached_at_the_nearest_turn(robot: tm.Robot) -> None:
     found = end_of(robot, [3.0 + 4 * TURN, 0.1], pose(robot, [-3.0, 0.4]))
     assert found == pytest.approx([5 * TURN - 3.0, 0.4], abs=1e-4)
 
 
-def test_tours_without_a_jump(robot: tm.Robot) -> None:
+def test_tour_is_continuous_across_its_motions(robot: tm.Robot) -> None:
     stations = [tm.JointGoal([-3.0, 0.4]), tm.JointGoal([9.0, 0.3])]
     stations.append(pose(robot, [-2.5, 0.3]))
     tour = tm.plan_tour(robot, [3.0, 0.1], stations, motion_limits=LIMITS)
@@ -312,18 +314,18 @@ def test_tours_without_a_jump(robot: tm.Robot) -> None:
         assert after[0] == pytest.approx(before[-1], abs=1e-6)
 
 
-def test_revolute_joints_turn_on_request_only() -> None:
+def test_revolute_joint_wraps_on_request_only() -> None:
     robot = tm.load_robot("ur5")
     start = [0.0, -1.5, 1.0, 0.0, 0.5, 5.0]
     q = [0.0, -1.5, 1.0, 0.0, 0.5, -1.0]
     assert tm.Problem(robot, start, tm.JointGoal(q)).goal.configuration[5] == -1.0
     wrapped = tm.Problem(robot, start, tm.JointGoal(q, wrap=("wrist_3_joint",)))
     ends = [goal.configuration[5] for goal in wrapped.goal.alternatives]
-    # A third one would be beyond its limits.
+    # A third turn would be beyond the limits of the joint.
     assert ends == pytest.approx([TURN - 1.0, -1.0])
 
 
-def test_wrong_joints_are_named(robot: tm.Robot) -> None:
+def test_invalid_wrap_is_named_in_the_error(robot: tm.Robot) -> None:
     with pytest.raises(tm.JointNotFound, match="j9"):
         tm.Problem(robot, [0.0, 0.1], tm.JointGoal([1.0, 0.1], wrap=("j9",)))
     with pytest.raises(
@@ -332,7 +334,7 @@ def test_wrong_joints_are_named(robot: tm.Robot) -> None:
         tm.JointGoal([1.0, 0.1], wrap=3)  # type: ignore[arg-type]
 
 
-def test_files_keep_it(robot: tm.Robot, tmp_path: Path) -> None:
+def test_wrap_survives_a_scenario_file(robot: tm.Robot, tmp_path: Path) -> None:
     for wrap in (True, False, ("j2",)):
         goal = tm.JointGoal([-3.0, 0.4], wrap=wrap)
         problem = tm.Problem(robot, [3.0, 0.1], goal)
@@ -342,21 +344,21 @@ def test_files_keep_it(robot: tm.Robot, tmp_path: Path) -> None:
         assert read.goal.configuration.tolist() == problem.goal.configuration.tolist()
 
 
-def test_a_replan_with_a_former_motion(robot: tm.Robot) -> None:
+def test_warm_start_with_the_same_problem_keeps_the_duration(robot: tm.Robot) -> None:
     problem = tm.Problem(robot, [3.0, 0.1], tm.JointGoal([-3.0, 0.4]))
     solution = tm.plan(problem)
     again = tm.plan(problem, start=solution)
     assert again.T == pytest.approx(solution.T, rel=1e-2)
 
 
-def test_a_goal_in_collision_is_told_once(robot: tm.Robot) -> None:
+def test_goal_in_collision_is_reported_at_its_nearest_turn(robot: tm.Robot) -> None:
     pillar = tm.Box("pillar", size=(0.1, 0.1, 2.0), position=(-0.25, 0.0, 0.4))
     expected = r"^goal in collision.*q = \[3.2832, 1.5"
     with pytest.raises(tm.ProblemError, match=expected):
         tm.Problem(robot, [2.0, 1.5], tm.JointGoal([-3.0, 1.5]), [pillar])
 
 
-def test_workcells(robot: tm.Robot) -> None:
+def test_workcell_goals_wrap_for_each_robot(robot: tm.Robot) -> None:
     cell = tm.Workcell({"a": (robot, (0, 0, 0)), "b": (robot, (2.0, 0, 0))})
     start = {"a": [3.0, 0.1], "b": [3.0, 0.1]}
     goal = tm.JointGoal([-3.0, 0.4])

@@ -1,4 +1,4 @@
-"""Constraints that cannot be met: which, by how much, and where."""
+"""Constraints that cannot be satisfied: messages name them, and their violation."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def level(tolerance: float = 0.05) -> tm.KeepUpright:
 START = [0.8, -1.6, 0.8]
 
 
-def test_goals_on_frames_are_reached_as_constraints_allow():
+def test_inverse_kinematics_satisfies_the_constraints():
     goal = tm.PositionGoal("tip", (2.2, 0.5, 0.0))
     problem = tm.Problem(arm(), START, goal, constraints=(level(),))
     found = find_configurations(
@@ -40,12 +40,12 @@ def test_goals_on_frames_are_reached_as_constraints_allow():
     )
     assert found.free
     ready = problem.ready_constraints[0]
-    none = np.zeros(0)
+    empty = np.zeros(0)
     for q in found.free:
-        assert ready.measure(q, none, none) <= 0.05 + 1e-6
+        assert ready.measure(q, empty, empty) <= 0.05 + 1e-6
 
 
-def test_a_goal_that_no_configuration_reaches_within_a_cone_is_an_error():
+def test_goal_out_of_reach_within_a_cone_is_an_error():
     goal = tm.PositionGoal("tip", (0.0, 2.9, 0.0))  # nearly stretched out along y
     problem = tm.Problem(arm(), START, goal, constraints=(level(),))
     words = (
@@ -56,7 +56,7 @@ def test_a_goal_that_no_configuration_reaches_within_a_cone_is_an_error():
         tm.plan(problem, **QUICK)
 
 
-def test_a_via_point_that_no_configuration_reaches_names_its_segment():
+def test_via_point_out_of_reach_within_a_cone_names_its_segment():
     via = tm.Segment(tm.PositionGoal("tip", (0.0, 2.9, 0.0)), constraints=(level(),))
     end = tm.Segment(tm.JointGoal([0.5, -1.0, 0.5]))
     problem = tm.Problem(arm(), START, segments=[via, end])
@@ -85,13 +85,13 @@ def test_a_via_point_that_no_configuration_reaches_names_its_segment():
         ),
     ],
 )
-def test_constraints_that_leave_nothing_are_named_both(one, other, words):
+def test_contradictory_constraints_are_both_named(one, other, words):
     with pytest.raises(ProblemError, match=words) as caught:
         tm.Problem(arm(), START, tm.JointGoal(START), constraints=(one, other))
     assert "contradict each other" in str(caught.value)
 
 
-def test_a_start_outside_a_cone_says_so_and_no_more():
+def test_start_outside_a_cone_is_not_called_a_contradiction():
     with pytest.raises(
         ProblemError, match=r"start: the tilt of frame tip is"
     ) as caught:
@@ -100,8 +100,8 @@ def test_a_start_outside_a_cone_says_so_and_no_more():
     assert "contradict" not in str(caught.value)
 
 
-def test_what_stays_violated_is_named_with_its_place():
-    """It was told of as a joint named after the frame."""
+def test_violated_constraint_is_named_with_its_frame_and_time():
+    """Regression: the message named a joint with the name of the frame."""
     rail = make_arm(slide(1.0), effort=np.array([5.0]))
     motion = tm.plan(tm.Problem(rail, [0.0], tm.JointGoal([1.0])), **QUICK).trajectory
     wall = tm.KeepAway("tip", (0.5, 0.0, 0.0), 0.2)
@@ -129,7 +129,7 @@ def test_what_stays_violated_is_named_with_its_place():
         ),
     ],
 )
-def test_what_cannot_be_held_at_rest_says_what_is_missing(item, words):
+def test_load_that_cannot_be_held_at_rest_names_the_cause(item, words):
     tilted = (9.81 * math.sin(math.pi / 4), 0.0, -9.81 * math.cos(math.pi / 4))
     rail = make_arm(slide(1.0), effort=np.array([100.0]), gravity=tilted)
     with pytest.raises(ProblemError, match=words):

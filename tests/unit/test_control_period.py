@@ -1,8 +1,8 @@
-"""Motions on the clock of a controller, judged as the controller interpolates them.
+"""The option `control_period`: motions on the clock of a controller.
 
-What comes out is sampled at the period, joined by SciPy's polynomials as the joint
-trajectory controller does it (cubic ones through positions and velocities; of degree 5
-through accelerations, where these do not jump), and torques are computed anew by
+The motions are sampled at the period, and interpolated by SciPy's polynomials as the
+joint trajectory controller does it (cubics through positions and velocities; degree 5
+through accelerations, where these do not jump). Torques are computed anew by
 Pinocchio's ``rnea``.
 """
 
@@ -29,11 +29,11 @@ from tominpmp.transcription.grid import knots_near, ticks_of
 from tominpmp.verification.limit_violations import LimitViolation
 
 PERIODS = (0.001, 0.004, 0.008)
-# Instants of every period at which the interpolated motion is looked at.
+# Instants of every period at which the interpolated motion is examined.
 SHARES = np.array([0.0, 0.07, 0.21, 0.4, 0.5, 0.63, 0.79, 0.94, 1.0])
 
 TIP = "ee_link"
-# The clock is what is looked at here, not the search for the best motion.
+# The tests examine the clock, not the multi-start search.
 QUICK = {"effort": "quick", "refine": None}
 
 
@@ -49,7 +49,7 @@ def free(planar3r):
 
 @pytest.fixture(scope="module")
 def clocked(planar3r):
-    """The same on a clock of ten milliseconds."""
+    """The motion of the planar arm on a clock of ten milliseconds."""
     return plan_quickly(planar_problem(planar3r), control_period=0.01)
 
 
@@ -64,7 +64,7 @@ def torques(robot, q, v, a):
 def as_interpolated(samples, *, quintic):
     """Positions, velocities, accelerations between samples, as a controller has them.
 
-    Each period by itself, so that values at its end are those before a jump.
+    Each period is interpolated separately: values at its end are those before a jump.
     """
     t, state = samples.t, (samples.q, samples.v, samples.a)
     times = (t[:-1, None] + np.diff(t)[:, None] * SHARES).ravel()
@@ -84,7 +84,7 @@ def as_interpolated(samples, *, quintic):
 
 
 def check(solution, period, *, limits=None):
-    """Whatever the motion, what holds on the clock of a controller."""
+    """Assert that a motion on the clock of a controller holds when interpolated."""
     assert solution.success, solution.message
     assert solution.verification.ok
     assert solution.options.control_period == period
@@ -133,12 +133,12 @@ def without_a_clock(limits):
 
 @pytest.mark.parametrize("period", PERIODS)
 @pytest.mark.parametrize("limits", OF_MOTIONS)
-def test_the_interpolated_motion_is_the_planned_one(period, limits):
+def test_interpolated_motion_equals_the_planned_motion(period, limits):
     free = without_a_clock(limits)
     problem, limits = free.problem, OF_MOTIONS[limits]
     solution = tm.plan(problem, control_period=period)
     check(solution, period, limits=limits)
-    # What is given away is little, and never less than nothing.
+    # The clock costs little time, and saves none.
     assert solution.T >= free.T * (1.0 - 1e-3)
     assert solution.T <= 1.03 * free.T
     np.testing.assert_allclose(solution.trajectory.q[-1], problem.goal.q, atol=1e-9)
@@ -146,7 +146,7 @@ def test_the_interpolated_motion_is_the_planned_one(period, limits):
 
 
 def test_without_a_period_samples_break_torque_limits(ur5):
-    """The defect: what a controller makes of samples was not what was planned."""
+    """Regression: a controller interpolated another motion than the planned one."""
     problem = ur5_problem(ur5)
     samples = plan_quickly(problem, control="constant").trajectory.sample(0.008)
     _, q, v, a = as_interpolated(samples, quintic=False)
@@ -174,7 +174,7 @@ def test_without_a_period_samples_break_torque_limits(ur5):
     ],
     ids=str,
 )
-def test_all_options_keep_the_clock(planar3r, options):
+def test_clock_holds_with_every_option(planar3r, options):
     problem = planar_problem(planar3r)
     free = plan_quickly(problem, **options)
     solution = plan_quickly(problem, control_period=0.01, **options)
@@ -183,7 +183,7 @@ def test_all_options_keep_the_clock(planar3r, options):
         assert solution.T <= 1.03 * free.T + 0.01
 
 
-def test_spline_motions_are_joined_by_quintic_polynomials(planar3r):
+def test_spline_motion_is_interpolated_by_quintic_polynomials(planar3r):
     solution = plan_quickly(
         planar_problem(planar3r), control="spline", control_period=0.01
     )
@@ -192,7 +192,7 @@ def test_spline_motions_are_joined_by_quintic_polynomials(planar3r):
     check(solution, 0.01)
 
 
-def test_the_penalty_method_is_brought_to_the_clock(planar3r):
+def test_motion_of_the_penalty_method_is_brought_to_the_clock(planar3r):
     problem = planar_problem(planar3r)
     options = {"method": "penalty", "intervals": 16}
     solution = plan_quickly(problem, control_period=0.01, **options)
@@ -214,7 +214,7 @@ def test_the_penalty_method_is_brought_to_the_clock(planar3r):
     ids=["position", "moving position", "moving joints", "region", "any"],
 )
 @pytest.mark.parametrize("moving", [False, True])
-def test_goals_of_all_kinds_and_moving_starts(ur5, goal, moving):
+def test_clock_holds_with_all_goals_and_moving_starts(ur5, goal, moving):
     v_start = (0.6, -0.4, 0.2, 0.0, 0.5, -0.5) if moving else np.zeros(6)
     problem = replace(ur5_problem(ur5), goal=goal, v_start=v_start)
     quick = {"starts": 1, "intervals": 20}
@@ -226,8 +226,8 @@ def test_goals_of_all_kinds_and_moving_starts(ur5, goal, moving):
 
 
 @pytest.mark.parametrize("control", ["constant", "linear"])
-def test_obstacles_that_move_are_met_on_time(planar3r, control):
-    """Time matters: the motion is not merely stretched."""
+def test_clock_keeps_the_clearance_to_moving_obstacles(planar3r, control):
+    """The motion must not merely be stretched in time."""
     ball = tm.Sphere(
         "ball",
         radius=0.6,
@@ -237,14 +237,14 @@ def test_obstacles_that_move_are_met_on_time(planar3r, control):
     problem = planar_problem(planar3r, scene=tm.Scene([ball]), margin=0.02)
     solution = plan_quickly(problem, control=control, intervals=20, control_period=0.01)
     check(solution, 0.01)
-    # Sampled and joined as the controller does, at the times at which it is there.
+    # Interpolated as the controller does, with the obstacle at the same times.
     times, q, _, _ = as_interpolated(solution.trajectory.sample(0.01), quintic=False)
     room = problem.checker.distances(q, times=times)
     assert np.min(room) > 0.02 - 2e-5
     assert solution.verification.min_clearance > 0.02 - 2e-5
 
 
-def test_obstacles(ur5):
+def test_clock_keeps_the_clearance_to_static_obstacles(ur5):
     post = tm.Cylinder("post", radius=0.05, length=1.0, position=(0.5, 0.1, 0.5))
     problem = ur5_problem(ur5, scene=tm.Scene([post]), margin=0.01)
     solution = plan_quickly(problem, control_period=0.004)
@@ -264,7 +264,7 @@ def test_obstacles(ur5):
     ],
     ids=["share", "torque over speed", "torque rate", "jerk", "acceleration"],
 )
-def test_motion_limits_of_all_kinds(planar3r, limits):
+def test_clock_holds_with_motion_limits_of_all_kinds(planar3r, limits):
     if limits.effort_curves:
         curve = next(iter(limits.effort_curves.values()))
         limits = replace(limits, effort_curves={planar3r.joint_names[1]: curve})
@@ -274,7 +274,7 @@ def test_motion_limits_of_all_kinds(planar3r, limits):
     assert solution.T <= 1.03 * plan_quickly(problem).T + 0.01
 
 
-def test_warm_starts(planar3r, free, clocked):
+def test_warm_start_is_brought_to_the_clock(planar3r, free, clocked):
     near = planar_problem(planar3r, goal=tm.JointGoal((0.92, -1.18, -0.9)))
     for start in (clocked, free.trajectory):
         check(plan_quickly(near, start=start, control_period=0.01), 0.01)
@@ -283,7 +283,7 @@ def test_warm_starts(planar3r, free, clocked):
     assert same.T <= clocked.T + 1e-9
 
 
-def test_a_motion_on_the_clock_can_be_made_quiet(clocked):
+def test_smoothed_motion_stays_on_the_clock(clocked):
     quiet = tm.smooth(clocked, 0.03)
     check(quiet, 0.01)
     assert quiet.roughness < clocked.roughness
@@ -292,8 +292,8 @@ def test_a_motion_on_the_clock_can_be_made_quiet(clocked):
     assert quiet.T == pytest.approx(count * 0.01, rel=1e-15)
 
 
-def test_a_coarse_clock_has_a_knot_a_tick(free):
-    """Half of the motion at most; the fewer ticks, the more of them are knots."""
+def test_motion_on_a_coarse_clock_has_a_knot_at_every_tick(free):
+    """The period is up to half of the motion: with few ticks, all of them are knots."""
     for period in (0.05, free.T / 7.5, free.T / 2.1):
         check(plan_quickly(free.problem, control_period=period), period)
 
@@ -303,14 +303,14 @@ def test_a_coarse_clock_has_a_knot_a_tick(free):
     [0, 0.0, -0.004, np.nan, np.inf, "0.004", "4ms", [0.004], True, 1j, {}],
     ids=repr,
 )
-def test_wrong_periods(planar3r, period):
+def test_invalid_control_period_is_named_in_the_error(planar3r, period):
     with pytest.raises(OptionsError, match=r"^control_period is ") as caught:
         tm.plan(planar_problem(planar3r), control_period=period)
     assert caught.value.option == "control_period"
 
 
 @pytest.mark.parametrize("share", [0.3, 0.6])
-def test_a_motion_shorter_than_any_on_the_clock(free, share):
+def test_motion_shorter_than_four_periods_takes_four_periods(free, share):
     period = share * free.T
     solution = plan_quickly(free.problem, control_period=period)
     check(solution, period)
@@ -319,32 +319,32 @@ def test_a_motion_shorter_than_any_on_the_clock(free, share):
 
 
 @pytest.mark.parametrize("period", [1.01, 4, 1e9])
-def test_a_period_in_milliseconds(planar3r, period):
+def test_control_period_above_one_second_is_rejected(planar3r, period):
     expected = r"expected a positive number \[s\], at most 1"
     with pytest.raises(OptionsError, match=expected):
         tm.plan(planar_problem(planar3r), control_period=period)
 
 
 @pytest.mark.parametrize("period", [1e-9, 1e-300, 5e-324])
-def test_a_period_that_gives_too_many_samples(period):
+def test_control_period_with_too_many_samples_is_rejected(period):
     rail = tm.Problem(make_arm(slide(1.0), effort=1.0), [0.0], tm.JointGoal([1.0]))
     with pytest.raises(OptionsError, match="too short"):
         plan_quickly(rail, control_period=period)
 
 
-def test_exact_switches_are_not_on_a_clock(planar3r):
+def test_exact_switching_times_are_rejected_with_a_clock(planar3r):
     with pytest.raises(OptionsError, match="between ticks"):
         tm.plan(planar_problem(planar3r), refine="switching", control_period=0.01)
 
 
-def test_no_controller_interpolates_joints_without_motors():
+def test_clock_is_rejected_for_joints_without_motors():
     arm = tm.load_robot("planar3r", effort=[50.0, 50.0, 0.0], gravity=(0, 0, 0))
     assert arm.passive_joints
     with pytest.raises(OptionsError, match="has no motor"):
         tm.plan(planar_problem(arm), control_period=0.01)
 
 
-def test_options_by_name(planar3r):
+def test_options_may_be_given_by_name_and_override_the_record(planar3r):
     problem = planar_problem(planar3r)
     given = tm.Options(intervals=12, control_period=0.02, starts=2, **QUICK)
     solution = tm.plan(problem, given, intervals=16, control_period=0.01)
@@ -365,14 +365,14 @@ def test_options_by_name(planar3r):
 
 
 def count_calls(problem):
-    """How often the callback is called without a clock."""
+    """The number of calls of the callback without a clock."""
     calls = []
     plan_quickly(problem, callback=calls.append)
     return len(calls)
 
 
-def test_interrupted_on_the_way_to_the_clock(planar3r):
-    """A motion that is not on the clock is no motion: it is still brought there."""
+def test_motion_interrupted_before_the_clock_is_still_brought_to_it(planar3r):
+    """A motion off the clock is not a result: it is still brought to the clock."""
     problem, calls = planar_problem(planar3r), []
     before = count_calls(problem)
 
@@ -387,7 +387,7 @@ def test_interrupted_on_the_way_to_the_clock(planar3r):
 
 
 @pytest.mark.parametrize("how", ["callback", "signal"])
-def test_a_motion_that_was_interrupted_is_brought_to_the_clock(ur5, how):
+def test_interrupted_search_brings_its_motion_to_the_clock(ur5, how):
     def stop(record):
         ended = record.violation < 1e-6 and record.iteration >= 2
         if ended and how == "signal":
@@ -401,7 +401,7 @@ def test_a_motion_that_was_interrupted_is_brought_to_the_clock(ur5, how):
     check(solution, 0.004)
 
 
-def test_an_interrupt_while_the_clock_is_sought(planar3r, monkeypatch):
+def test_interrupt_during_the_clock_programs_is_no_success(planar3r, monkeypatch):
     def interrupt(*given, **named):
         raise KeyboardInterrupt
 
@@ -412,22 +412,22 @@ def test_an_interrupt_while_the_clock_is_sought(planar3r, monkeypatch):
     assert solution.trajectory is not None
 
 
-@pytest.mark.parametrize("looks", [20.0, 60.0, 200.0, 700.0])
-def test_part_of_the_time_is_kept_for_the_clock(planar3r, request, looks):
-    """However short the time, what is called a success is on the clock.
+@pytest.mark.parametrize("readings", [20.0, 60.0, 200.0, 700.0])
+def test_planning_time_is_reserved_for_the_clock(planar3r, request, readings):
+    """However short the planning time, a motion called a success is on the clock.
 
-    Time goes by with every look at it, of which there would be 930.
+    Time passes with every reading of the clock, of which there would be 930.
     """
     request.getfixturevalue("clock").tick = 1.0
     problem = planar_problem(planar3r)
-    solution = tm.plan(problem, max_planning_time=looks, control_period=0.01)
+    solution = tm.plan(problem, max_planning_time=readings, control_period=0.01)
     assert solution.status is tm.Status.TIME_LIMIT
-    assert solution.success or looks < 700.0
+    assert solution.success or readings < 700.0
     if solution.success:
         check(solution, 0.01)
 
 
-def test_where_no_number_of_periods_will_do(planar3r, monkeypatch):
+def test_plan_without_a_motion_on_the_clock_is_infeasible(planar3r, monkeypatch):
     """The message says that the motion is not on the clock; success is not claimed."""
     monkeypatch.setattr("tominpmp.planner.control_period.TRIALS", 1)
     monkeypatch.setattr(
@@ -440,7 +440,7 @@ def test_where_no_number_of_periods_will_do(planar3r, monkeypatch):
     assert "No motion on a clock of 0.01 s was found" in solution.message
 
 
-def test_scenario_files_keep_the_period(planar3r, tmp_path: Path):
+def test_control_period_survives_a_scenario_file(planar3r, tmp_path: Path):
     path = tmp_path / "problem.toml"
     options = tm.Options(control_period=0.004, **QUICK)
     tm.save_scenario(path, planar_problem(planar3r), options)
@@ -450,11 +450,11 @@ def test_scenario_files_keep_the_period(planar3r, tmp_path: Path):
     check(tm.plan(scenario.problem, scenario.options), 0.004)
 
 
-def test_knots_near_nodes():
+def test_knots_near_are_the_ticks_nearest_to_the_nodes():
     nodes = np.array([0.0, 0.001, 0.4, 0.404, 0.9, 1.0])
     assert knots_near(nodes, 10).tolist() == [0, 4, 9, 10]
     assert knots_near(2.0 + 0.3 * nodes, 10).tolist() == [0, 4, 9, 10]
-    # Filled up where more intervals are wanted, to one a tick at most.
+    # Further ticks fill up the requested number of intervals, up to every tick.
     assert knots_near(nodes, 10, 5).tolist() == [0, 2, 4, 6, 9, 10]
     assert knots_near(nodes, 10, 99).tolist() == list(range(11))
     assert ticks_of(1.0, 0.1) == 10
@@ -463,8 +463,8 @@ def test_knots_near_nodes():
 
 
 @pytest.mark.parametrize("control", ["constant", "linear"])
-def test_dry_friction(control):
-    """Torques jump where joints turn: between ticks as well as at them."""
+def test_clock_holds_with_dry_friction(control):
+    """Torques jump where joints reverse: between ticks as well as at ticks."""
     arm = tm.load_robot("ur5", limits="urdf", friction=4.0)
     problem = ur5_problem(arm)
     solution = plan_quickly(problem, control=control, control_period=0.008)
@@ -472,13 +472,13 @@ def test_dry_friction(control):
     _, q, v, a = as_interpolated(solution.trajectory.sample(0.008), quintic=False)
     moving = np.abs(v) > 1e-6
     u = torques(arm, q, v, a) + 4.0 * np.sign(v) * moving
-    # What does not move is held by as much friction as it takes.
+    # A joint at rest is held by as much friction as necessary.
     assert np.all(np.abs(u) <= arm.limits.effort_upper * 1.005 + 4.0 * ~moving)
     assert solution.T <= 1.03 * plan_quickly(problem, control=control).T + 0.008
 
 
-def test_links_that_touch_on_the_clock_are_kept_apart(ur5, monkeypatch):
-    """Rows for links are taken once a motion on the clock touches."""
+def test_self_collision_on_the_clock_adds_rows_of_links(ur5, monkeypatch):
+    """Rows of link pairs join the program after a self-collision on the clock."""
     seen, touching = [], iter([True])
     solved, judged = clock.solve, candidate.verify
 

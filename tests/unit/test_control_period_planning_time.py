@@ -1,7 +1,7 @@
-"""Planning for a controller's clock takes little more than planning without one.
+"""Planning with a control period takes little more time than planning without it.
 
-An interior-point solver leaves the duration a trace above its bound: that was taken for
-another period, and tried again and again.
+Regression: an interior-point solver leaves the duration a trace above its bound, which
+counted as another period, and was tried again and again.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from record_samples import record
 from scipy.interpolate import BSpline
 
 import tominpmp as tm
-from tominpmp.planner import candidate as attempts
+from tominpmp.planner import candidate
 from tominpmp.planner import control_period as clock
 from tominpmp.planner.control_period import reaches_tick
 from tominpmp.problem.segments import spans_of
@@ -41,9 +41,9 @@ def on_ticks(motion, period):
 
 @pytest.fixture
 def calls(monkeypatch):
-    """Motions that were replayed, and the number of programs of the clock."""
+    """Records the replayed motions, and the number of programs of the clock."""
     seen = SimpleNamespace(replayed=[], trials=0)
-    judged, solved = attempts.verify, clock.solve
+    judged, solved = candidate.verify, clock.solve
 
     def verify(problem, motion, *rest, **named):
         seen.replayed.append(motion)
@@ -53,13 +53,13 @@ def calls(monkeypatch):
         seen.trials += 1
         return solved(*given, **named)
 
-    monkeypatch.setattr(attempts, "verify", verify)
+    monkeypatch.setattr(candidate, "verify", verify)
     monkeypatch.setattr(clock, "solve", solve)
     return seen
 
 
-def not_right(verification):
-    """A verdict that finds fault with a motion."""
+def with_violation(verification):
+    """The verification with a violation of an effort limit."""
     fault = LimitViolation("effort", "joint1", 0.1, 1.0, "N m", 0.1, True)
     return replace(verification, ok=False, violations=(fault,))
 
@@ -74,7 +74,7 @@ def clocked_program(problem, motion, period):
 
 
 @pytest.mark.parametrize("control", ["constant", "linear", "spline"])
-def test_a_trace_of_time_is_no_period(planar3r, control):
+def test_trace_above_the_least_duration_is_not_another_period(planar3r, control):
     problem = planar_problem(planar3r)
     motion = tm.plan(problem, control=control, starts=1, intervals=20).trajectory
     program, z = clocked_program(problem, motion, 0.01)
@@ -85,7 +85,7 @@ def test_a_trace_of_time_is_no_period(planar3r, control):
         kept = program.timed(off)
         assert kept[-1] == T
         np.testing.assert_array_equal(kept[:-1], off[:-1])
-        # Constraints are judged in the time that there will be.
+        # Constraints are evaluated with the duration on the clock.
         np.testing.assert_array_equal(program.evaluate(off), program.evaluate(exact))
     for share in (1.1 * TRACE, 1e-3):
         off = np.append(z[:-1], T * (1.0 + share))
@@ -93,23 +93,26 @@ def test_a_trace_of_time_is_no_period(planar3r, control):
         assert np.any(program.evaluate(off) != program.evaluate(exact))
 
 
-def ended(*told):
-    """How a rule ends iterations with these durations, violations and predictions."""
+def ended(*iterations):
+    """The status with which the rule ends iterations, or None.
+
+    An iteration is its duration, its violation and its predicted gain.
+    """
     history = [
         record(1, duration=T, violation=v, objective=T, predicted=p, actual=p)
-        for T, v, p in told
+        for T, v, p in iterations
     ]
     return reaches_tick(1.0, 1e-6)(SimpleNamespace(history=history))
 
 
-def test_the_iteration_ends_at_the_last_tick_but_for_a_trace():
+def test_iterations_end_a_trace_above_the_last_tick():
     assert ended((1.0 + 1e-8, 0.0, 1.0)) is tm.Status.FEASIBLE
     assert ended((1.0 + 1e-8, 1e-3, 1.0)) is None
     assert ended((1.0 + 1e-4, 0.0, 1.0)) is None
 
 
-def test_the_iteration_ends_where_the_duration_stays_above():
-    """Removing what violates limits is no progress of the duration."""
+def test_iterations_end_where_the_duration_stays_above_the_tick():
+    """A smaller violation is no progress of the duration."""
     first = (1.005, 5e-3, 10.0)
     assert ended(first) is None
     assert ended(first, (1.0051, 1e-6, 0.1)) is tm.Status.STALLED
@@ -120,7 +123,7 @@ def test_the_iteration_ends_where_the_duration_stays_above():
 
 
 @pytest.mark.parametrize("period", [0.001, 0.004, 0.008])
-def test_one_replay_on_the_clock_and_few_programs(ur5, calls, period):
+def test_clock_takes_one_replay_and_few_programs(ur5, calls, period):
     problem, few = ur5_problem(ur5, motion_limits=LIMITS), {"intervals": 20}
     solution = tm.plan(problem, control_period=period, **few)
     assert solution.success and solution.verification.ok
@@ -132,8 +135,8 @@ def test_one_replay_on_the_clock_and_few_programs(ur5, calls, period):
     assert solution.T <= ticks_of(free.T, period) * period + period * 1.001
 
 
-def test_a_motion_off_the_clock_is_one_that_was_replayed(planar3r, monkeypatch):
-    """Where none on the clock is found, what is kept is known to hold."""
+def test_motion_off_the_clock_has_been_replayed(planar3r, monkeypatch):
+    """Without a motion on the clock, the returned motion off the clock is verified."""
     monkeypatch.setattr(clock, "TRIALS", 1)
     less = lambda T, period: int(0.8 * T / period)  # noqa: E731
     monkeypatch.setattr(clock, "ticks_of", less)
@@ -143,16 +146,16 @@ def test_a_motion_off_the_clock_is_one_that_was_replayed(planar3r, monkeypatch):
     assert "keeps all else" in solution.message
 
 
-def test_nothing_on_the_clock_is_right_though_the_motion_is(planar3r, monkeypatch):
-    """What is kept was replayed."""
-    judged = attempts.verify
+def test_failed_replays_on_the_clock_keep_the_verified_motion(planar3r, monkeypatch):
+    """The returned motion off the clock is verified."""
+    judged = candidate.verify
 
     def verify(problem, motion, *rest, **named):
         found = judged(problem, motion, *rest, **named)
-        return not_right(found) if on_ticks(motion, 0.01) else found
+        return with_violation(found) if on_ticks(motion, 0.01) else found
 
     monkeypatch.setattr(clock, "TRIALS", 2)
-    monkeypatch.setattr(attempts, "verify", verify)
+    monkeypatch.setattr(candidate, "verify", verify)
     solution = tm.plan(planar_problem(planar3r), control_period=0.01, **QUICK)
     assert not solution.success
     assert solution.status is tm.Status.UNVERIFIED
@@ -161,7 +164,7 @@ def test_nothing_on_the_clock_is_right_though_the_motion_is(planar3r, monkeypatc
 
 
 @pytest.mark.parametrize("degree", [3, 5])
-def test_derivatives_of_a_basis_are_the_same_however_often_asked(degree):
+def test_derivatives_of_a_spline_basis_do_not_depend_on_former_calls(degree):
     nodes = np.array([0.0, 0.1, 0.35, 0.5, 0.9, 1.0])
     points = np.random.default_rng(3).normal(size=(nodes.size + degree - 1, 2))
     times, step, h = np.array([0.05, 0.2, 0.42, 0.7, 0.95]), 1e-6, np.diff(nodes)

@@ -1,6 +1,7 @@
-"""Tests of data sheets: what makers publish reaches the problem, and its lack is told.
+"""Data sheets: published limits reach the problem, and missing limits are reported.
 
-Motions of a stock Panda once began with 1348 rad/s^2 at a wrist, without a word.
+Regression: motions of a stock Panda began with 1348 rad/s^2 at a wrist, and no message
+said it.
 """
 
 from __future__ import annotations
@@ -37,8 +38,8 @@ def panda() -> Robot:
     return load_robot("panda", limits="datasheet", group="arm")
 
 
-def test_sheets_are_copied_and_passed_to_processes() -> None:
-    """Their read-only mappings could be neither copied nor pickled."""
+def test_data_sheets_can_be_copied_and_pickled() -> None:
+    """Regression: read-only mappings of data sheets could not be copied or pickled."""
     sheet = datasheets()[0]
     for other in (copy.deepcopy(sheet), pickle.loads(pickle.dumps(sheet))):
         assert other == sheet
@@ -49,7 +50,7 @@ def test_sheets_are_copied_and_passed_to_processes() -> None:
 @pytest.mark.parametrize(
     "path", sorted(FOLDER.glob("*.toml")), ids=lambda path: path.stem
 )
-def test_sheets_are_whole_and_cite_their_sources(path: Path) -> None:
+def test_data_sheets_are_complete_and_cite_their_sources(path: Path) -> None:
     sheet = read_datasheet(path)
     assert set(sheet.values) == set(sheet.sources) <= set(QUANTITIES)
     assert sheet.values
@@ -72,7 +73,7 @@ def test_sheets_are_whole_and_cite_their_sources(path: Path) -> None:
         ('jerk = {values = [1.0], source = "b"}', "is not a source; there are: a"),
     ],
 )
-def test_wrong_sheets(text: str, words: str, tmp_path: Path) -> None:
+def test_invalid_data_sheet_is_rejected(text: str, words: str, tmp_path: Path) -> None:
     path = tmp_path / "sheet.toml"
     path.write_text(
         f'title = "T"\nnames = ["t"]\njoints = ["j"]\n{text}\n'
@@ -82,7 +83,7 @@ def test_wrong_sheets(text: str, words: str, tmp_path: Path) -> None:
         read_datasheet(path)
 
 
-def test_limits_reach_robot_and_problem(panda: Robot) -> None:
+def test_data_sheet_limits_reach_robot_and_problem(panda: Robot) -> None:
     problem = tm.Problem(panda, READY, tm.JointGoal([0.1, *READY[1:]]))
     limits = problem.motion_limits
     assert limits == panda.motion_limits
@@ -97,7 +98,7 @@ def test_limits_reach_robot_and_problem(panda: Robot) -> None:
     assert slow.by_joint("jerk", names)[1] == 3750.0
 
 
-def test_speeds_and_torques_go_before_those_of_the_urdf() -> None:
+def test_speeds_and_torques_of_a_data_sheet_override_the_urdf() -> None:
     """The UR3 of example-robot-data has the torques of a UR10."""
     assert load_robot("ur3", limits="urdf").limits.effort_upper.tolist()[:2] == [
         330.0,
@@ -110,7 +111,9 @@ def test_speeds_and_torques_go_before_those_of_the_urdf() -> None:
     assert own.limits.effort_upper.tolist() == [56, 56, 20, 12, 12, 12]
 
 
-def test_locked_joints_groups_and_workcells_keep_them(panda: Robot) -> None:
+def test_locked_joints_groups_and_workcells_keep_data_sheet_limits(
+    panda: Robot,
+) -> None:
     part = load_robot(
         "panda", limits="datasheet", group="arm", locked_joints={"panda_joint2": -0.5}
     )
@@ -131,7 +134,7 @@ def test_locked_joints_groups_and_workcells_keep_them(panda: Robot) -> None:
     assert np.isinf(free[-1])  # nothing is published about the hand
 
 
-def test_prefixes_and_names() -> None:
+def test_data_sheet_is_found_by_robot_name_and_joint_prefix() -> None:
     joints = [f"left_panda_joint{i}" for i in range(1, 8)]
     joints += [f"right_panda_joint{i}" for i in range(1, 8)]
     sheet = find_datasheet(["dual_panda"], joints)
@@ -166,8 +169,8 @@ def test_prefixes_and_names() -> None:
 
 
 @pytest.mark.parametrize("name", ["so100", "so101"])
-def test_servos_do_not_start_faster_than_they_can(name: str) -> None:
-    """Planned with its URDF file alone, the SO-101 begins with 94 807 rad/s^2."""
+def test_servo_arms_keep_their_acceleration_limits(name: str) -> None:
+    """With its URDF file alone, a motion of the SO-101 begins with 94 807 rad/s^2."""
     robot = load_robot(name, locked_joints={"gripper": 0.0})
     low, high = robot.limits.position_lower, robot.limits.position_upper
     middle = (low + high) / 2
@@ -178,7 +181,7 @@ def test_servos_do_not_start_faster_than_they_can(name: str) -> None:
     assert 30.0 < solution.peak_acceleration.value < 39.1
 
 
-def test_no_sheet_and_wrong_words() -> None:
+def test_missing_data_sheet_or_invalid_limits_option_is_an_error() -> None:
     with pytest.raises(
         OptionsError, match=r"no data sheet for 'planar3r'.*known: .*Panda \(panda\)"
     ) as caught:
@@ -189,13 +192,15 @@ def test_no_sheet_and_wrong_words() -> None:
             load_robot("ur5", limits=wrong)
 
 
-def test_named_robots_have_them_by_default(tmp_path: Path, panda: Robot) -> None:
+def test_named_robots_have_data_sheet_limits_by_default(
+    tmp_path: Path, panda: Robot
+) -> None:
     assert load_robot("panda", group="arm") == panda
     assert load_changed_robot("ur5", RobotOptions()) == load_robot("ur5")
     assert load_robot("ur5") == load_robot("ur5", limits="datasheet")
     plain = load_robot("ur5", limits="urdf")
     assert plain.motion_limits is None and plain != load_robot("ur5")
-    # A file is taken as it is, and so is a robot of which there is no sheet.
+    # A robot of a file, or without a data sheet, has the limits of its URDF alone.
     assert load_robot(plain.urdf_path).motion_limits is None
     assert load_robot("planar3r") == load_robot("planar3r", limits="urdf")
     for robot in (plain, load_robot("ur5")):
@@ -203,7 +208,7 @@ def test_named_robots_have_them_by_default(tmp_path: Path, panda: Robot) -> None
         assert read_robot(Field(written, tmp_path / "s.toml", "robot")) == robot
 
 
-def test_command_line_and_scenarios(tmp_path: Path) -> None:
+def test_command_line_and_scenario_files_select_the_data_sheet(tmp_path: Path) -> None:
     changes = RobotOptions(limits="datasheet", velocity="2")
     robot = load_changed_robot("ur5", changes)
     expected = load_robot("ur5", limits="datasheet", velocity=2.0)
@@ -232,7 +237,7 @@ def test_command_line_and_scenarios(tmp_path: Path) -> None:
     assert np.isfinite(limits.by_joint("jerk", robot.joint_names)).sum() == 1
 
 
-def test_motions_keep_them_and_the_lack_of_them_is_told(panda: Robot) -> None:
+def test_motion_without_acceleration_limits_reports_its_peak(panda: Robot) -> None:
     goal = tm.JointGoal([0.4, -0.5, 0.2, -2.0, 0.1, 1.8, 0.5])
     kept = tm.plan(panda_problem(panda, goal))
     assert kept.success and kept.verification.ok, kept.message
@@ -247,44 +252,46 @@ def test_motions_keep_them_and_the_lack_of_them_is_told(panda: Robot) -> None:
     assert not peak.limited and peak.unit == "rad/s^2" and peak.value > 50.0
     samples = np.abs(free.trajectory(np.linspace(0.0, free.T, 5000)).a)
     assert peak.value >= np.max(samples) * (1.0 - 1e-6)
-    told = (
+    words = (
         f"No acceleration limits: the peak is {peak.value:.0f} rad/s^2 at {peak.joint}"
     )
-    assert free.message.endswith(f"{told}; limits='datasheet' has them.")
+    assert free.message.endswith(f"{words}; limits='datasheet' has them.")
     assert free.message.startswith(free.status.value)
 
 
 @pytest.mark.parametrize(("name", "hinted"), [("ur5", True), ("planar3r", False)])
-def test_a_kinematic_robot_is_told_of_its_sheet(name: str, hinted: bool) -> None:
+def test_error_of_a_kinematic_robot_suggests_its_data_sheet(
+    name: str, hinted: bool
+) -> None:
     robot = load_robot(load_robot(name).urdf_path, kinematic=True)
     q = 0.5 * (robot.limits.position_lower + robot.limits.position_upper)
-    with pytest.raises(tm.ProblemError, match="no acceleration limit for") as told:
+    with pytest.raises(tm.ProblemError, match="no acceleration limit for") as caught:
         tm.Problem(robot, q, tm.JointGoal(q))
-    assert str(told.value).endswith("; limits='datasheet' has them") == hinted
+    assert str(caught.value).endswith("; limits='datasheet' has them") == hinted
 
 
 def panda_problem(robot: Robot, goal: tm.JointGoal) -> tm.Problem:
     return tm.Problem(robot, READY, goal)
 
 
-def test_no_hint_where_there_is_no_sheet(planar3r: Robot) -> None:
+def test_message_suggests_no_data_sheet_if_it_does_not_exist(planar3r: Robot) -> None:
     problem = tm.Problem(planar3r, [0.5, 1.7, -1.7], tm.JointGoal([1.0, 1.0, -1.0]))
-    told = tm.plan(problem, intervals=20).message
-    assert "No acceleration limits: the peak is" in told
-    assert "datasheet" not in told
+    message = tm.plan(problem, intervals=20).message
+    assert "No acceleration limits: the peak is" in message
+    assert "datasheet" not in message
     some = tm.MotionLimits(acceleration={"joint1": 500.0, "joint2": 500.0})
-    told = tm.plan(replace(problem, motion_limits=some), intervals=20).message
-    assert "No acceleration limit for joint3: the peak is" in told
+    message = tm.plan(replace(problem, motion_limits=some), intervals=20).message
+    assert "No acceleration limit for joint3: the peak is" in message
 
 
-def test_loading_with_a_sheet_warns_of_nothing() -> None:
+def test_loading_with_a_data_sheet_gives_no_warning() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for name in ("panda", "ur3", "ur5", "ur10", "ur5_limited", "xarm7"):
             load_robot(name, limits="datasheet")
 
 
-def test_robots_are_listed_with_them(panda: Robot) -> None:
+def test_robot_report_lists_data_sheet_limits(panda: Robot) -> None:
     from tominpmp.cli.report import robot_data
 
     data = robot_data(panda)

@@ -1,4 +1,4 @@
-"""Reasons for failed plans, in words."""
+"""`explain`: the messages of failed plans, with the reason and suggestions."""
 
 from __future__ import annotations
 
@@ -38,8 +38,11 @@ def smooth(robot: Robot, begin: np.ndarray, end: np.ndarray, T: float) -> Trajec
     return replace(draft, u=u, inverse_dynamics=inverse)
 
 
-def test_torques_are_those_of_their_segment() -> None:
-    """The end of the whole motion was looked at, with the load of another one."""
+def test_torque_violation_is_found_on_its_segment() -> None:
+    """Regression: the end of the whole motion was examined, with another payload.
+
+    The payload was that of another segment.
+    """
     arm = make_arm(ROD, ROD, effort=np.array([50.0, 9.0]), gravity=DOWNWARD)
     level, down = np.array([-1.5, 1.5]), np.array([-1.5, 0.0])
     loaded = Payload(5.0, "tip")
@@ -57,12 +60,12 @@ def test_torques_are_those_of_their_segment() -> None:
     assert "on segment 1" in found and "joint joint2 would need" in found
 
 
-def test_motion_that_is_too_strong_is_told_with_its_time() -> None:
+def test_message_has_the_excess_torque_and_its_time() -> None:
     arm = make_arm(ROD, effort=2.0)
     motion = smooth(arm, np.zeros(1), np.ones(1), 0.8)
     problem = Problem(arm, np.zeros(1), JointGoal(np.ones(1)))
     found = explain(problem, motion, Status.TIME_LIMIT, TRIED)
-    # 6 / T^2 times the inertia of a third, at both ends.
+    # The torque is 6 / T^2 times the inertia of 1/3, at both ends.
     assert "joint joint1 would need 3.1" in found
     assert "N m at 0.00 s, 2 allowed" in found or "N m at 0.80 s, 2" in found
     assert found.startswith("Gave up when the planning time was used up")
@@ -70,11 +73,11 @@ def test_motion_that_is_too_strong_is_told_with_its_time() -> None:
     assert "What may help: stronger motors, or less load or friction." in found
     first = explain(problem, motion, Status.TIME_LIMIT, (1, 2))
     assert "after 1 start and 2 iterations" in first
-    assert "What may help" not in first  # this start was not finished
+    assert "What may help" not in first  # the first start was not finished
 
 
-def test_a_motor_that_is_weaker_in_one_direction() -> None:
-    """The larger of its two limits was named, whichever the motion exceeds."""
+def test_message_regards_the_weaker_direction_of_a_motor() -> None:
+    """Regression: the message had the larger of both limits, not the exceeded limit."""
     arm = make_arm(ROD, effort=50.0)
     arm = replace(arm, limits=replace(arm.limits, effort_lower=np.array([-2.0])))
     motion = smooth(arm, np.zeros(1), np.ones(1), 0.8)
@@ -95,7 +98,7 @@ def test_excess_over_an_effort_curve_is_not_added_to_the_plain_limit() -> None:
     assert "allowed" not in message
 
 
-def test_a_clearance_that_is_missing_is_told_with_its_pair(planar3r: Robot) -> None:
+def test_message_has_the_missing_clearance_and_its_pair(planar3r: Robot) -> None:
     planar3r = planar3r.with_changes(effort=1e4, velocity=100.0)
     begin, end = np.array([0.3, 0.0, 0.0]), np.array([1.9, 0.0, 0.0])
     at = 6.5 * np.array([np.cos(1.1), np.sin(1.1), 0.0])
@@ -107,7 +110,7 @@ def test_a_clearance_that_is_missing_is_told_with_its_pair(planar3r: Robot) -> N
     assert "What may help: more room there, a smaller margin" in found
 
 
-def test_goal_that_was_not_reached_is_told_with_its_distance() -> None:
+def test_message_has_the_distance_to_the_goal() -> None:
     arm = make_arm(ROD, ROD, effort=50.0)
     motion = smooth(arm, np.zeros(2), np.array([0.5, 0.0]), 2.0)
     problem = Problem(arm, np.zeros(2), JointGoal(np.array([0.5, 0.3])))
@@ -120,7 +123,7 @@ def test_goal_that_was_not_reached_is_told_with_its_distance() -> None:
 
 
 @pytest.mark.parametrize("status", list(Status))
-def test_without_an_outcome_the_end_of_the_search_is_said(status: Status) -> None:
+def test_message_without_a_motion_is_that_of_the_status(status: Status) -> None:
     arm = make_arm(ROD, effort=2.0)
     problem = Problem(arm, np.zeros(1), JointGoal(np.ones(1)))
     sentence = status.value
@@ -129,7 +132,7 @@ def test_without_an_outcome_the_end_of_the_search_is_said(status: Status) -> Non
     assert explain(problem, None, status, (0, 0)) == sentence
 
 
-def test_motion_that_is_nearly_allowed_is_told_as_such() -> None:
+def test_message_says_that_a_motion_is_nearly_feasible() -> None:
     arm = make_arm(ROD, effort=50.0)
     motion = smooth(arm, np.zeros(1), np.ones(1), 1.0)
     problem = Problem(arm, np.zeros(1), JointGoal(np.ones(1)))
@@ -137,8 +140,8 @@ def test_motion_that_is_nearly_allowed_is_told_as_such() -> None:
     assert "within 0.1 % of the limits" in found
 
 
-def test_dry_friction_of_a_reversal_is_no_acceleration() -> None:
-    """Torques just before a reversal were assigned to a state after it."""
+def test_dry_friction_at_a_reversal_is_not_an_acceleration_violation() -> None:
+    """Regression: torques just before a reversal were assigned to a state after it."""
     arm = make_arm(ROD, effort=5.0).with_changes(friction=1.0)
     t = np.array([[0.0], [1.3]])
     state = {"q": t**2 - 0.7 * t, "v": 2.0 * t - 0.7, "a": np.full((1, 1), 2.0)}

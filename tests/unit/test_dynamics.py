@@ -1,4 +1,7 @@
-"""Tests of the equations of motion; derivatives are in test_derivatives_problem.py."""
+"""The equations of motion, inverse and forward.
+
+`test_derivatives_problem.py` tests their derivatives.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +41,7 @@ def states(
 # Closed forms
 
 
-def test_pendulum(tmp_path: Path) -> None:
+def test_pendulum_matches_the_closed_form(tmp_path: Path) -> None:
     """A body of 2 kg, centre at 0.5 m, inertia 0.3 kg m^2 about its centre."""
     arm = load(
         tmp_path, one_joint(), gravity=(0, -GRAVITY, 0), damping=0.7, armature=0.05
@@ -57,7 +60,7 @@ def test_pendulum(tmp_path: Path) -> None:
     np.testing.assert_allclose(jacobians.f_x[:, 1, 1], -0.7 / inertia, rtol=1e-12)
 
 
-def test_slider(tmp_path: Path) -> None:
+def test_prismatic_joint_matches_the_closed_form(tmp_path: Path) -> None:
     arm = load(
         tmp_path,
         one_joint(kind="prismatic"),
@@ -73,7 +76,7 @@ def test_slider(tmp_path: Path) -> None:
     np.testing.assert_allclose(found, np.hstack([v, a]), rtol=1e-12)
 
 
-def test_follower_loads_its_leader(tmp_path: Path) -> None:
+def test_mimic_joint_adds_its_mass_and_weight_to_the_leader(tmp_path: Path) -> None:
     """Two equal sliders on one rail; the second follows at -0.5 times the first."""
     mimic = '<mimic joint="j1" multiplier="-0.5" offset="0.2"/>'
     arm = load(
@@ -85,7 +88,7 @@ def test_follower_loads_its_leader(tmp_path: Path) -> None:
     dynamics = RobotDynamics(arm)
     assert dynamics.n == 1
     q, v, a = np.array([[0.3]]), np.array([[1.2]]), np.array([[-0.8]])
-    # The second is carried by the first: it moves at 1 - 0.5 of its speed.
+    # The first slider carries the second, which moves at 1 - 0.5 of its speed.
     mass = 2.0 + 2.0 * 0.5**2
     weight = GRAVITY * (2.0 + 2.0 * 0.5)
     np.testing.assert_allclose(dynamics.inverse(q, v, a), mass * a + 3.0 * v + weight)
@@ -94,7 +97,9 @@ def test_follower_loads_its_leader(tmp_path: Path) -> None:
 # Invariants
 
 
-def test_forward_undoes_inverse(arm: Robot, rng: np.random.Generator) -> None:
+def test_forward_dynamics_inverts_inverse_dynamics(
+    arm: Robot, rng: np.random.Generator
+) -> None:
     dynamics = RobotDynamics(arm)
     q, v, a = states(arm, rng)
     u = dynamics.inverse(q, v, a)
@@ -103,7 +108,7 @@ def test_forward_undoes_inverse(arm: Robot, rng: np.random.Generator) -> None:
     np.testing.assert_allclose(found[:, arm.n :], a, rtol=1e-8, atol=1e-8)
 
 
-def test_mass_matrix(arm: Robot, rng: np.random.Generator) -> None:
+def test_mass_matrix_matches_pinocchio(arm: Robot, rng: np.random.Generator) -> None:
     dynamics = RobotDynamics(arm)
     q, v, a = states(arm, rng)
     mass = dynamics.inverse_jacobians(q, v, a).tau_a
@@ -120,7 +125,9 @@ def test_mass_matrix(arm: Robot, rng: np.random.Generator) -> None:
     np.testing.assert_allclose(mass @ f_u[:, arm.n :], identity, atol=1e-8)
 
 
-def test_inertial_torque(arm: Robot, rng: np.random.Generator) -> None:
+def test_inertial_torque_is_the_part_of_the_acceleration(
+    arm: Robot, rng: np.random.Generator
+) -> None:
     dynamics = RobotDynamics(arm)
     q, v, a = states(arm, rng)
     found = dynamics.inertial(q, a)
@@ -128,7 +135,7 @@ def test_inertial_torque(arm: Robot, rng: np.random.Generator) -> None:
     np.testing.assert_allclose(found, dynamics.inverse(q, v, a) - rest, atol=1e-10)
 
 
-def test_power_goes_into_energy_and_friction(
+def test_power_equals_the_rate_of_energy_and_friction_losses(
     arm: Robot, rng: np.random.Generator
 ) -> None:
     """d/dt (v M v / 2 + potential energy) = u v - v D v."""
@@ -148,14 +155,16 @@ def test_power_goes_into_energy_and_friction(
         assert (ahead - behind) / (2 * h) == pytest.approx(power, rel=1e-6, abs=1e-5)
 
 
-def test_friction_is_viscous(arm: Robot, rng: np.random.Generator) -> None:
+def test_damping_adds_a_viscous_torque(arm: Robot, rng: np.random.Generator) -> None:
     q, v, a = states(arm, rng)
     more = arm.with_changes(damping=arm.damping + 2.5)
     extra = RobotDynamics(more).inverse(q, v, a) - RobotDynamics(arm).inverse(q, v, a)
     np.testing.assert_allclose(extra, 2.5 * v, atol=1e-9)
 
 
-def test_gravity_alone_acts_at_rest(arm: Robot, rng: np.random.Generator) -> None:
+def test_torque_at_rest_is_proportional_to_gravity(
+    arm: Robot, rng: np.random.Generator
+) -> None:
     q, v, _ = states(arm, rng)
     weightless = RobotDynamics(arm.with_changes(gravity=(0, 0, 0)))
     np.testing.assert_allclose(weightless.inverse(q, 0 * v, 0 * v), 0.0, atol=1e-12)
@@ -168,7 +177,9 @@ def test_gravity_alone_acts_at_rest(arm: Robot, rng: np.random.Generator) -> Non
 
 
 @pytest.mark.parametrize("m", [0, 1, 5])
-def test_shapes(arm: Robot, m: int, rng: np.random.Generator) -> None:
+def test_dynamics_return_the_documented_shapes(
+    arm: Robot, m: int, rng: np.random.Generator
+) -> None:
     dynamics, n = RobotDynamics(arm), arm.n
     q, v, a = states(arm, rng, m)
     x = np.hstack([q, v])
@@ -185,7 +196,9 @@ def test_shapes(arm: Robot, m: int, rng: np.random.Generator) -> None:
     assert forward.f_u.shape == (m, 2 * n, n)
 
 
-def test_rows_do_not_know_of_each_other(arm: Robot, rng: np.random.Generator) -> None:
+def test_dynamics_of_a_row_do_not_depend_on_other_rows(
+    arm: Robot, rng: np.random.Generator
+) -> None:
     dynamics = RobotDynamics(arm)
     q, v, a = states(arm, rng)
     x = np.hstack([q, v])
@@ -205,7 +218,7 @@ def test_rows_do_not_know_of_each_other(arm: Robot, rng: np.random.Generator) ->
             np.testing.assert_array_equal(one[0], all_rows[i])
 
 
-def test_pickle(arm: Robot, rng: np.random.Generator) -> None:
+def test_dynamics_can_be_pickled(arm: Robot, rng: np.random.Generator) -> None:
     dynamics = RobotDynamics(arm)
     back = pickle.loads(pickle.dumps(dynamics))
     q, v, a = states(arm, rng)
@@ -213,8 +226,8 @@ def test_pickle(arm: Robot, rng: np.random.Generator) -> None:
     assert back.robot.joint_names == arm.joint_names
 
 
-def test_many_rows_heed_a_limit_of_time(arm: Robot, monkeypatch) -> None:
-    """Rows of slow motions, of which there are hundreds of thousands."""
+def test_dynamics_of_many_rows_check_the_time_limit(arm: Robot, monkeypatch) -> None:
+    """Slow motions have hundreds of thousands of rows."""
 
     def stop() -> None:
         raise Stop(requested=False)
