@@ -1,4 +1,4 @@
-"""Planning that ends early: what it began with, slowed down, is a motion already."""
+"""Planning that ends early: a slowed initial guess or a coarse motion is returned."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from tominpmp.stopping import Deadline, Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification.limit_violations import LimitViolation
 
-# What "auto" comes to.
+# The choices of "auto".
 RESOLVED = {"method": "inverse", "lp_solver": "piqp"}
 
 
@@ -36,7 +36,7 @@ def planar():
     return tm.Problem(robot, (0.5, 1.7, -1.7), tm.JointGoal((0.5, 1.0, 1.0)))
 
 
-def test_interrupted_at_once_there_is_a_motion():
+def test_plan_interrupted_at_once_returns_a_verified_motion():
     solution = tm.plan(planar(), callback=lambda record: True)
     assert solution.status is tm.Status.INTERRUPTED
     assert solution.success
@@ -45,8 +45,8 @@ def test_interrupted_at_once_there_is_a_motion():
 
 
 @pytest.mark.parametrize("intervals", [16, 40, 160])
-def test_timed_guesses_are_nearly_motions(intervals):
-    """Short intervals at the ends asked for thirty times the torque there is."""
+def test_slowed_timed_guess_is_feasible(intervals):
+    """Regression: short intervals at both ends needed thirty times the torque limit."""
     system = ProblemFunctions.of(planar())
     guess = next(initial_guesses(system, GuessRequest(1, np.random.default_rng(0))))
     assert guess.timed
@@ -57,21 +57,21 @@ def test_timed_guesses_are_nearly_motions(intervals):
     assert program.rows.largest_violation(slow) == 0.0
 
 
-def test_a_guess_runs_smoothly_between_its_samples():
+def test_guess_is_interpolated_smoothly_within_its_samples():
     t = np.linspace(0.0, 1.0, 21)
     guess = Guess("parabola", t, t[:, None] ** 2, True)
     fine = np.linspace(0.0, 1.0, 501)
     np.testing.assert_allclose(guess.position(fine)[:, 0], fine**2, atol=1e-3)
     slope = np.diff(guess.position(fine)[:, 0]) / np.diff(fine)
     assert slope[0] < 0.01
-    # Within the samples, and samples at one time are one.
+    # The interpolation stays within the samples; samples at one time are merged.
     steps = Guess("step", np.array([0, 1, 1, 2.0]), np.array([[0, 1, 1, 1.0]]).T, True)
     assert np.all(np.diff(steps.position(2.0 * fine)[:, 0]) >= 0.0)
     assert steps.position(np.array([-1.0, 5.0]))[:, 0].tolist() == [0.0, 1.0]
 
 
-def test_a_short_time_limit_leaves_a_verified_motion():
-    """Arms of many joints found none in time: their programs take long."""
+def test_plan_stopped_after_one_iteration_returns_a_motion():
+    """Regression: plans of many joints had no motion in time, as programs take long."""
     arm = make_arm(*[slide(1.0) for _ in range(12)], effort=10.0, velocity=5.0)
     goal = tm.JointGoal(np.linspace(0.05, 0.1, 12))
     problem = tm.Problem(arm, np.zeros(12), goal)
@@ -96,8 +96,8 @@ def with_coarse_fallback() -> PlanState:
     return state
 
 
-def test_a_coarse_motion_without_a_replay_is_no_success(monkeypatch):
-    """Time ended before its replay, and the solution was called a success."""
+def test_coarse_motion_without_a_replay_is_not_confirmed(monkeypatch):
+    """Regression: time ended before the replay, and the status was a success."""
     state = with_coarse_fallback()
 
     def stopped(*_, **__):
@@ -108,16 +108,19 @@ def test_a_coarse_motion_without_a_replay_is_no_success(monkeypatch):
     assert state.candidates and not state.candidates[-1].confirmed
 
 
-def test_a_fallback_that_does_not_hold_is_infeasible(monkeypatch):
-    """Its status said that a motion was found that keeps all constraints."""
+def test_fallback_that_violates_constraints_is_infeasible(monkeypatch):
+    """Regression: its status was that of a motion that satisfies all constraints."""
     state = with_coarse_fallback()
     monkeypatch.setattr(Candidate, "verified", lambda self, *_: self)
     use_fallback(state, tm.Status.FEASIBLE)
     assert state.candidates[-1].status is tm.Status.INFEASIBLE
 
 
-def test_a_motion_whose_links_touch_is_replayed_once(monkeypatch):
-    """It was replayed at four lower speeds, too, after the end of the planning time."""
+def test_fallback_in_self_collision_is_replayed_once(monkeypatch):
+    """Regression: the motion was replayed at four lower speeds, too.
+
+    This was after the end of the planning time.
+    """
     state, known, replays = with_coarse_fallback(), Candidate.verified, []
     touch = LimitViolation("clearance", "a and b", 0.1, 0.01, "m", 0.01, True)
 
@@ -131,8 +134,11 @@ def test_a_motion_whose_links_touch_is_replayed_once(monkeypatch):
     assert len(replays) == 1 + len(state.first_guesses)
 
 
-def test_a_coarse_motion_that_does_not_hold_gives_way_to_the_next_one(monkeypatch):
-    """A plan of 0.6 s had a motion, and one of 1 s had none: only one was tried."""
+def test_next_fallback_is_tried_after_one_that_fails_its_replay(monkeypatch):
+    """Regression: only one fallback was tried.
+
+    A plan of 0.6 s returned a motion, and a plan of 1 s did not.
+    """
     state, known, replays = with_coarse_fallback(), Candidate.verified, []
     state.fallbacks, state.first_guesses = state.fallbacks * 2, []
     touch = LimitViolation("clearance", "a and b", 0.1, 0.01, "m", 0.01, True)
@@ -149,8 +155,8 @@ def test_a_coarse_motion_that_does_not_hold_gives_way_to_the_next_one(monkeypatc
     assert state.incumbent is not None
 
 
-def test_a_slow_incumbent_does_not_hide_a_faster_coarse_motion():
-    """A plan of 4 s returned 3.75 s, and one of 2 s had returned 0.39 s."""
+def test_faster_coarse_motion_replaces_a_slow_incumbent():
+    """Regression: planning for 4 s returned T = 3.75 s, planning for 2 s T = 0.39 s."""
     state = with_coarse_fallback()
     (coarse,), options = state.fallbacks, state.options
     program, iterate, _ = coarse.kept
@@ -165,8 +171,11 @@ def test_a_slow_incumbent_does_not_hide_a_faster_coarse_motion():
     assert solution.T < 1.3 * iterate.duration < slow.duration
 
 
-def test_starts_that_all_end_without_a_motion_leave_a_guess_slowed_down():
-    """An arm had a motion after 2 s, and none after 60 s, when all starts had ended."""
+def test_slowed_guess_is_returned_if_all_starts_fail():
+    """Regression: planning for 60 s returned no motion, as all starts had ended.
+
+    Planning for 2 s had returned a motion.
+    """
     arm = tm.load_robot("planar3r")
     goal = tm.JointGoal([1.2, 0.5, 0.6])
     problem = tm.Problem(arm, [0.5, 0.1, 0.1], goal)
@@ -175,8 +184,8 @@ def test_starts_that_all_end_without_a_motion_leave_a_guess_slowed_down():
     assert solution.status is tm.Status.ITERATION_LIMIT
 
 
-def test_a_guess_is_not_slowed_down_once_time_is_up():
-    """Twelve slower motions were tried after the end of a plan, 0.06 s altogether."""
+def test_guess_is_not_slowed_after_the_end_of_the_planning_time():
+    """Regression: twelve slower motions were tried after the end, in 0.06 s."""
     problem = planar()
     system, options = ProblemFunctions.of(problem), tm.Options(**RESOLVED)
     guess = next(initial_guesses(system, GuessRequest(1, np.random.default_rng(0))))
@@ -189,8 +198,11 @@ def test_a_guess_is_not_slowed_down_once_time_is_up():
         _scaled(Fallback("guess", begun, begun, problem), candidate, options)
 
 
-def test_time_is_reserved_for_a_replay_before_one_was_timed():
-    """One of some segments takes 0.2 s: it was found, and there was no time for it."""
+def test_planning_time_is_reserved_for_the_first_replay():
+    """Regression: a motion of several segments was found without time for its replay.
+
+    The replay of several segments takes 0.2 s.
+    """
     problem = planar()
     system, options = ProblemFunctions.of(problem), tm.Options(**RESOLVED)
     guess = next(initial_guesses(system, GuessRequest(1, np.random.default_rng(0))))
@@ -205,8 +217,11 @@ def test_time_is_reserved_for_a_replay_before_one_was_timed():
         assert before == pytest.approx(0.06 * 2.0 + 0.07 + reserve)
 
 
-def test_slow_iterations_reserve_more_time_for_the_first_replay(clock):
-    """An xArm 7 with five segments was ready after 2 s of 8, but a replay takes 1 s."""
+def test_slow_iterations_increase_the_reserve_for_the_first_replay(clock):
+    """Regression: an xArm 7 with five segments had a motion after 2 s of 8 s.
+
+    Its replay takes 1 s.
+    """
     state = PlanState(planar(), tm.Options(**RESOLVED, max_planning_time=10.0))
     state.begin()
     state.initial = object()  # a first guess, which may have to be slowed down
@@ -219,8 +234,8 @@ def test_slow_iterations_reserve_more_time_for_the_first_replay(clock):
         state(record)
 
 
-def test_a_replay_may_take_the_time_that_is_kept_for_it(monkeypatch):
-    """It was cut short by its own reserve, and done once more from its beginning."""
+def test_replay_may_use_the_time_reserved_for_it(monkeypatch):
+    """Regression: the replay was stopped by its own reserve, and done once more."""
     problem = planar()
     state = PlanState(problem, tm.Options(**RESOLVED, max_planning_time=2.0))
     ends, known = [], Candidate.verified
@@ -239,10 +254,12 @@ def test_a_replay_may_take_the_time_that_is_kept_for_it(monkeypatch):
 
 
 @pytest.mark.parametrize("free", [True, False])
-def test_repairs_of_touching_links_begin_with_the_guess_if_the_end_is_free(
-    monkeypatch, free
-):
-    """A PR2 took 0.85 s beside its other arm, into which the free end had drifted."""
+def test_repair_of_a_self_collision_starts_from_the_guess(monkeypatch, free):
+    """The repair starts from the guess only if the final configuration is free.
+
+    Regression: a PR2 took 0.85 s beside its other arm, into which the free final
+    configuration had drifted.
+    """
     given, problem = [], planar()
     if free:
         goal = tm.PositionGoal("tip", (1.0, 4.0, 0.0))

@@ -1,4 +1,4 @@
-"""Time against energy: closed forms, what is traded, and what is refused."""
+"""The option `energy_weight`: closed forms, trades of time against energy, errors."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def two_links() -> tm.Problem:
         (1.0, 1.0, "collocation", 1e-3),
     ],
 )
-def test_a_mass_on_a_rail_takes_the_time_of_the_closed_form(
+def test_duration_and_energy_of_a_rail_match_the_closed_form(
     distance, weight, method, error
 ):
     solution = tm.plan(rail(distance), energy_weight=weight, method=method)
@@ -55,7 +55,7 @@ def test_a_mass_on_a_rail_takes_the_time_of_the_closed_form(
     assert "trade of time against energy" in solution.message
 
 
-def test_the_values_of_the_unit_rail():
+def test_duration_and_cost_of_a_unit_rail():
     solution = tm.plan(rail(), energy_weight=1.0)
     assert pytest.approx(2.449490, abs=1e-6) == solution.T
     assert solution.cost == pytest.approx(3.265986, abs=1e-6)
@@ -63,15 +63,15 @@ def test_the_values_of_the_unit_rail():
 
 @pytest.fixture(scope="module")
 def trades():
-    """Plans of two links by the weight of the energy."""
+    """Solutions of two links for each weight of the energy."""
     weights = (1e-3, 1e-2)
     quick = {"intervals": 16, "starts": 1}
     return {k: tm.plan(two_links(), energy_weight=k, **quick) for k in weights}
 
 
 @pytest.mark.parametrize("options", [{"energy_weight": 1.0}, {"slack": 0.01}])
-def test_time_that_ends_before_the_other_objective_is_told(monkeypatch, options):
-    """The status was that of a plan that was over, or of an optimal motion."""
+def test_time_limit_before_the_second_objective_is_reported(monkeypatch, options):
+    """Regression: the status was that of a completed plan, or of an optimal motion."""
 
     def late(*_):
         raise Stop(requested=False)
@@ -84,14 +84,14 @@ def test_time_that_ends_before_the_other_objective_is_told(monkeypatch, options)
     assert "within the 30 s allowed." in solution.message
 
 
-def test_energy_is_traded_for_time(trades):
+def test_larger_weight_saves_energy_and_takes_more_time(trades):
     less, least = trades.values()
     for solution in trades.values():
         assert solution.success, solution.message
         assert solution.verification.ok
     assert less.T < least.T
     assert less.energy > least.energy
-    # Each is the better of the two by its own measure.
+    # Each solution is the better one at its own weight.
     for weight, best in trades.items():
         for other in trades.values():
             assert best.T + weight * best.energy <= (
@@ -99,14 +99,14 @@ def test_energy_is_traded_for_time(trades):
             ) * (1.0 + 5e-3)
 
 
-def test_the_energy_is_that_of_the_replayed_torques(trades):
+def test_reported_energy_is_the_integral_of_the_torques(trades):
     motion = trades[1e-2].trajectory
     t = np.linspace(0.0, motion.duration, 20001)
     squares = np.sum(motion(t).u ** 2, axis=1)
     assert trades[1e-2].energy == pytest.approx(trapezoid(squares, t), rel=1e-5)
 
 
-def test_limits_hold_while_energy_is_saved():
+def test_tool_speed_limit_holds_with_an_energy_weight():
     arm = make_arm(slide(1.0), effort=np.array([100.0]))
     slow = tm.ToolSpeed("tip", 0.5)
     problem = tm.Problem(arm, [0.0], tm.JointGoal([1.0]), constraints=(slow,))
@@ -117,11 +117,11 @@ def test_limits_hold_while_energy_is_saved():
     assert solution.T > 2.449490
 
 
-def test_the_certificate_says_what_it_is_about(trades):
+def test_certificate_says_that_it_is_about_the_duration(trades):
     assert trades[1e-2].certificate.message.startswith("This is about the duration")
 
 
-def test_what_limits_are_worth_is_told_of_the_fastest_motion_only(trades):
+def test_sensitivities_are_rejected_with_an_energy_weight(trades):
     with pytest.raises(tm.ProblemError, match=r"energy_weight is 0\.01, expected 0"):
         _ = trades[1e-2].sensitivities
 
@@ -147,7 +147,7 @@ def _programs():
 
 @pytest.mark.parametrize("kind", ENERGIES.values(), ids=ENERGIES)
 @pytest.mark.parametrize("number", range(3))
-def test_its_gradient_against_differences(number, kind):
+def test_energy_gradient_matches_differences(number, kind):
     transcription, z = list(_programs())[number]
     rng = np.random.default_rng(0)
     z = z + 1e-2 * rng.standard_normal(z.size)
@@ -170,12 +170,12 @@ def test_its_gradient_against_differences(number, kind):
         ({"energy_weight": 1.0, "objective": "feasible"}, "objective is 'feasible'"),
     ],
 )
-def test_what_does_not_fit_is_refused(changes, words):
+def test_energy_weight_rejects_incompatible_options(changes, words):
     with pytest.raises(OptionsError, match=words):
         tm.plan(rail(), **changes)
 
 
-def test_scenario_files_and_the_command_line_know_it(tmp_path):
+def test_energy_weight_survives_a_scenario_file(tmp_path):
     path = tmp_path / "rail.toml"
     robot = tm.load_robot("planar3r", gravity=(0, 0, 0))
     problem = tm.Problem(robot, [0.5, 0.5, 0.5], tm.JointGoal([0.6, 0.5, 0.4]))
@@ -183,8 +183,8 @@ def test_scenario_files_and_the_command_line_know_it(tmp_path):
     assert tm.load_scenario(path).options.energy_weight == 0.01
 
 
-def test_the_arm_is_lifted_where_that_saves_energy():
-    """The path of the fastest motion is locally optimal, and 25 % more costly."""
+def test_energy_plan_leaves_the_path_of_the_fastest_motion():
+    """The path of the fastest motion is locally optimal, and costs 25 % more."""
     robot = tm.load_robot("ur5", limits="urdf")
     start = [0.04, 1.35, -1.07, 1.35, -0.56, -0.23]
     goal = tm.JointGoal([0.98, -0.27, 0.15, -1.42, 0.76, 0.11])
@@ -195,8 +195,11 @@ def test_the_arm_is_lifted_where_that_saves_energy():
     assert solution.energy < 500.0
 
 
-def test_weak_motors_that_hold_their_arm_do_not_end_the_search():
-    """Slowing down does not remove such a violation: its weight must be raised."""
+def test_energy_plan_raises_the_merit_weight_for_weak_motors():
+    """Slowing down does not remove violations of holding torques.
+
+    The weight of these violations must be raised.
+    """
     robot = tm.load_robot("planar3r")
     goal = tm.JointGoal([0.3, 0.3, 0.69])
     problem = tm.Problem(robot, [0.53, -0.6, 0.94], goal)

@@ -1,4 +1,4 @@
-"""Time against energy over several segments: sums of closed forms, loads, stays."""
+"""Time against energy over several segments: closed forms, payloads, dwells."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ LIFT = make_arm(
 
 
 def closed_form(distance: float, weight: float = 1.0, mass: float = 1.0) -> float:
-    """J of a mass on a rail from rest to rest without limits."""
+    """Optimal cost of a mass on a rail from rest to rest without limits."""
     return 4.0 / 3.0 * (36.0 * weight * mass**2 * distance**2) ** 0.25
 
 
@@ -46,23 +46,23 @@ def planned(segments, weight=1.0, robot=RAIL, **options):
 @pytest.mark.parametrize(
     ("segments", "expected"),
     [
-        # With a stop, each is what it is alone: accelerations jump where it is.
+        # With a stop the costs add up: accelerations jump at the stop.
         ([to(1.0, stop=True), to(3.0)], closed_form(1.0) + closed_form(2.0)),
         ([to(1.0, dwell=0.2), to(3.0)], closed_form(1.0) + closed_form(2.0) + 0.2),
-        # Back again: it stops by itself.
+        # There and back: the mass stops at the reversal without a demand.
         ([to(1.0), to(0.0)], 2.0 * closed_form(1.0)),
-        # Passed on the way that is best anyway.
+        # The via point is on the optimal path.
         ([to(1.0), to(3.0)], closed_form(3.0)),
     ],
-    ids=["stop", "stay", "back", "passed"],
+    ids=["stop", "dwell", "back", "passed"],
 )
-def test_rails_with_goals_on_the_way(segments, expected):
+def test_cost_of_a_rail_with_via_points_matches_the_closed_form(segments, expected):
     solution = planned(segments)
     assert solution.cost == pytest.approx(expected, rel=1e-6)
     assert "locally optimal trade" in solution.message
 
 
-def test_the_load_of_each_segment_counts():
+def test_payload_of_each_segment_enters_the_cost():
     load = tm.Payload(3.0, "tip")
     segments = [to(1.0, payload=load, stop=True), to(0.0)]
     solution = planned(segments, weight=0.5)
@@ -72,7 +72,7 @@ def test_the_load_of_each_segment_counts():
     assert loaded.duration == pytest.approx(2.0 * empty.duration, rel=1e-4)
 
 
-def test_files_of_the_nodes_hold_though_accelerations_jump(tmp_path):
+def test_motion_file_holds_where_accelerations_jump(tmp_path):
     load = tm.Payload(2.0, "tip")
     segments = [to(1.0, dwell=0.1), to(0.2, payload=load), to(1.4)]
     robot = make_arm(slide(1.0), effort=np.array([10.0]))
@@ -88,17 +88,17 @@ def test_files_of_the_nodes_hold_though_accelerations_jump(tmp_path):
         assert judged.ok, judged.message
 
 
-def test_standing_still_under_gravity_takes_energy():
-    at_once, stays = (
+def test_dwell_under_gravity_takes_energy():
+    stopping, dwelling = (
         planned([to(0.3, **how), to(0.0)], 1e-3, LIFT, intervals=16)
         for how in ({"stop": True}, {"dwell": 0.4})
     )
     held = 0.4 * 9.81**2
-    assert stays.energy - at_once.energy == pytest.approx(held, rel=1e-4)
-    assert stays.T - at_once.T == pytest.approx(0.4, rel=1e-4)
+    assert dwelling.energy - stopping.energy == pytest.approx(held, rel=1e-4)
+    assert dwelling.T - stopping.T == pytest.approx(0.4, rel=1e-4)
 
 
-def test_limits_of_a_segment_hold():
+def test_tool_speed_limit_of_a_segment_holds_with_an_energy_weight():
     slow = (tm.ToolSpeed("tip", 0.4),)
     solution = planned([to(1.0, constraints=slow, stop=True), to(0.0)], intervals=20)
     slow_part, free = solution.segments
@@ -109,7 +109,7 @@ def test_limits_of_a_segment_hold():
 
 @pytest.fixture(scope="module")
 def two_links():
-    """A passed goal, a load, a stay: the problem, and its fastest motion."""
+    """A problem with via point, payload and dwell; its options and fastest motion."""
     arm = swinging_arm(22.0, 12.0)
     place = tm.PositionGoal("tip", (0.9, 1.2, 0.0), tolerance=0.05)
     segments = [
@@ -123,7 +123,7 @@ def two_links():
 
 
 @pytest.mark.parametrize("measure", ["torque_squared", "work"])
-def test_less_is_spent_and_the_motion_is_verified(two_links, measure):
+def test_energy_plan_spends_less_and_is_verified(two_links, measure):
     problem, quick, fastest = two_links
     options = quick.changed({"energy": measure, "energy_weight": 1e-2})
     solution = tm.plan(problem, options)
@@ -136,7 +136,7 @@ def test_less_is_spent_and_the_motion_is_verified(two_links, measure):
 
 
 def program_of(fastest, degree, breaks):
-    """Program of splines whose accelerations may jump where segments end."""
+    """A program of splines whose accelerations may jump at the ends of segments."""
     problem, motion = fastest.problem, fastest.trajectory
     layout = Layout.of_motion(motion, problem.segments).with_intervals(24)
     where = layout.segment_ends[:-1] if breaks else ()
@@ -149,7 +149,9 @@ def program_of(fastest, degree, breaks):
 @pytest.mark.parametrize(
     ("degree", "breaks"), [(2, False), (3, False), (3, True)], ids=str
 )
-def test_gradients_against_differences(two_links, degree, breaks, kind):
+def test_energy_gradient_of_segments_matches_differences(
+    two_links, degree, breaks, kind
+):
     program, z = program_of(two_links[2], degree, breaks)
     rng = np.random.default_rng(1)
     z = z + 1e-3 * rng.standard_normal(z.size)

@@ -1,4 +1,4 @@
-"""Tests of writing motions and reading them back."""
+"""Motion files in CSV and NPZ: written, read back, and rejected when damaged."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ def assert_same(left: Samples, right: Samples) -> None:
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
-@pytest.mark.parametrize("which", [0, 1], ids=["held torque", "held acceleration"])
-def test_nodes_come_back_to_the_last_bit(
-    motions: tuple[Trajectory, Trajectory], which: int, ending: str, tmp_path: Path
+@pytest.mark.parametrize("number", [0, 1], ids=["held torque", "held acceleration"])
+def test_exported_nodes_are_read_back_exactly(
+    motions: tuple[Trajectory, Trajectory], number: int, ending: str, tmp_path: Path
 ) -> None:
-    motion = motions[which]
+    motion = motions[number]
     path = export(motion, tmp_path / f"motion.{ending}")
     assert path == tmp_path / f"motion.{ending}"
     back = load_motion(path)
@@ -54,7 +54,7 @@ def test_nodes_come_back_to_the_last_bit(
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
-def test_fixed_rate(
+def test_export_with_dt_samples_at_a_fixed_rate(
     motions: tuple[Trajectory, Trajectory], ending: str, tmp_path: Path
 ) -> None:
     back = load_motion(export(motions[1], tmp_path / f"m.{ending}", dt=0.1))
@@ -63,7 +63,9 @@ def test_fixed_rate(
     assert not back.q.flags.writeable
 
 
-def test_csv_is_plain(motions: tuple[Trajectory, Trajectory], tmp_path: Path) -> None:
+def test_csv_has_a_header_and_shortest_decimals(
+    motions: tuple[Trajectory, Trajectory], tmp_path: Path
+) -> None:
     motion = motions[0]
     text = export(motion, tmp_path / "m.csv").read_bytes().decode("ascii")
     lines = text.splitlines()
@@ -75,7 +77,7 @@ def test_csv_is_plain(motions: tuple[Trajectory, Trajectory], tmp_path: Path) ->
     assert lines[2].split(",")[1] == repr(float(motion.q[1, 0]))
 
 
-def test_npz_holds_named_arrays(
+def test_npz_has_named_arrays(
     motions: tuple[Trajectory, Trajectory], tmp_path: Path
 ) -> None:
     path = export(motions[0], tmp_path / "m.npz")
@@ -86,7 +88,7 @@ def test_npz_holds_named_arrays(
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
-def test_odd_joint_names_come_back(
+def test_unusual_joint_names_are_read_back(
     motions: tuple[Trajectory, Trajectory], ending: str, tmp_path: Path
 ) -> None:
     names = ('a,"b"', "q_v_ ü", "line\nbreak")
@@ -94,7 +96,7 @@ def test_odd_joint_names_come_back(
     assert load_motion(export(motion, tmp_path / f"m.{ending}")).joint_names == names
 
 
-def test_unknown_ending_names_the_known(
+def test_unknown_file_extension_names_the_known_ones(
     motions: tuple[Trajectory, Trajectory], tmp_path: Path
 ) -> None:
     for path in (tmp_path / "m.xlsx", tmp_path / "m"):
@@ -105,17 +107,19 @@ def test_unknown_ending_names_the_known(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_wrong_dt(motions: tuple[Trajectory, Trajectory], tmp_path: Path) -> None:
+def test_invalid_dt_is_rejected(
+    motions: tuple[Trajectory, Trajectory], tmp_path: Path
+) -> None:
     for dt in (0.0, -1.0, float("nan")):
         with pytest.raises(ProblemError, match="dt"):
             export(motions[0], tmp_path / "m.csv", dt=dt)
 
 
-# Writing as a whole or not at all
+# Atomic writing
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError, OSError])
-def test_interruption_leaves_the_old_file(
+def test_interrupted_writing_keeps_the_former_file(
     error: type[BaseException], tmp_path: Path
 ) -> None:
     path = tmp_path / "m.csv"
@@ -132,7 +136,7 @@ def test_interruption_leaves_the_old_file(
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_full_disk_is_told_with_the_path(tmp_path: Path) -> None:
+def test_error_of_a_full_disk_has_the_path(tmp_path: Path) -> None:
     def write(file: io.BufferedIOBase) -> None:
         raise OSError(28, "No space left on device")
 
@@ -142,7 +146,7 @@ def test_full_disk_is_told_with_the_path(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_missing_folder_and_folder(
+def test_export_to_a_missing_folder_or_a_folder_is_an_error(
     motions: tuple[Trajectory, Trajectory], tmp_path: Path
 ) -> None:
     with pytest.raises(ScenarioError, match="No such file or directory"):
@@ -152,17 +156,17 @@ def test_missing_folder_and_folder(
         export(motions[0], tmp_path / "folder.csv")
 
 
-def test_a_link_to_itself_is_replaced(
+def test_symbolic_link_to_itself_is_replaced(
     motions: tuple[Trajectory, Trajectory], tmp_path: Path
 ) -> None:
-    """Python 3.11 raises a RuntimeError for it."""
+    """Python 3.11 raises a RuntimeError for a symbolic link to itself."""
     loop = tmp_path / "loop.csv"
     loop.symlink_to(loop)
     export(motions[0], loop)
     assert load_motion(loop).t.size == motions[0].t.size
 
 
-def test_link_stays_a_link(
+def test_export_through_a_symbolic_link_writes_its_target(
     motions: tuple[Trajectory, Trajectory], tmp_path: Path
 ) -> None:
     target = tmp_path / "target.csv"
@@ -174,7 +178,7 @@ def test_link_stays_a_link(
     assert target.read_text().startswith(HEADER)
 
 
-def test_device_is_not_replaced() -> None:
+def test_writing_to_a_device_is_an_error() -> None:
     with pytest.raises(ScenarioError, match="not a regular file"):
         write_file("/dev/null", lambda file: file.write(b"x"))
     assert not Path("/dev/null").is_file()
@@ -187,7 +191,7 @@ def test_new_file_has_the_usual_permissions(tmp_path: Path) -> None:
     assert path.stat().st_mode == usual.stat().st_mode
 
 
-def test_a_file_that_is_replaced_keeps_its_permissions(tmp_path: Path) -> None:
+def test_replaced_file_keeps_its_permissions(tmp_path: Path) -> None:
     path = tmp_path / "m.csv"
     path.touch(mode=0o600)
     write_file(path, lambda file: file.write(b"x"))
@@ -195,7 +199,7 @@ def test_a_file_that_is_replaced_keeps_its_permissions(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write to any file")
-def test_a_read_only_file_is_refused(tmp_path: Path) -> None:
+def test_read_only_file_is_not_overwritten(tmp_path: Path) -> None:
     path = tmp_path / "m.csv"
     path.write_text("old")
     path.chmod(0o400)
@@ -205,7 +209,7 @@ def test_a_read_only_file_is_refused(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-# Reading what is wrong
+# Reading invalid files
 
 
 def changed_csv(
@@ -242,7 +246,7 @@ def changed_csv(
         (3, 0, "nan", "t is not a finite number in row 3"),
     ],
 )
-def test_wrong_csv(
+def test_invalid_csv_entry_is_named_in_the_error(
     motions: tuple[Trajectory, Trajectory],
     row: int,
     column: int,
@@ -268,14 +272,16 @@ def test_wrong_csv(
         (b'time,"q_a\n', "is not a CSV file"),
     ],
 )
-def test_wrong_text(content: bytes, message: str, tmp_path: Path) -> None:
+def test_invalid_csv_file_is_rejected(
+    content: bytes, message: str, tmp_path: Path
+) -> None:
     path = tmp_path / "m.csv"
     path.write_bytes(content)
     with pytest.raises(ScenarioError, match=message):
         load_motion(path)
 
 
-def test_foreign_csv_with_mark_blank_line_and_short_numbers(tmp_path: Path) -> None:
+def test_csv_with_byte_order_mark_and_blank_lines_is_read(tmp_path: Path) -> None:
     path = tmp_path / "m.csv"
     text = "\ufefftime,q_a,v_a,a_a,u_a\r\n0,1,2,3,4\r\n\r\n1e-1, 5,6,7,8\r\n"
     path.write_bytes(text.encode("utf-8"))
@@ -309,13 +315,15 @@ def write_npz(path: Path, **changes: object) -> Path:
         ({"q": np.array([[{}, {}]] * 3)}, "is not an NPZ file"),
     ],
 )
-def test_wrong_npz(changes: dict[str, object], message: str, tmp_path: Path) -> None:
+def test_invalid_npz_array_is_named_in_the_error(
+    changes: dict[str, object], message: str, tmp_path: Path
+) -> None:
     path = write_npz(tmp_path / "m.npz", **changes)
     with pytest.raises(ScenarioError, match=message):
         load_motion(path)
 
 
-def test_what_is_no_npz(tmp_path: Path) -> None:
+def test_missing_or_damaged_npz_file_is_an_error(tmp_path: Path) -> None:
     path = tmp_path / "m.npz"
     with pytest.raises(ScenarioError, match="there is no file"):
         load_motion(path)
@@ -329,7 +337,7 @@ def test_what_is_no_npz(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
-def test_damaged_files_never_raise_anything_else(
+def test_damaged_motion_files_raise_scenario_errors_only(
     motions: tuple[Trajectory, Trajectory],
     ending: str,
     rng: np.random.Generator,

@@ -1,4 +1,4 @@
-"""Tests of files that are judged as their readers join them."""
+"""`check_export`: exported motion files, verified as their readers interpolate them."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from tominpmp.status import Status
 from tominpmp.verification.verification import verify
 
 ENDINGS = ("csv", "npz", "yaml", "json", "mcap")
-# The torque limits of the arm are this far apart from what the motions here take.
+# The torque limits of the arm are this factor times the torques of the motions.
 ROOM = 1.02
 
 
 def on_a_clock(robot: Robot, period: float, jump: float = 2.0) -> Trajectory:
-    """Accelerations that jump at whole numbers of periods, from rest to rest in 0.96 s.
+    """A motion from rest to rest in 0.96 s whose accelerations jump at ticks.
 
-    Each joint speeds up, swings about and slows down again.
+    The period is that of a clock. Each joint accelerates, oscillates and brakes.
     """
     pattern = np.array([1.0, -0.4, 0.9, -1.0, 0.2, -0.7])
     knots = round(0.96 / period / 6)
@@ -43,7 +43,7 @@ def on_a_clock(robot: Robot, period: float, jump: float = 2.0) -> Trajectory:
     t = h * np.arange(7)
     assert t[-1] == pytest.approx(0.96)
     v = np.vstack([np.zeros(3), np.cumsum(a * h, axis=0)])
-    v[-1] = 0.0  # the pattern sums to nothing, up to rounding
+    v[-1] = 0.0  # the pattern sums to zero, up to rounding
     q = np.vstack(
         [np.zeros(3), np.cumsum(v[:-1] * h + a * h**2 / 2, axis=0)]
     ) + np.array(START)
@@ -53,7 +53,7 @@ def on_a_clock(robot: Robot, period: float, jump: float = 2.0) -> Trajectory:
 
 
 def solved(robot: Robot, motion: Trajectory, **options: object) -> Solution:
-    """A solution whose torque limits are what the motion just needs."""
+    """A solution whose torque limits are slightly above the torques of the motion."""
     u = motion(np.linspace(0.0, motion.duration, 2000)).u
     most = ROOM * np.abs(u).max(axis=0)
     limits = replace(robot.limits, effort_lower=-most, effort_upper=most)
@@ -75,7 +75,7 @@ def solved(robot: Robot, motion: Trajectory, **options: object) -> Solution:
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
-def test_nodes_hold_in_every_format(
+def test_exported_nodes_pass_in_every_format(
     planar3r: Robot, ending: str, tmp_path: Path
 ) -> None:
     solution = solved(planar3r, on_a_clock(planar3r, 0.004))
@@ -91,10 +91,10 @@ def test_nodes_hold_in_every_format(
 
 @pytest.mark.parametrize("ending", ENDINGS)
 @pytest.mark.parametrize("period", [0.001, 0.004, 0.008, 0.01])
-def test_knots_on_the_clock_hold_when_sampled(
+def test_export_at_the_control_period_passes_in_every_format(
     planar3r: Robot, period: float, ending: str, tmp_path: Path
 ) -> None:
-    """What a plan with control_period promises."""
+    """A plan with `control_period` exports at this period by default."""
     motion = on_a_clock(planar3r, period)
     solution = solved(planar3r, motion, control_period=period)
     path = solution.export(tmp_path / f"m.{ending}")
@@ -106,23 +106,23 @@ def test_knots_on_the_clock_hold_when_sampled(
     assert verify(solution.problem, samples).ok
 
 
-def test_samples_that_cut_corners_are_told_of_with_what_would_hold(
+def test_coarse_samples_fail_and_the_message_names_passing_periods(
     planar3r: Robot, tmp_path: Path
 ) -> None:
-    """A motion whose torques jump, sampled more coarsely than it jumps."""
+    """The torques of the motion jump between its samples."""
     solution = solved(planar3r, on_a_clock(planar3r, 0.002))
     path = tmp_path / "m.yaml"
     with pytest.warns(TominpmpWarning, match="does not pass, interpolated by cubics"):
         solution.export(path, dt=0.1)
     assert path.is_file()  # the file is kept
     found = check_export(solution, path, dt=0.1)
-    assert not found  # false as any other verdict that fails
+    assert not found  # a failed check is false
     effort = next(item for item in found.violations if item.kind == "effort")
     exact = verify(solution.problem, load_motion(path))
     assert not exact.ok
     assert effort.amount == pytest.approx(exact.worst["effort"].amount, rel=0.05)
     assert f"{effort.amount:.3g} N m beyond its effort limit" in found.message
-    # 0.16 s between jumps: all of 10, 8, 4, 2 ms meet them.
+    # 0.16 s between jumps: samples at 10, 8, 4 and 2 ms meet all jumps.
     assert found.holding == (None, 0.01)
     assert "the nodes of the motion (without dt), dt = 0.01 s" in found.message
     assert "the option control_period = 0.1." in found.message
@@ -130,10 +130,10 @@ def test_samples_that_cut_corners_are_told_of_with_what_would_hold(
         assert check_export(solution, solution.export(path, dt=dt), dt=dt)
 
 
-def test_a_check_without_dt_advises_for_the_period_of_the_plan(
+def test_check_without_dt_uses_the_control_period_of_the_plan(
     planar3r: Robot, tmp_path: Path
 ) -> None:
-    """An export without dt has rows at that period."""
+    """An export without dt has rows at the control period."""
     motion = on_a_clock(planar3r, 0.002)
     solution = solved(planar3r, motion, control_period=0.1)
     with pytest.warns(TominpmpWarning, match="does not pass"):
@@ -143,7 +143,7 @@ def test_a_check_without_dt_advises_for_the_period_of_the_plan(
     assert found.message == check_export(solution, path, dt=0.1).message
 
 
-def test_a_period_that_no_option_allows_is_not_recommended(
+def test_message_recommends_no_invalid_control_period(
     planar3r: Robot, tmp_path: Path
 ) -> None:
     motion = on_a_clock(planar3r, 0.002)
@@ -156,8 +156,8 @@ def test_a_period_that_no_option_allows_is_not_recommended(
     assert "control_period" not in str(warned[0].message)
 
 
-def test_advice_was_measured(planar3r: Robot, tmp_path: Path) -> None:
-    """Periods that are named hold, and those that were tried before do not."""
+def test_recommended_periods_have_been_tried(planar3r: Robot, tmp_path: Path) -> None:
+    """Recommended periods pass, and the other tried periods do not."""
     solution = solved(planar3r, later(on_a_clock(planar3r, 0.004), 0.0013))
     path = solution.export(tmp_path / "m.yaml", dt=0.1, verify=False)
     found = check_export(solution, path, dt=0.1)
@@ -170,7 +170,7 @@ def test_advice_was_measured(planar3r: Robot, tmp_path: Path) -> None:
 
 
 def later(motion: Trajectory, wait: float) -> Trajectory:
-    """A motion after a time that no clock knows."""
+    """The motion after a pause that is not a multiple of a period."""
     assert motion.a is not None
     inverse = motion.inverse_dynamics
     assert inverse is not None
@@ -181,7 +181,9 @@ def later(motion: Trajectory, wait: float) -> Trajectory:
     return Trajectory(motion.joint_names, t, q, v, u, a, inverse)
 
 
-def test_check_takes_no_longer_than_planning(planar3r: Robot, tmp_path: Path) -> None:
+def test_check_tries_no_periods_without_planning_time(
+    planar3r: Robot, tmp_path: Path
+) -> None:
     solution = solved(planar3r, on_a_clock(planar3r, 0.002))
     hurried = replace(solution, planning_time=0.0)
     path = solution.export(tmp_path / "m.yaml", dt=0.1, verify=False)
@@ -191,8 +193,10 @@ def test_check_takes_no_longer_than_planning(planar3r: Robot, tmp_path: Path) ->
     assert "What passes" not in found.message
 
 
-def test_held_torques_are_recognised_in_tables(planar3r: Robot, tmp_path: Path) -> None:
-    """What makes such a motion is its torques: cubics through its nodes need others."""
+def test_held_torques_are_recognised_in_csv_and_npz(
+    planar3r: Robot, tmp_path: Path
+) -> None:
+    """Cubics through the nodes of a motion with held torques need other torques."""
     motion = quintic(planar3r, START, (0.6, 1.5, -1.6), 2.0, 40)
     limits = replace(
         planar3r.limits,
@@ -220,7 +224,9 @@ def test_held_torques_are_recognised_in_tables(planar3r: Robot, tmp_path: Path) 
         assert "torques held as recorded" in held.joined
 
 
-def test_message_that_a_controller_refuses(planar3r: Robot, tmp_path: Path) -> None:
+def test_message_that_a_controller_refuses_fails_the_check(
+    planar3r: Robot, tmp_path: Path
+) -> None:
     solution = solved(planar3r, on_a_clock(planar3r, 0.004))
     path = solution.export(tmp_path / "m.json")
     message = json.loads(path.read_text())
@@ -231,7 +237,9 @@ def test_message_that_a_controller_refuses(planar3r: Robot, tmp_path: Path) -> N
     assert "a controller would refuse it: points[6].velocities, joint" in found.message
 
 
-def test_efforts_that_were_asked_for_are_noted(planar3r: Robot, tmp_path: Path) -> None:
+def test_exported_efforts_are_noted_in_the_check(
+    planar3r: Robot, tmp_path: Path
+) -> None:
     solution = solved(planar3r, on_a_clock(planar3r, 0.004))
     path = solution.export(tmp_path / "m.yaml", with_effort=True)
     found = check_export(solution, path)
@@ -240,7 +248,7 @@ def test_efforts_that_were_asked_for_are_noted(planar3r: Robot, tmp_path: Path) 
     assert "only controllers that command efforts" in found.notes[0]
 
 
-def test_nothing_is_judged_where_nothing_was_solved(
+def test_export_of_a_failed_solution_is_not_checked(
     planar3r: Robot, tmp_path: Path
 ) -> None:
     solution = solved(planar3r, on_a_clock(planar3r, 0.002))
@@ -257,9 +265,7 @@ def test_nothing_is_judged_where_nothing_was_solved(
         check_export(solution, 5)  # type: ignore[arg-type]
 
 
-def test_jerks_of_a_motion_with_the_planned_states_are_judged(
-    planar3r: Robot, tmp_path: Path
-) -> None:
+def test_jerk_between_exact_samples_is_checked(planar3r: Robot, tmp_path: Path) -> None:
     """The samples are exact, but the jerk between them is beyond its limit."""
     limits = MotionLimits(acceleration=8.0, jerk=300.0)
     goal = JointGoal([2.0, -1.0, 0.5])

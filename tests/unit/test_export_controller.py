@@ -1,4 +1,4 @@
-"""Tests of what a controller of ROS 2 makes of an exported motion."""
+"""Exported motions as a joint trajectory controller of ROS 2 interpolates them."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ def smooth(robot: Robot, nodes: int = 21) -> Trajectory:
 
 
 def controller(message: dict[str, Any], time: float) -> np.ndarray:
-    """Position and velocity that the joint trajectory controller asks for.
+    """Position and velocity that the joint trajectory controller commands.
 
-    Its documentation: a polynomial through positions, and velocities, and
-    accelerations, of the points before and after; here solved as it stands.
+    By its documentation, a polynomial passes through positions, and velocities, and
+    accelerations, of the points before and after; here the equations are solved.
     """
     points = message["points"]
     times = [
@@ -78,7 +78,7 @@ def derivatives(s: float, order: int, size: int) -> list[float]:
 
 @pytest.mark.parametrize("ending", ROS_ENDINGS)
 @pytest.mark.parametrize("dt", [None, 0.05, 0.013])
-def test_file_is_read_as_the_controller_interpolates_it(
+def test_motion_file_is_joined_as_the_controller_interpolates_it(
     planar3r: Robot, ending: str, dt: float | None, tmp_path: Path
 ) -> None:
     for motion in (
@@ -95,7 +95,7 @@ def test_file_is_read_as_the_controller_interpolates_it(
             np.testing.assert_allclose(state.v, v, atol=1e-7)
 
 
-def test_jumping_accelerations_are_left_out_and_followed_exactly(
+def test_jumping_accelerations_are_not_exported_to_messages(
     planar3r: Robot, jumping: Trajectory, tmp_path: Path
 ) -> None:
     assert not accelerations_continue(jumping)
@@ -107,13 +107,15 @@ def test_jumping_accelerations_are_left_out_and_followed_exactly(
     np.testing.assert_allclose(found(BETWEEN).q, jumping(BETWEEN).q, atol=1e-9)
     np.testing.assert_allclose(found(BETWEEN).v, jumping(BETWEEN).v, atol=1e-7)
     np.testing.assert_allclose(found(BETWEEN).u, jumping(BETWEEN).u, atol=1e-3)
-    # With them, the controller would overshoot by far.
+    # With these accelerations, the controller would overshoot by far.
     wrong = replace(samples, a=jumping(samples.t).a)
     overshoot = join(wrong, planar3r, path).trajectory(BETWEEN).a - jumping(BETWEEN).a
     assert np.abs(overshoot).max() > 0.5 * np.abs(jumping(BETWEEN).a).max()
 
 
-def test_continuous_accelerations_are_written(planar3r: Robot, tmp_path: Path) -> None:
+def test_continuous_accelerations_are_exported_to_messages(
+    planar3r: Robot, tmp_path: Path
+) -> None:
     motion = smooth(planar3r)
     assert accelerations_continue(motion)
     path = export(motion, tmp_path / "m.yaml", dt=0.1)
@@ -121,12 +123,14 @@ def test_continuous_accelerations_are_written(planar3r: Robot, tmp_path: Path) -
     assert join(samples, planar3r, path).manner == "quintic"
     found = join(samples, planar3r, path).trajectory
     between = np.linspace(0.0, 1.0, 211)
-    # The motion is of degree 5, so that any points of it will do.
+    # The motion is of degree 5, so that any of its points determine it.
     np.testing.assert_allclose(found(between).q, motion(between).q, atol=1e-9)
     np.testing.assert_allclose(found(between).a, motion(between).a, atol=1e-5)
 
 
-def test_cubics_with_continuous_accelerations(planar3r: Robot, tmp_path: Path) -> None:
+def test_cubic_motion_with_continuous_accelerations_exports_them(
+    planar3r: Robot, tmp_path: Path
+) -> None:
     t = np.array([0.0, 0.2, 0.5, 1.0])
     a = np.array([[0.0, 0, 0], [3.0, -2, 1], [-1.0, 1, 0], [0.5, 0, 2]])
     h = np.diff(t)[:, None]
@@ -142,7 +146,7 @@ def test_cubics_with_continuous_accelerations(planar3r: Robot, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("ending", ROS_ENDINGS)
-def test_effort_is_left_out_unless_asked_for(
+def test_effort_is_exported_on_request_only(
     jumping: Trajectory, ending: str, tmp_path: Path
 ) -> None:
     path = tmp_path / f"m.{ending}"
@@ -151,7 +155,7 @@ def test_effort_is_left_out_unless_asked_for(
     np.testing.assert_array_equal(with_effort.u[0], jumping.u[0])
 
 
-def test_effort_changes_nothing_of_what_is_judged(
+def test_joined_trajectory_does_not_depend_on_the_effort(
     planar3r: Robot, jumping: Trajectory, tmp_path: Path
 ) -> None:
     without = load_motion(export(jumping, tmp_path / "m.json"))
@@ -159,22 +163,22 @@ def test_effort_changes_nothing_of_what_is_judged(
     assert join(wrong, planar3r).trajectory == join(without, planar3r).trajectory
 
 
-def test_positions_alone_are_joined_by_lines(planar3r: Robot) -> None:
+def test_positions_without_velocities_are_joined_by_lines(planar3r: Robot) -> None:
     t = np.array([0.0, 0.5, 1.0])
     q = np.array([START, [0.6, 1.7, -1.7], [0.6, 1.5, -1.7]])
-    nothing = np.full(q.shape, np.nan)
-    samples = Samples(planar3r.joint_names, t, q, nothing, nothing, nothing)
+    unknown = np.full(q.shape, np.nan)
+    samples = Samples(planar3r.joint_names, t, q, unknown, unknown, unknown)
     joined = join(replace(samples, interpolation="controller"), planar3r)
     assert joined.manner == "linear"
     assert "0.4 rad/s of joint joint2 at 0.5 s" in str(joined)
     state = joined.trajectory([0.25, 0.75])
     np.testing.assert_allclose(state.q, [[0.55, 1.7, -1.7], [0.6, 1.6, -1.7]])
     np.testing.assert_allclose(state.v, [[0.2, 0.0, 0.0], [0.0, -0.4, 0.0]])
-    # A table is taken for a record of a smooth motion.
+    # A table is interpolated as the record of a smooth motion.
     assert join(samples, planar3r).manner == "spline"
 
 
-def test_interpolation_can_be_chosen(
+def test_interpolation_of_a_motion_file_can_be_chosen(
     planar3r: Robot, jumping: Trajectory, tmp_path: Path
 ) -> None:
     path = export(jumping, tmp_path / "m.csv")
@@ -192,12 +196,12 @@ def test_interpolation_can_be_chosen(
             join(replace(lacking, interpolation=interpolation), planar3r, path)
 
 
-def test_late_first_point_is_reached_from_the_start(planar3r: Robot) -> None:
+def test_first_point_after_time_zero_is_joined_to_the_start(planar3r: Robot) -> None:
     t = np.array([0.4, 1.0])
     q = np.array([[0.6, 1.7, -1.7], END])
     v = np.array([[0.3, 0.0, 0.0], [0.0, 0.0, 0.0]])
-    nothing = np.full(q.shape, np.nan)
-    samples = Samples(planar3r.joint_names, t, q, v, nothing, nothing, "controller")
+    unknown = np.full(q.shape, np.nan)
+    samples = Samples(planar3r.joint_names, t, q, v, unknown, unknown, "controller")
     speed = np.array([0.1, 0.0, 0.0])
     start = np.array(START)
     found = join(samples, planar3r, start=(start, speed)).trajectory
@@ -211,19 +215,19 @@ def test_late_first_point_is_reached_from_the_start(planar3r: Robot) -> None:
 
 
 @pytest.mark.parametrize("dt", [0.001, 0.002, 0.004, 0.008, 0.01, 1 / 240])
-def test_times_are_multiples_of_the_period(dt: float) -> None:
+def test_clock_times_are_shortest_decimals_of_the_period(dt: float) -> None:
     times = clock(10.0 * dt * 997, dt)
     k = np.arange(9971)
     assert times.size == 9971
     if dt == 1 / 240:
         np.testing.assert_array_equal(times[:-1], k[:-1] * dt)
     else:
-        # What one would type: 0.003, not 0.0030000000000000005.
+        # The number as typed: 0.003, not 0.0030000000000000005.
         typed = [float(f"{i * round(dt * 1000)}e-3") for i in k]
         np.testing.assert_array_equal(times[:-1], typed[:-1])
 
 
-def test_period_that_does_not_divide_the_duration(
+def test_last_sample_is_at_the_end_of_the_motion(
     jumping: Trajectory, tmp_path: Path
 ) -> None:
     for ending in ("csv", "yaml"):
@@ -232,9 +236,9 @@ def test_period_that_does_not_divide_the_duration(
         np.testing.assert_allclose(samples.q[-1], jumping.q[-1], atol=1e-15)
 
 
-def test_knots_on_the_clock_keep_their_side_of_a_jump(planar3r: Robot) -> None:
+def test_samples_at_knots_have_the_acceleration_after_the_jump(planar3r: Robot) -> None:
     motion = speed_up_and_brake(planar3r, START, END, 1.2, 12)
-    # The sums of periods that a planner may have are not the multiples.
+    # Knots of a planner may be sums of periods, which differ from the multiples.
     summed = np.concatenate([[0.0], np.cumsum(np.full(12, 0.1))])
     assert np.any(summed != clock(1.2, 0.1))
     motion = replace(motion, t=summed)
@@ -243,10 +247,10 @@ def test_knots_on_the_clock_keep_their_side_of_a_jump(planar3r: Robot) -> None:
 
 
 @pytest.mark.parametrize("gap", [1e-10, 3e-9, 2e-8])
-def test_nodes_too_close_for_a_clock_are_left_out(
+def test_nodes_within_nanoseconds_are_merged_in_messages(
     planar3r: Robot, jumping: Trajectory, gap: float, tmp_path: Path
 ) -> None:
-    """Nanoseconds between points would be accelerations beyond all bounds."""
+    """Points a few nanoseconds apart would need accelerations beyond all bounds."""
     close = jumping.t[4] + gap
     state = jumping(close)
     assert jumping.a is not None
@@ -266,12 +270,12 @@ def test_nodes_too_close_for_a_clock_are_left_out(
 
 
 @pytest.mark.parametrize("duration", [0.95, 0.1 + 0.2, 1 / 3, 2 / 7, np.pi])
-def test_end_is_at_rest_and_not_before_the_motion_ends(
+def test_last_point_is_at_rest_and_not_before_the_end(
     planar3r: Robot, duration: float, tmp_path: Path
 ) -> None:
     motion = speed_up_and_brake(planar3r, START, END, duration, 8)
     samples = load_motion(export(motion, tmp_path / "m.yaml"))
-    # Half a nanosecond before its end an arm is still in motion.
+    # Half a nanosecond before its end the arm still moves.
     np.testing.assert_array_equal(samples.v[-1], np.zeros(3))
     np.testing.assert_array_equal(samples.q[-1], motion.q[-1])
     np.testing.assert_array_equal(samples.q[0], motion.q[0])
@@ -291,7 +295,7 @@ def test_end_is_at_rest_and_not_before_the_motion_ends(
         ("RobotTrajectory", ["joint_trajectory"]),
     ],
 )
-def test_messages_around_a_trajectory(
+def test_trajectory_is_wrapped_in_the_chosen_message(
     jumping: Trajectory, ending: str, message: str, keys: list[str], tmp_path: Path
 ) -> None:
     path = export(jumping, tmp_path / f"m.{ending}", message=message)
@@ -307,8 +311,10 @@ def test_messages_around_a_trajectory(
 
 
 @pytest.mark.parametrize("ending", ["yaml", "json"])
-def test_numbers_and_names_that_yaml_1_1_reads_too(ending: str, tmp_path: Path) -> None:
-    """``1e-05`` is a word there, and a letter of two halves is two."""
+def test_numbers_and_names_are_readable_by_yaml_1_1(
+    ending: str, tmp_path: Path
+) -> None:
+    """YAML 1.1 reads ``1e-05`` as a text, and a surrogate pair as two characters."""
     names = ('a,"b"', "on", "ü 🤖", "line\nbreak")
     q = np.array([[1e-5, -2e-300, 1e300, 0.0], [1.5e-7, 2.0, 1e22, -0.0]])
     motion = Trajectory(names, np.array([0.0, 1.0]), q, 0 * q, 0 * q)
@@ -332,7 +338,7 @@ def test_numbers_and_names_that_yaml_1_1_reads_too(ending: str, tmp_path: Path) 
         ("m.yaml", {"dt": 5e-8}, "expected 100 ns at least"),
     ],
 )
-def test_wrong_options(
+def test_invalid_export_option_is_named_in_the_error(
     jumping: Trajectory, name: str, options: dict[str, Any], words: str, tmp_path: Path
 ) -> None:
     with pytest.raises(ProblemError, match=words):
@@ -342,7 +348,7 @@ def test_wrong_options(
 
 @pytest.mark.parametrize("ending", ["csv", "npz", "yaml", "json", "mcap"])
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_no_file_has_values_that_are_no_numbers(
+def test_export_rejects_values_that_are_not_finite(
     jumping: Trajectory, ending: str, value: float, tmp_path: Path
 ) -> None:
     q = jumping.q.copy()
@@ -375,14 +381,14 @@ def load(folder: Path, **around: Any) -> Samples:
         ({"speed_scaling": 0.5}, "speed_scaling is ign"),
     ],
 )
-def test_what_stands_beside_a_motion_is_told_of(
+def test_ignored_fields_of_a_message_are_named_in_a_warning(
     around: dict[str, Any], words: str, tmp_path: Path
 ) -> None:
     with pytest.warns(TominpmpWarning, match=words):
         assert load(tmp_path, **around).t.size == 2
 
 
-def test_what_was_not_filled_in_is_not(tmp_path: Path) -> None:
+def test_empty_fields_of_a_message_give_no_warning(tmp_path: Path) -> None:
     multiple = {"header": {"stamp": {"sec": 0}}, "joint_names": [], "points": []}
     found = load(
         tmp_path,
@@ -394,12 +400,12 @@ def test_what_was_not_filled_in_is_not(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["multi_dof_trajectory", "multi_dof_joint_trajectory"])
-def test_motions_of_more_than_joints_are_refused(name: str, tmp_path: Path) -> None:
+def test_multi_dof_trajectory_is_rejected(name: str, tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match="several degrees of freedom"):
         load(tmp_path, **{name: {"joint_names": ["base"], "points": [{}]}})
 
 
-def test_keys_that_no_message_has_are_refused(tmp_path: Path) -> None:
+def test_unknown_key_of_a_message_is_named_in_the_error(tmp_path: Path) -> None:
     path = tmp_path / "m.json"
     points = [point(velocity=[0.0]), point(time_from_start={"sec": 1})]
     path.write_text(json.dumps({"joint_names": ["a"], "points": points}))

@@ -1,4 +1,4 @@
-"""Tests of motions as ROS messages, and of files that lack quantities."""
+"""Motions as ROS messages in YAML and JSON, and files without some quantities."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def write(folder: Path, content: object, name: str = "m.json") -> Path:
 
 @pytest.mark.parametrize("ending", ENDINGS)
 @pytest.mark.parametrize("dt", [None, 0.1, 0.001])
-def test_messages_come_back(
+def test_exported_messages_are_read_back(
     motions: tuple[Trajectory, Trajectory],
     ending: str,
     dt: float | None,
@@ -58,15 +58,15 @@ def test_messages_come_back(
     assert back.joint_names == full.joint_names
     np.testing.assert_allclose(back.t, full.t, rtol=0.0, atol=0.5e-9)
     assert np.all(np.diff(back.t) > 0.0)
-    # What is written is the motion at the written time, to the last bit.
+    # The written state is that of the motion at the written time, to the last bit.
     state = motion(back.t)
     np.testing.assert_array_equal(back.q[:-1], state.q[:-1])
     np.testing.assert_array_equal(back.v[:-1], state.v[:-1])
     np.testing.assert_array_equal(back.u[:-1], state.u[:-1])
-    # At the end an arm is at rest, not almost.
+    # At the end the arm is exactly at rest.
     np.testing.assert_array_equal(back.q[-1], motion.q[-1])
     np.testing.assert_array_equal(back.v[-1], np.zeros(3))
-    # Its accelerations jump: a polynomial of degree 5 would overshoot.
+    # The accelerations jump: a polynomial of degree 5 would overshoot.
     assert np.isnan(back.a).all()
 
 
@@ -75,7 +75,7 @@ def test_messages_have_the_fields_of_ros(
     motions: tuple[Trajectory, Trajectory], ending: str, tmp_path: Path
 ) -> None:
     path = export(motions[0], tmp_path / f"m.{ending}", dt=0.25, with_effort=True)
-    # A reader of YAML 1.1, which ROS has, also reads JSON.
+    # ROS has a reader of YAML 1.1, which also reads JSON.
     found = yaml.safe_load(path.read_text(encoding="utf-8"))
     assert list(found) == ["header", "joint_names", "points"]
     assert found["header"] == {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
@@ -97,7 +97,7 @@ def test_messages_have_the_fields_of_ros(
         assert time["sec"] + time["nanosec"] / 1e9 == pytest.approx(samples.t[k])
 
 
-def test_small_numbers_are_numbers_in_yaml_1_1(tmp_path: Path) -> None:
+def test_small_numbers_are_read_as_numbers_by_yaml_1_1(tmp_path: Path) -> None:
     q = np.array([[1e-5, -2e-300], [1e300, 1.5e-7]])
     motion = Trajectory(("a", "b"), np.array([0.0, 1.0]), q, 0 * q, 0 * q)
     path = export(motion, tmp_path / "m.yaml")
@@ -105,7 +105,7 @@ def test_small_numbers_are_numbers_in_yaml_1_1(tmp_path: Path) -> None:
     assert [point["positions"] for point in points] == q.tolist()
 
 
-def test_nodes_that_almost_coincide_are_left_out(tmp_path: Path) -> None:
+def test_nearly_coincident_nodes_are_merged(tmp_path: Path) -> None:
     t = np.array([0.0, 1e-10, 2e-10, 0.5, 0.5 + 1e-11, 12.345678901])
     q = np.arange(12.0).reshape(6, 2)
     motion = Trajectory(("a", "b"), t, q, 0 * q, 0 * q)
@@ -113,10 +113,13 @@ def test_nodes_that_almost_coincide_are_left_out(tmp_path: Path) -> None:
     assert back.t.tolist() == [0.0, 0.5, 12.345678901]
 
 
-def test_a_motion_that_ends_moving_goes_on_to_the_time_of_the_last_point(
+def test_moving_end_is_extrapolated_to_the_time_of_the_last_point(
     tmp_path: Path,
 ) -> None:
-    """Its position was that of the end, half a nanosecond before: a jump of torque."""
+    """Regression: the last position was that of the end, half a nanosecond earlier.
+
+    This was a jump of the torque.
+    """
     t = np.array([0.0, 1.0, 1.0000200004])
     v, a = np.full((3, 1), 2.0), np.zeros((2, 1))
     motion = Trajectory(("a",), t, 2.0 * t[:, None], v, 0.0 * v, a)
@@ -133,13 +136,13 @@ def test_a_motion_that_ends_moving_goes_on_to_the_time_of_the_last_point(
         lambda m: {"goal": {"trajectory": m}},
     ],
 )
-def test_messages_inside_others(wrap: Any, tmp_path: Path) -> None:
+def test_trajectory_is_found_inside_other_messages(wrap: Any, tmp_path: Path) -> None:
     samples = load_motion(write(tmp_path, wrap(message())))
     assert samples.joint_names == ("a", "b")
     np.testing.assert_allclose(samples.t, [5e-9, 1 + 5e-9, 2 + 5e-9])
 
 
-def test_what_is_left_out_is_nan(tmp_path: Path) -> None:
+def test_missing_quantities_of_a_message_are_nan(tmp_path: Path) -> None:
     samples = load_motion(write(tmp_path, message()))
     np.testing.assert_allclose(samples.q, [[0.0, 1.0], [0.1, 1.0], [0.2, 1.0]])
     assert np.all(samples.v == [0.1, 0.0])
@@ -148,13 +151,15 @@ def test_what_is_left_out_is_nan(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("time", [1.5, {"secs": 1, "nsecs": 500_000_000}])
-def test_other_ways_to_write_times(time: object, tmp_path: Path) -> None:
+def test_time_from_start_may_be_a_number_or_of_ros_1(
+    time: object, tmp_path: Path
+) -> None:
     content = message()
     content["points"][1]["time_from_start"] = time
     assert load_motion(write(tmp_path, content)).t[1] == 1.5
 
 
-def test_csv_and_npz_of_positions_alone(tmp_path: Path) -> None:
+def test_csv_and_npz_may_lack_velocities_and_efforts(tmp_path: Path) -> None:
     csv = tmp_path / "m.csv"
     csv.write_text("time,q_a,q_b,u_a,u_b\n0,1,2,7,8\n0.5,3,4,7,8\n")
     np.savez(tmp_path / "m.npz", joint_names=["a", "b"], t=[0, 1], q=np.ones((2, 2)))
@@ -198,7 +203,7 @@ def test_csv_and_npz_of_positions_alone(tmp_path: Path) -> None:
         (("points", 1, "time_from_start", "sec"), 9, "time", "must increase"),
     ],
 )
-def test_wrong_messages(
+def test_invalid_message_field_is_named_in_the_error(
     path: tuple[Any, ...], value: object, key: str, words: str, tmp_path: Path
 ) -> None:
     content: Any = message()
@@ -218,7 +223,9 @@ def test_wrong_messages(
     "text", ["", "[1, 2", "[" * 100_000, '{"a": NaN}', '{"a": 1, "a": 1}', "7"]
 )
 @pytest.mark.parametrize("ending", ENDINGS)
-def test_what_is_no_message(text: str, ending: str, tmp_path: Path) -> None:
+def test_file_without_a_message_is_an_error(
+    text: str, ending: str, tmp_path: Path
+) -> None:
     path = tmp_path / f"m.{ending}"
     path.write_text(text)
     with pytest.raises(ScenarioError) as caught:
