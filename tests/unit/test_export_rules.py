@@ -1,4 +1,4 @@
-"""Tests of the rules of the joint trajectory controller, and of bags."""
+"""Rules of the joint trajectory controller for messages, and MCAP bags."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tominpmp.robot.robot import Robot
 
 NAMES = ["joint1", "joint2", "joint3"]
 
-# As ROS defines them: rosbags knows the messages, but not those of actions.
+# The definitions of ROS: rosbags knows the messages, but not those of actions.
 GOAL_TYPES = {
     "control_msgs/msg/JointTolerance": """
         string name
@@ -56,15 +56,15 @@ def motion(planar3r: Robot) -> Trajectory:
     return speed_up_and_brake(planar3r, START, END, 0.95, 12)
 
 
-def sound(motion: Trajectory, folder: Path, **options: Any) -> dict[str, Any]:
-    path = export(motion, folder / "sound.json", **options)
+def valid_message(motion: Trajectory, folder: Path, **options: Any) -> dict[str, Any]:
+    path = export(motion, folder / "message.json", **options)
     message: dict[str, Any] = read_motion(path)[1]
     return message
 
 
 @pytest.mark.parametrize("ending", ["yaml", "json", "mcap"])
 @pytest.mark.parametrize("dt", [None, 0.001, 0.004, 0.3])
-def test_exports_are_taken(
+def test_exported_message_is_accepted_by_the_controller(
     motion: Trajectory, ending: str, dt: float | None, tmp_path: Path
 ) -> None:
     path = export(motion, tmp_path / f"m.{ending}", dt=dt)
@@ -72,31 +72,37 @@ def test_exports_are_taken(
 
 
 @pytest.mark.parametrize("message", ["FollowJointTrajectory", "RobotTrajectory"])
-def test_goals_are_taken(motion: Trajectory, message: str, tmp_path: Path) -> None:
+def test_exported_action_goal_is_accepted_by_the_controller(
+    motion: Trajectory, message: str, tmp_path: Path
+) -> None:
     path = export(motion, tmp_path / "m.yaml", message=message)
     assert controller_refusals(read_motion(path)[1], NAMES) == ()
 
 
-def test_effort_needs_a_controller_for_it(motion: Trajectory, tmp_path: Path) -> None:
-    message = sound(motion, tmp_path, with_effort=True)
+def test_effort_is_refused_without_an_effort_interface(
+    motion: Trajectory, tmp_path: Path
+) -> None:
+    message = valid_message(motion, tmp_path, with_effort=True)
     (found,) = controller_refusals(message, NAMES)
     assert (found.field, found.point) == ("effort", 0)
     assert str(found).startswith("points[0].effort: is refused by controllers that do")
     assert controller_refusals(message, NAMES, effort_interface=True) == ()
 
 
-def test_faults_behind_a_refused_effort_are_named(
+def test_violations_after_a_refused_effort_are_named(
     motion: Trajectory, tmp_path: Path
 ) -> None:
-    """The numbers of later points were not looked at."""
-    message = sound(motion, tmp_path, with_effort=True)
+    """Regression: the numbers of later points were not checked."""
+    message = valid_message(motion, tmp_path, with_effort=True)
     message["points"][3]["positions"][1] = None
     named = [(item.field, item.point) for item in controller_refusals(message, NAMES)]
     assert named == [("effort", 0), ("positions", 3)]
 
 
-def test_end_in_motion_must_be_allowed(motion: Trajectory, tmp_path: Path) -> None:
-    message = sound(motion, tmp_path)
+def test_moving_end_is_refused_unless_allowed(
+    motion: Trajectory, tmp_path: Path
+) -> None:
+    message = valid_message(motion, tmp_path)
     message["points"][-1]["velocities"][1] = 2e-7
     (found,) = controller_refusals(message)
     assert (found.field, found.point, found.joint) == ("velocities", 12, "joint2")
@@ -171,10 +177,10 @@ def at(point: int, field: str, value: object) -> Change:
         ),
     ],
 )
-def test_broken_messages_are_refused(
+def test_invalid_message_is_refused_with_its_field(
     change: Change, words: str, motion: Trajectory, tmp_path: Path
 ) -> None:
-    message = sound(motion, tmp_path)
+    message = valid_message(motion, tmp_path)
     broken = copy.deepcopy(message)
     change(broken)
     assert controller_refusals(message, NAMES) == ()
@@ -182,16 +188,16 @@ def test_broken_messages_are_refused(
     assert any(words in str(item) for item in found), list(map(str, found))
 
 
-def test_all_joints_are_expected_unless_some_will_do(
+def test_missing_joint_is_refused_unless_partial_goals_are_allowed(
     motion: Trajectory, tmp_path: Path
 ) -> None:
-    message = sound(motion, tmp_path)
+    message = valid_message(motion, tmp_path)
     (found,) = controller_refusals(message, [*NAMES, "gripper"])
     assert found.joint == "gripper"
     assert controller_refusals(message, [*NAMES, "gripper"], partial=True) == ()
 
 
-def test_accelerations_without_velocities_are_not_followed() -> None:
+def test_accelerations_without_velocities_are_refused() -> None:
     points = [
         {
             "positions": [0.0],
@@ -204,10 +210,10 @@ def test_accelerations_without_velocities_are_not_followed() -> None:
     assert str(found) == "points[0].accelerations: is not followed without velocities"
 
 
-def test_tolerances_are_of_joints_of_the_message(
+def test_tolerance_of_an_unknown_joint_is_refused(
     motion: Trajectory, tmp_path: Path
 ) -> None:
-    goal = sound(motion, tmp_path, message="FollowJointTrajectory")
+    goal = valid_message(motion, tmp_path, message="FollowJointTrajectory")
     goal["path_tolerance"] = [{"name": "joint1", "position": 0.1}]
     assert controller_refusals(goal) == ()
     goal["goal_tolerance"] = [{"name": "elbow", "position": 0.1}]
@@ -221,20 +227,24 @@ def test_tolerances_are_of_joints_of_the_message(
 
 
 @pytest.mark.parametrize("message", [None, 5, "m.yaml", [], [{}]])
-def test_what_is_no_message(message: object) -> None:
+def test_controller_refusals_reject_an_argument_without_fields(message: object) -> None:
     with pytest.raises(ProblemError, match="expected a table of fields"):
         controller_refusals(message)
 
 
 @pytest.mark.parametrize("names", [5, "joint1", [None], {"joint1": 1}])
-def test_what_are_no_names(names: Any, motion: Trajectory, tmp_path: Path) -> None:
+def test_controller_refusals_reject_an_invalid_list_of_names(
+    names: Any, motion: Trajectory, tmp_path: Path
+) -> None:
     with pytest.raises(ProblemError, match="expected a list of names"):
-        controller_refusals(sound(motion, tmp_path), names)
+        controller_refusals(valid_message(motion, tmp_path), names)
 
 
-def test_messages_with_other_values(motion: Trajectory, tmp_path: Path) -> None:
-    """Arrays will do; whatever else stands there is refused, and nothing raised."""
-    message = sound(motion, tmp_path)
+def test_values_of_any_type_are_refused_without_an_error(
+    motion: Trajectory, tmp_path: Path
+) -> None:
+    """Arrays are accepted; values of other types are refused, and raise no error."""
+    message = valid_message(motion, tmp_path)
     for point in message["points"]:
         for key in ("positions", "velocities"):
             point[key] = np.array(point[key])
@@ -265,7 +275,7 @@ def typestore() -> Any:
 
 
 def filled(store: Any, name: str, data: dict[str, Any]) -> Any:
-    """A message from plain values, as ROS's tools make one: unknown keys fail."""
+    """A message of plain values, made like ROS's tools make it: unknown keys fail."""
     fields = dict(store.fielddefs[name][1])
     assert set(data) <= set(fields), f"{name} has no {set(data) - set(fields)}"
     parts = {key: part(store, kind, data.get(key)) for key, kind in fields.items()}
@@ -295,7 +305,7 @@ def part(store: Any, kind: Any, value: Any) -> Any:
         ("FollowJointTrajectory", "control_msgs/msg/FollowJointTrajectory_Goal"),
     ],
 )
-def test_files_are_messages_of_ros(
+def test_message_files_match_the_definitions_of_ros(
     motion: Trajectory, ending: str, message: str, name: str, tmp_path: Path
 ) -> None:
     path = export(motion, tmp_path / f"m.{ending}", message=message, with_effort=True)
@@ -311,7 +321,7 @@ def test_files_are_messages_of_ros(
         assert point.effort.size == 3
 
 
-def test_bag_holds_one_message_on_the_topic_of_a_controller(
+def test_bag_has_one_message_on_the_topic_of_the_controller(
     motion: Trajectory, tmp_path: Path
 ) -> None:
     from rosbags.rosbag2 import Reader
@@ -325,17 +335,19 @@ def test_bag_holds_one_message_on_the_topic_of_a_controller(
     assert read_motion(path)[1] == json.loads(json_file.read_text())
 
 
-def test_what_is_no_bag(motion: Trajectory, tmp_path: Path) -> None:
+def test_damaged_bag_is_an_error_with_its_path(
+    motion: Trajectory, tmp_path: Path
+) -> None:
     path = export(motion, tmp_path / "m.mcap")
     whole = path.read_bytes()
     for content in (b"", b"nonsense", whole[: len(whole) // 2], whole[::-1]):
         path.write_bytes(content)
         with pytest.raises(ScenarioError, match=r"m\.mcap is not an MCAP") as caught:
             load_motion(path)
-        assert "/tominpmp-" not in str(caught.value)  # the file that is read, no copy
+        assert "/tominpmp-" not in str(caught.value)  # the path of the file, not a copy
 
 
-def test_bag_of_other_messages(tmp_path: Path) -> None:
+def test_bag_without_a_joint_trajectory_is_an_error(tmp_path: Path) -> None:
     from rosbags.rosbag2 import StoragePlugin, Writer
 
     store = typestore()
@@ -349,31 +361,34 @@ def test_bag_of_other_messages(tmp_path: Path) -> None:
         load_motion(folder / "bag.mcap")
 
 
-@pytest.mark.parametrize("packing", ["zstd", "lz4"])
-def test_small_bag_of_many_zeros(
-    packing: str, monkeypatch: pytest.MonkeyPatch, motion: Trajectory, tmp_path: Path
+@pytest.mark.parametrize("codec", ["zstd", "lz4"])
+def test_bag_that_unpacks_to_too_many_bytes_is_an_error(
+    codec: str,
+    monkeypatch: pytest.MonkeyPatch,
+    motion: Trajectory,
+    tmp_path: Path,
 ) -> None:
-    """What a chunk says of its size need not be true."""
+    """The size that a chunk states need not be its true size."""
     content = b"\0" * 2**24
-    packed = pack(packing, content)
+    packed = pack(codec, content)
     assert len(packed) < 2**17
     path = tmp_path / "m.mcap"
-    path.write_bytes(bag_of(chunk(packed, 100, packing)))
+    path.write_bytes(bag_of(chunk(packed, 100, codec)))
     with pytest.raises(ScenarioError, match="is not an MCAP bag") as caught:
         load_motion(path)
-    assert "unpacks" not in str(caught.value)  # this much is let pass, and is no bag
+    assert "unpacks" not in str(caught.value)  # this size is allowed
     monkeypatch.setattr("tominpmp.files.ros.MAX_UNPACKED", 2**20)
     with pytest.raises(ScenarioError, match="unpacks to more than 1048576 bytes"):
         load_motion(path)
     path.write_bytes(bag_of(chunk(b"", 2**50, "")))
     with pytest.raises(ScenarioError, match="unpacks to more than 1048576 bytes"):
         load_motion(path)
-    # A bag that was recorded with packing is read.
+    # The bag of an export is read.
     assert load_motion(export(motion, path)).t.size == 13
 
 
-def pack(packing: str, content: bytes) -> bytes:
-    if packing == "lz4":
+def pack(codec: str, content: bytes) -> bytes:
+    if codec == "lz4":
         import lz4.frame
 
         return bytes(lz4.frame.compress(content))
@@ -384,8 +399,8 @@ def pack(packing: str, content: bytes) -> bytes:
     return bytes(zstd.compress(content))
 
 
-def chunk(packed: bytes, stated: int, packing: str) -> bytes:
-    name = packing.encode()
+def chunk(packed: bytes, stated: int, codec: str) -> bytes:
+    name = codec.encode()
     head = struct.pack("<QQQII", 0, 0, stated, 0, len(name)) + name
     body = head + struct.pack("<Q", len(packed)) + packed
     return struct.pack("<BQ", 6, len(body)) + body
@@ -396,7 +411,7 @@ def bag_of(*records: bytes) -> bytes:
     return mark + b"".join(records) + mark
 
 
-def test_packed_bag_is_read(motion: Trajectory, tmp_path: Path) -> None:
+def test_compressed_bag_is_read(motion: Trajectory, tmp_path: Path) -> None:
     from rosbags.rosbag2 import (
         CompressionFormat,
         CompressionMode,
@@ -418,7 +433,7 @@ def test_packed_bag_is_read(motion: Trajectory, tmp_path: Path) -> None:
     np.testing.assert_array_equal(samples.q, load_motion(tmp_path / "m.mcap").q)
 
 
-def test_missing_package_is_named(
+def test_missing_rosbags_package_is_named_in_the_error(
     motion: Trajectory, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setitem(sys.modules, "rosbags", None)

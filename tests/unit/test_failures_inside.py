@@ -1,4 +1,4 @@
-"""What fails inside of the library comes out as it is, and blames no argument."""
+"""Internal errors reach the caller unchanged, and are not attributed to an argument."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tominpmp.collision.checker import CollisionChecker
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.kinematics import RobotKinematics
 
-START = [0.5, 1.7, -1.7]  # a list, as callers have it, where arrays are annotated
+START = [0.5, 1.7, -1.7]  # a list, as callers may pass it instead of an array
 
 
 def failing(*_: Any, **__: Any) -> Any:
@@ -36,7 +36,7 @@ def motion() -> tm.Trajectory:
         (RobotDynamics, "inverse"),
     ],
 )
-def test_a_failure_in_the_making_of_a_problem(
+def test_internal_error_of_a_problem_reaches_the_caller(
     owner: type, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     robot = tm.load_robot("planar3r")
@@ -61,7 +61,7 @@ def test_a_failure_in_the_making_of_a_problem(
         ),
     ],
 )
-def test_a_failure_in_a_call(
+def test_internal_error_of_a_call_reaches_the_caller(
     call: Callable[[tm.Problem, tm.Trajectory], Any],
     motion: tm.Trajectory,
     monkeypatch: pytest.MonkeyPatch,
@@ -74,7 +74,7 @@ def test_a_failure_in_a_call(
         call(problem, motion)
 
 
-def test_a_failure_in_a_goal_of_the_callers() -> None:
+def test_error_in_a_goal_class_of_the_caller_reaches_the_caller() -> None:
     class Own(tm.JointGoal):
         def place(self, kinematics: Any, q: Any) -> Any:
             raise ZeroDivisionError

@@ -1,4 +1,4 @@
-"""The figures of the demo that compare methods: their torques, their convergence."""
+"""The figures of the demo that compare methods: torques and convergence."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from tominpmp.viz.plots import curve_states
 
 @pytest.fixture
 def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
-    """The figures that are written."""
+    """Collects the figures that are written."""
     written, finish = list[Figure](), figures.finish
 
-    def noted(figure: Figure, path: Any) -> Figure:
+    def recorded(figure: Figure, path: Any) -> Figure:
         written.append(finish(figure, path))
         return figure
 
-    monkeypatch.setattr(figures, "finish", noted)
+    monkeypatch.setattr(figures, "finish", recorded)
     return written
 
 
@@ -40,7 +40,9 @@ def legend_texts(figure: Figure) -> list[str]:
     return [text.get_text() for text in legend.get_texts()]
 
 
-def test_controls_overlay_motions(drawn: list[Figure], tmp_path: Path) -> None:
+def test_controls_figure_overlays_the_torques_of_motions(
+    drawn: list[Figure], tmp_path: Path
+) -> None:
     problem, held, braked = planar_motions()
     path = tmp_path / "controls.png"
     paper_demo.plot_controls(problem, {"initial": held, "adjoint": braked}, path)
@@ -74,10 +76,12 @@ def records(durations: Sequence[float]) -> list[tm.IterationRecord]:
     ]
 
 
-def test_convergence_of_several_methods(drawn: list[Figure], tmp_path: Path) -> None:
+def test_convergence_figure_has_duration_and_violation_of_methods(
+    drawn: list[Figure], tmp_path: Path
+) -> None:
     history: Mapping[str, list[tm.IterationRecord]] = {
         "adjoint": records([1.5, 1.2, 1.0, 0.9]),
-        # Its numbers of iterations begin anew with the second part of the descent.
+        # The iteration numbers restart with the second part of the descent.
         "penalty": records([1.4, 0.9]) + records([1.3, 1.1, 1.0]),
     }
     path = tmp_path / "convergence.svg"
@@ -97,7 +101,7 @@ def test_convergence_of_several_methods(drawn: list[Figure], tmp_path: Path) -> 
     assert "mathdefault" not in path.read_text("utf-8")
 
 
-def test_short_histories_stay_readable_beside_long_ones(
+def test_convergence_figure_shows_short_beside_long_histories(
     drawn: list[Figure], tmp_path: Path
 ) -> None:
     history = {"inverse": records([1.0] * 8), "penalty": records([1.0] * 300)}

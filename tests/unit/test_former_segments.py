@@ -1,4 +1,4 @@
-"""Former motions as starts for several segments; their grid is refined."""
+"""Warm starts of problems with several segments, and refinement of their grid."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def former():
 
 @pytest.mark.parametrize("kind", ["solution", "trajectory", "file"])
 @pytest.mark.parametrize("control", ["constant", "linear"])
-def test_a_former_motion_of_segments_is_the_start(former, tmp_path, kind, control):
+def test_warm_start_with_a_motion_of_segments_is_used(former, tmp_path, kind, control):
     start = former
     if kind == "trajectory":
         start = former.trajectory
@@ -41,13 +41,13 @@ def test_a_former_motion_of_segments_is_the_start(former, tmp_path, kind, contro
     assert found.success and cold.success, found.message
     assert found.T <= 1.005 * cold.T
     np.testing.assert_allclose(found.initial.q[0], 0.02, atol=1e-9)
-    # No other guess is made; its certificate may ask for a few more iterations.
+    # No other guess is made; the certificate may lead to a few more iterations.
     first = [record.duration for record in found.history if record.start == 0]
     later = [record.duration for record in found.history if record.start > 0]
     assert later == pytest.approx([first[-1]] * len(later), rel=1e-3)
 
 
-def test_a_former_motion_goes_to_the_goal_that_it_is_nearest_to(former):
+def test_warm_start_keeps_the_nearest_goal_of_a_set(former):
     robot = former.problem.robot
     either = tm.AnyGoal([tm.JointGoal([-3.0]), tm.JointGoal([0.5])])
     segments = [tm.Segment(either, dwell=0.1), tm.Segment(tm.JointGoal([1.0]))]
@@ -58,8 +58,8 @@ def test_a_former_motion_goes_to_the_goal_that_it_is_nearest_to(former):
 
 
 @pytest.mark.parametrize("goals", [[1.0], [0.2, 0.5, 1.0]])
-def test_a_former_motion_of_another_number_of_segments_is_the_start(former, goals):
-    """The torques of the former segments were taken for those of the new ones."""
+def test_warm_start_may_have_another_number_of_segments(former, goals):
+    """Regression: torques of the former segments were assigned to the new segments."""
     segments = [tm.Segment(tm.JointGoal([goal])) for goal in goals]
     changed = tm.Problem(former.problem.robot, [0.0], segments=segments)
     verdict = tm.verify(changed, former.trajectory)
@@ -68,13 +68,13 @@ def test_a_former_motion_of_another_number_of_segments_is_the_start(former, goal
     assert found.T <= 1.005 * tm.plan(changed, **OPTIONS).T
 
 
-def test_a_former_motion_of_other_joints_is_refused(former):
+def test_warm_start_with_other_joints_is_rejected(former):
     other = tm.Trajectory(("a",), [0.0, 1.0], np.zeros((2, 1)), *[np.zeros((2, 1))] * 2)
     with pytest.raises(tm.ProblemError, match="start"):
         tm.plan(problem(), start=other, **OPTIONS)
 
 
-def test_the_grid_of_segments_is_refined():
+def test_grid_refinement_shortens_a_motion_of_segments():
     robot = make_arm(slide(2.0), effort=10.0)
     passed = [tm.Segment(tm.JointGoal([0.3])), tm.Segment(tm.JointGoal([1.0]))]
     task = tm.Problem(robot, [0.0], segments=passed)

@@ -22,7 +22,7 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import OptionsError
 from tominpmp.verification.replay import Integration
 
-# The search for the best motion is looked at elsewhere.
+# The multi-start search is tested elsewhere.
 plan_quickly = partial(tm.plan, effort="quick", refine=None)
 
 MASS, FORCE, FRICTION, WAY = 2.0, 10.0, 3.0, 1.2
@@ -44,7 +44,7 @@ def viscous_time(push: float, drag: float, friction: float, way: float) -> float
     up, down = push - friction, push + friction
 
     def covered(s: float) -> tuple[float, float]:
-        """Way and time when the force turns at time s."""
+        """Distance and duration if the force changes its sign at time s."""
         peak = up / drag * (1.0 - math.exp(-drag * s))
         rest = math.log1p(drag * peak / down) / drag
         speeding = up / drag * s - peak / drag
@@ -107,7 +107,7 @@ METHODS: dict[str, dict[str, str]] = {
 
 
 def slid(case: Case, **options: object) -> tm.Solution:
-    """Plan a case."""
+    """Plan the motion of a case on a rail."""
     problem = tm.Problem(case[0](), [0.0], tm.JointGoal([case[1]]))
     chosen = {"effort": "quick", "refine": None, **options}
     return tm.plan(problem, tm.Options(**chosen))  # type: ignore[arg-type]
@@ -115,15 +115,16 @@ def slid(case: Case, **options: object) -> tm.Solution:
 
 @cache
 def slid_by(name: str, method: str) -> tm.Solution:
-    """Plan a case by a method."""
+    """Plan the motion of a case on a rail by a method."""
     return slid(CASES[name], **METHODS[method])
 
 
-def by_hand(solution: tm.Solution, gravity: float = 0.0) -> tuple[float, float]:
-    """End of a mass on a rail under the forces of a motion, by Coulomb's law.
+def integrated_end(solution: tm.Solution, gravity: float = 0.0) -> tuple[float, float]:
+    """Final position and velocity of a mass under the forces of a motion.
 
-    Each stretch of time between nodes and stops is integrated with one sign of the
-    velocity; at a stop the mass stays if friction holds it.
+    Dry friction follows Coulomb's law. Each interval between nodes and stops is
+    integrated with one sign of the velocity; at a stop the mass stays if friction
+    holds it.
     """
     motion, robot = solution.trajectory, solution.problem.robot
     assert motion is not None
@@ -158,7 +159,9 @@ def by_hand(solution: tm.Solution, gravity: float = 0.0) -> tuple[float, float]:
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", CASES)
-def test_minimum_time_on_a_rail(name: str, method: str) -> None:
+def test_duration_on_a_rail_with_friction_matches_the_closed_form(
+    name: str, method: str
+) -> None:
     case, solution = CASES[name], slid_by(name, method)
     assert solution.success, solution.message
     assert -1e-6 < solution.T / case[2] - 1.0 < 5e-3
@@ -169,14 +172,14 @@ def test_minimum_time_on_a_rail(name: str, method: str) -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", ["rail", "upwards", "much"])
-def test_another_integration_ends_at_the_goal(name: str, method: str) -> None:
+def test_independent_integration_ends_at_the_goal(name: str, method: str) -> None:
     solution = slid_by(name, method)
-    q, v = by_hand(solution, GRAVITY if name == "upwards" else 0.0)
+    q, v = integrated_end(solution, GRAVITY if name == "upwards" else 0.0)
     assert q == pytest.approx(CASES[name][1], abs=2e-4)
     assert v == pytest.approx(0.0, abs=2e-3)
 
 
-def test_too_little_force_to_move_is_said() -> None:
+def test_message_says_that_a_motor_cannot_overcome_its_friction() -> None:
     robot = make_arm(SLIDE, effort=FORCE, friction=12.0)
     problem = tm.Problem(robot, [0.0], tm.JointGoal([WAY]))
     few = tm.Options(starts=1, intervals=8, max_iterations=3)
@@ -185,13 +188,13 @@ def test_too_little_force_to_move_is_said() -> None:
     assert "cannot overcome its dry friction of 12 N" in solution.message
 
 
-def test_a_goal_is_held_by_the_motor_alone() -> None:
+def test_goal_must_be_held_by_the_motor_without_friction() -> None:
     robot = make_arm(UP, effort=15.0, friction=10.0, gravity=DOWNWARD)
     with pytest.raises(tm.ProblemError, match="friction is not counted on"):
         tm.Problem(robot, [0.0], tm.JointGoal([-WAY]))
 
 
-def test_friction_is_read_overridden_and_kept(tmp_path: Path) -> None:
+def test_friction_is_read_from_urdf_and_overridden(tmp_path: Path) -> None:
     path = tmp_path / "rail.urdf"
     text = describe([SLIDE]).replace("<limit", '<dynamics friction="0.7"/><limit', 1)
     path.write_text(text, encoding="utf-8")
@@ -206,7 +209,7 @@ def test_friction_is_read_overridden_and_kept(tmp_path: Path) -> None:
         tm.load_robot(path, friction=-1.0)
 
 
-def test_torques_have_the_friction_of_the_way_joints_move() -> None:
+def test_inverse_dynamics_adds_friction_in_the_direction_of_motion() -> None:
     smooth = make_arm(rod(2.0, 1.0), rod(1.0, 0.8), effort=20.0)
     robot = smooth.with_changes(friction=[1.0, 0.5])
     q, v, a = np.array(
@@ -222,12 +225,12 @@ def test_torques_have_the_friction_of_the_way_joints_move() -> None:
     np.testing.assert_allclose(added, expected, atol=1e-12)
 
 
-def test_forward_dynamics_of_known_ways() -> None:
+def test_forward_dynamics_at_rest_sticks_or_slides() -> None:
     robot = make_arm(rod(2.0, 1.0), rod(1.0, 0.8), effort=20.0, friction=[1.0, 4.0])
     dynamics, rest = RobotDynamics(robot), np.zeros((2, 2))
     u = np.array([[8.0, 1.0], [0.9, -3.9]])
     a = dynamics.forward_along(rest, rest, u, np.array([[1.0, 0.0], [0.0, 0.0]]))
-    # The second joint is held against what the first one does to it, or both are.
+    # Friction holds the second joint against the first one's motion, or holds both.
     assert a[0, 0] > 0.1
     np.testing.assert_allclose([a[0, 1], *a[1]], 0.0, atol=1e-12)
     moving = dynamics.inverse_along(rest, rest, a, np.array([[1.0, 0.0], [0.0, 0.0]]))
@@ -237,7 +240,9 @@ def test_forward_dynamics_of_known_ways() -> None:
     np.testing.assert_allclose(dynamics.inverse(q, v, a), u, atol=1e-10)
 
 
-def test_derivatives_away_from_rest(rng: np.random.Generator) -> None:
+def test_derivatives_with_friction_match_differences_in_motion(
+    rng: np.random.Generator,
+) -> None:
     robot = make_arm(rod(2.0, 1.0), rod(1.0, 0.8), effort=20.0, friction=[1.0, 4.0])
     dynamics, step = RobotDynamics(robot), 1e-6
     q, v, a, u = rng.normal(size=(4, 1, 2))
@@ -258,8 +263,8 @@ def test_derivatives_away_from_rest(rng: np.random.Generator) -> None:
         np.testing.assert_allclose(f_x[:, i], slope, atol=1e-5)
 
 
-def test_replay_sticks_as_time_stepping_does() -> None:
-    """A joint that its friction holds, lets go and catches: Moreau's time stepping."""
+def test_replay_with_friction_matches_moreau_time_stepping() -> None:
+    """The second joint sticks, slides, and sticks again."""
     arm = make_arm(
         rod(2.0, 1.0), rod(1.0, 0.8), effort=[20.0, 10.0], friction=[1.0, 4.0]
     )
@@ -283,13 +288,13 @@ def test_replay_sticks_as_time_stepping_does() -> None:
         v = free - h * inverse @ pulse
         q = middle + 0.5 * h * v
     assert replay.complete
-    assert np.abs(replay.q[400, 1]) < 1e-8  # held so far
+    assert np.abs(replay.q[400, 1]) < 1e-8  # held by friction until then
     np.testing.assert_allclose(replay.q[-1], q, atol=2e-4)
     np.testing.assert_allclose(replay.v[-1], v, atol=1e-3)
 
 
-def test_joints_that_turn_keep_their_limits() -> None:
-    """The second joint of a swing turns on the way."""
+def test_torque_limits_hold_where_a_joint_with_friction_reverses() -> None:
+    """The second joint of a swing reverses its direction."""
     robot = make_arm(
         rod(2.0, 1.0),
         rod(1.0, 0.8),
@@ -309,8 +314,8 @@ def test_joints_that_turn_keep_their_limits() -> None:
         assert solution.verification.worst["effort"].share < 5e-3
 
 
-def test_without_friction_nothing_changes() -> None:
-    """An override of zero is the same motion as none, to the last bit."""
+def test_friction_of_zero_gives_the_same_motion() -> None:
+    """An override of zero friction changes no bit of the motion."""
     robot = make_arm(rod(2.0, 1.0), rod(1.0, 0.8), effort=[20.0, 6.0])
     motions = []
     for arm in (robot, robot.with_changes(friction=0.0)):
@@ -321,14 +326,14 @@ def test_without_friction_nothing_changes() -> None:
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_switches_are_placed_exactly(name: str) -> None:
+def test_exact_switching_times_with_friction_match_the_closed_form(name: str) -> None:
     case = CASES[name]
     solution = slid(case, refine="switching")
     assert solution.success, solution.message
     assert solution.T == pytest.approx(case[2], rel=1e-9)
 
 
-def test_switches_of_joints_that_turn_are_left() -> None:
+def test_exact_switching_is_skipped_where_a_joint_reverses() -> None:
     robot = make_arm(
         rod(2.0, 1.0), rod(1.0, 0.8), effort=[20.0, 6.0], friction=[2.0, 0.6]
     )
@@ -338,7 +343,7 @@ def test_switches_of_joints_that_turn_are_left() -> None:
     assert "turns on the way" in solution.message
 
 
-def test_two_arms_in_one_cell_have_the_friction_of_each() -> None:
+def test_combined_robots_keep_the_friction_of_each_arm() -> None:
     left = make_arm(SLIDE, effort=FORCE, friction=FRICTION)
     right = make_arm(SLIDE, effort=FORCE, friction=1.0)
     parts = [("left", left, (0.0, 0.0, 0.0)), ("right", right, (0.0, 3.0, 0.0))]
@@ -350,13 +355,13 @@ def test_two_arms_in_one_cell_have_the_friction_of_each() -> None:
     assert solution.T == pytest.approx(CASES["rail"][2], rel=5e-3)
 
 
-def test_payloads_leave_the_friction() -> None:
+def test_payload_leaves_the_friction_unchanged() -> None:
     robot = make_arm(SLIDE, effort=FORCE, friction=FRICTION)
     load = tm.Payload(1.0, "tip")
     assert robot.with_payload(load).friction.tolist() == [FRICTION]
 
 
-def test_a_joint_that_follows_passes_its_friction_on(tmp_path: Path) -> None:
+def test_mimic_joint_adds_its_friction_to_the_leader(tmp_path: Path) -> None:
     path = tmp_path / "gripper.urdf"
     text = describe([rod(1.0, 0.5), rod(1.0, 0.5)])
     text = text.replace("<limit", '<dynamics friction="0.2"/><limit')
@@ -370,8 +375,8 @@ def test_a_joint_that_follows_passes_its_friction_on(tmp_path: Path) -> None:
     assert solution.success, solution.message
 
 
-def test_a_motion_of_torques_can_be_begun_with() -> None:
-    """Warm starts take motors' torques for what they are."""
+def test_warm_start_with_friction_keeps_the_duration() -> None:
+    """A warm start's torques are those of the motors, including friction."""
     case = CASES["rail"]
     for method in ("inverse", "collocation", "adjoint"):
         first = slid(case, method=method)
@@ -380,13 +385,13 @@ def test_a_motion_of_torques_can_be_begun_with() -> None:
         assert again.T == pytest.approx(first.T, rel=1e-3)
 
 
-def test_certificate_of_a_motion_with_friction() -> None:
+def test_motion_with_friction_is_certified() -> None:
     solution = slid(CASES["rail"])
     assert solution.certificate is not None
     assert solution.certificate.ok
 
 
-def test_quiet_torques_with_friction() -> None:
+def test_smoothed_motion_with_friction_is_verified() -> None:
     found = tm.smooth(slid(CASES["upwards"]), 0.05)
     assert found.success
     assert found.verification is not None
@@ -394,7 +399,7 @@ def test_quiet_torques_with_friction() -> None:
     assert "Quiet torques" in found.message
 
 
-def test_scenarios_keep_the_friction(tmp_path: Path) -> None:
+def test_friction_survives_a_scenario_file(tmp_path: Path) -> None:
     robot = tm.load_robot("planar3r", friction={"joint1": 0.5})
     q = robot.group_state("start")
     problem = tm.Problem(robot, q, tm.JointGoal(q + 0.3))
@@ -404,8 +409,8 @@ def test_scenarios_keep_the_friction(tmp_path: Path) -> None:
     assert tm.load_scenario(path).problem.robot == robot
 
 
-def test_rows_beside_reversals_do_not_join_without_end() -> None:
-    """Reversals moved on at each step, and the plan took all of its time."""
+def test_row_exchange_beside_reversals_ends() -> None:
+    """Regression: reversals moved at each step, and the plan used up its time."""
     robot = tm.load_robot("ur5", limits="urdf", friction=5.0)
     robot = robot.with_changes(velocity=4.0 * robot.limits.velocity)
     start, end = [1.7, -0.9, 1.2, -0.8, 1.7, -1.6], [-1.2, -2.1, -1.9, 3.0, -0.7, 0.3]

@@ -1,4 +1,4 @@
-"""Dry friction together with limits of accelerations, jerks, rates and a clock."""
+"""Dry friction together with limits of acceleration, jerk, torque rate and a clock."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ PERIOD = 0.004
 
 
 def xarm_problem(friction: float | None = None) -> tm.Problem:
-    """A swing of an xArm 7 with the limits of its maker."""
+    """A swing of an xArm 7 with the limits of its data sheet."""
     robot = tm.load_robot("xarm7", limits="datasheet", friction=friction)
     return tm.Problem(robot, START, tm.JointGoal(GOAL))
 
 
 def two_links(**limits: float) -> tm.Problem:
-    """A swing of two links that hang, one of which turns on the way."""
+    """A swing of two hanging links, one of which reverses its direction."""
     robot = make_arm(
         rod(2.0, 0.5),
         rod(1.0, 0.4),
@@ -47,17 +47,17 @@ def two_links(**limits: float) -> tm.Problem:
 
 @cache
 def on_a_clock() -> tm.Solution:
-    """The swing of the xArm, planned for a controller."""
+    """The swing of the xArm, planned with a control period."""
     return tm.plan(xarm_problem(), control_period=PERIOD)
 
 
-def test_arm_with_friction_and_limits_of_accelerations_is_planned() -> None:
+def test_arm_with_friction_keeps_its_acceleration_limits() -> None:
     problem = xarm_problem()
     assert np.all(problem.robot.friction == 1.0)
     solution = tm.plan(problem)
     assert solution.success, solution.message
     assert solution.verification is not None
-    # Nothing beyond the limit, at the stop either, where rounding has any sign.
+    # The limit holds at the stop, too, where rounding has either sign.
     assert solution.verification.worst["acceleration"].share < 1e-3
     without = tm.plan(xarm_problem(friction=0.0))
     assert solution.T == pytest.approx(without.T, rel=1e-2)
@@ -65,8 +65,8 @@ def test_arm_with_friction_and_limits_of_accelerations_is_planned() -> None:
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
-def test_acceleration_at_the_stop_is_that_of_the_motion(sign: float) -> None:
-    # Whichever sign rounding leaves at the end: friction acts against the way there.
+def test_acceleration_at_the_stop_does_not_depend_on_rounding(sign: float) -> None:
+    # Whatever the sign of the final velocity, friction acts against the motion before.
     solution = on_a_clock()
     motion, found = solution.trajectory, solution.verification
     assert motion is not None and found is not None
@@ -84,7 +84,7 @@ def test_acceleration_at_the_stop_is_that_of_the_motion(sign: float) -> None:
     assert "acceleration" in {item.kind for item in limits}
 
 
-def test_accelerations_beyond_their_limit_are_still_refused() -> None:
+def test_replay_rejects_accelerations_beyond_limits_with_friction() -> None:
     robot = tm.load_robot("xarm7", limits="urdf")
     free = tm.plan(tm.Problem(robot, START, tm.JointGoal(GOAL)))
     assert free.success and free.trajectory is not None
@@ -95,7 +95,7 @@ def test_accelerations_beyond_their_limit_are_still_refused() -> None:
 
 @pytest.mark.parametrize("kind", ["yaml", "csv", "npz"])
 @pytest.mark.parametrize("dt", [PERIOD, 0.001])
-def test_samples_of_a_motion_with_friction_hold(
+def test_exported_motion_with_friction_passes(
     tmp_path: Path, kind: str, dt: float
 ) -> None:
     solution = on_a_clock()
@@ -106,7 +106,7 @@ def test_samples_of_a_motion_with_friction_hold(
 
 
 @pytest.mark.parametrize("dt", [PERIOD, 0.001])
-def test_ramps_of_accelerations_are_not_taken_for_jumps_or_held_torques(
+def test_sampled_acceleration_ramps_are_not_joined_as_steps(
     tmp_path: Path, dt: float
 ) -> None:
     solution = on_a_clock()
@@ -132,7 +132,7 @@ def test_ramps_of_accelerations_are_not_taken_for_jumps_or_held_torques(
         ({"acceleration": 15.0, "effort_rate": 400.0}, None),
     ],
 )
-def test_limits_of_all_kinds_with_friction(
+def test_plan_with_friction_succeeds_with_limits_of_all_kinds(
     limits: dict[str, float], period: float | None
 ) -> None:
     solution = tm.plan(two_links(**limits), control_period=period)
