@@ -1,4 +1,4 @@
-"""A planner that takes no time, and what to call it with."""
+"""Stand-ins for the planner and the verification, and arguments of commands."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ Run = Callable[..., Any]
 
 
 def straight(problem: Problem, duration: float = 2.0) -> Trajectory:
-    """A motion along a line; it need not keep any limit."""
+    """A motion along a line, which need not satisfy any limit."""
     q_end = getattr(problem.goal, "q", problem.q_start)
     q = np.linspace(problem.q_start, q_end, 5)
     return Trajectory(
@@ -114,7 +114,7 @@ def straight(problem: Problem, duration: float = 2.0) -> Trajectory:
 
 
 class Planner:
-    """Stands in for the planner: keeps what it got, returns what it is told."""
+    """Stand-in for the planner: records its arguments, returns a prepared solution."""
 
     def __init__(self) -> None:
         self.problem: Any = None
@@ -148,14 +148,14 @@ class Planner:
 
 
 def passed(solution: Solution, path: Path, dt: float | None = None) -> ExportCheck:
-    """Judge no file: say that it holds."""
+    """Stand-in for the check of an exported file: every file passes."""
     assert Path(path).is_file()
     return ExportCheck(Path(path), True, "straight lines", (), (), None)
 
 
 @dataclass(frozen=True)
 class Violation:
-    """What a judge complains of."""
+    """A violation in a prepared verdict."""
 
     kind: str
     joint: str
@@ -163,13 +163,13 @@ class Violation:
     amount: float
 
     def __str__(self) -> str:
-        """Say it in words."""
+        """The message of the violation."""
         return f"{self.kind} of {self.joint} by {self.amount} at {self.time} s"
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a judge says."""
+    """The prepared result of a verification."""
 
     ok: bool
     goal_error: float
@@ -183,7 +183,7 @@ class Verdict:
 
 
 class Judge:
-    """Stands in for the verification: keeps what it got, says what it is told."""
+    """Stand-in for the verification: records its arguments, returns its verdict."""
 
     def __init__(self) -> None:
         self.problem: Any = None

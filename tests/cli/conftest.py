@@ -41,17 +41,17 @@ def slider(tmp_path: Path) -> Robot:
 
 @pytest.fixture
 def planner(monkeypatch: pytest.MonkeyPatch) -> Planner:
-    """A planner that takes no time."""
+    """The planner is replaced by a stand-in that takes no time."""
     fake = Planner()
     monkeypatch.setattr("tominpmp.planner.planning.plan", fake)
-    # Its motions keep no limits.
+    # The motions of the stand-in satisfy no limits.
     monkeypatch.setattr("tominpmp.files.export_check.check_export", passed)
     return fake
 
 
 @pytest.fixture
 def judge(monkeypatch: pytest.MonkeyPatch) -> Judge:
-    """A judge that takes no time."""
+    """The verification is replaced by a stand-in that takes no time."""
     fake = Judge()
     monkeypatch.setattr("tominpmp.files.export_check.verify", fake)
     return fake

@@ -1,4 +1,4 @@
-"""The command that opens the live page: what it says where it cannot."""
+"""The command `app`, which opens the live page: errors and robots without dynamics."""
 
 from __future__ import annotations
 
@@ -17,35 +17,37 @@ def run(*words: str) -> tuple[int, str]:
     return result.exit_code, result.output
 
 
-def test_without_viser_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_app_without_viser_names_the_extra_to_install(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setitem(sys.modules, "viser", None)
-    code, told = run("planar3r")
+    code, output = run("planar3r")
     assert code == 2
-    assert "tominpmp[app]" in told
+    assert "tominpmp[app]" in output
 
 
-def test_a_port_that_is_taken_and_a_robot_that_is_none_are_told() -> None:
+def test_app_reports_an_unusable_port_host_or_robot() -> None:
     pytest.importorskip("viser")
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        code, told = run("planar3r", "--port", str(port), "--no-browser")
+        code, output = run("planar3r", "--port", str(port), "--no-browser")
     assert code == 2
-    assert f"port {port} of 127.0.0.1 cannot be used" in told
-    code, told = run("planar3r", "--host", "no.invalid", "--no-browser")
+    assert f"port {port} of 127.0.0.1 cannot be used" in output
+    code, output = run("planar3r", "--host", "no.invalid", "--no-browser")
     assert code == 2
-    assert "of no.invalid cannot be used" in told and "another port or host" in told
-    code, told = run("planar3r", "--host", "", "--no-browser")
+    assert "of no.invalid cannot be used" in output and "another port or host" in output
+    code, output = run("planar3r", "--host", "", "--no-browser")
     assert code == 2
-    assert "an empty host would let others on the network open it" in told
-    code, told = run("planar4r", "--no-browser")
+    assert "an empty host would let others on the network open it" in output
+    code, output = run("planar4r", "--no-browser")
     assert code == 2
-    assert "planar4r" in told
+    assert "planar4r" in output
 
 
-def test_a_robot_without_dynamics_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its error offered a flag that the command had not."""
+def test_app_shows_a_robot_without_dynamics(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Regression: the error suggested a flag that the command did not have."""
     pytest.importorskip("viser")
     shown = []
 
@@ -60,8 +62,8 @@ def test_a_robot_without_dynamics_is_shown(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr("tominpmp.app.page.Page", Page)
     report = Path(__file__).parents[1] / "reports" / "kinematic_no_effort_no_inertia"
     words = str(report / "robot.urdf"), "--no-browser"
-    code, told = run(*words)
-    assert code == 2 and "--kinematic" in told
-    code, told = run(*words, "--kinematic")
-    assert code == 0, told
+    code, output = run(*words)
+    assert code == 2 and "--kinematic" in output
+    code, output = run(*words, "--kinematic")
+    assert code == 0, output
     assert shown[0].problem().robot.kinematic

@@ -1,4 +1,4 @@
-"""Tests of what is refused, and how."""
+"""Invalid arguments of commands: exit code 2, and one line that names the argument."""
 
 from __future__ import annotations
 
@@ -219,7 +219,9 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_bad_input(case: str, run: Run, planner: Planner, tmp_path: Path) -> None:
+def test_invalid_argument_is_an_error_with_one_line(
+    case: str, run: Run, planner: Planner, tmp_path: Path
+) -> None:
     text, message = BAD[case]
     result = run(*shlex.split(text))
     assert result.exit_code == 2

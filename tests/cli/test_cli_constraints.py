@@ -1,4 +1,4 @@
-"""Tests of constraints along the motion as they are typed."""
+"""The flag `--constraint`: constraints along the motion."""
 
 from __future__ import annotations
 
@@ -24,11 +24,13 @@ def test_constraints_reach_the_problem(run: Run, planner: Planner) -> None:
     upright = tm.KeepUpright("tip", (0, 0, 1), (0, 0, 1), tolerance=0.2)
     expected = (tm.ToolSpeed("tip", 2.5), upright)
     assert planner.problem.constraints == expected
-    # The same words in a scenario.
+    # The saved scenario has the same constraints.
     assert load_scenario("s.toml").problem.constraints == expected
 
 
-def test_they_join_those_of_a_scenario(run: Run, planner: Planner) -> None:
+def test_constraint_flag_adds_to_the_constraints_of_a_scenario(
+    run: Run, planner: Planner
+) -> None:
     slow = '[[constraints]]\ntype = "tool_speed"\nframe = "link2"\nlimit = 9.0\n'
     Path("s.toml").write_text(SCENARIO + slow)
     assert run("plan", "s.toml", "--constraint", SPEED).exit_code == 0
@@ -36,17 +38,17 @@ def test_they_join_those_of_a_scenario(run: Run, planner: Planner) -> None:
     assert planner.problem.constraints == slower
 
 
-def test_all_constraints_of_the_library_can_be_typed() -> None:
+def test_every_constraint_class_has_a_text_form() -> None:
     kinds = classes(PathConstraint)
     assert {"tool_speed", "keep_upright"} <= set(kinds)
-    made = constraint("tool_speed:frame=7:limit=1")  # a frame may be called so
-    assert made == tm.ToolSpeed("7", 1.0)
-    made = constraint("joint_coupling:joints=joint1,joint2:weights=1,-2:upper=0.5")
-    assert made == tm.JointCoupling(("joint1", "joint2"), (1.0, -2.0), 0.5)
+    speed = constraint("tool_speed:frame=7:limit=1")  # the name of a frame may be 7
+    assert speed == tm.ToolSpeed("7", 1.0)
+    coupling = constraint("joint_coupling:joints=joint1,joint2:weights=1,-2:upper=0.5")
+    assert coupling == tm.JointCoupling(("joint1", "joint2"), (1.0, -2.0), 0.5)
 
 
-def test_a_motion_keeps_a_tool_speed(run: Run) -> None:
-    """For real: planned with it, judged with it and with a lower one."""
+def test_planned_motion_satisfies_its_tool_speed_constraint(run: Run) -> None:
+    """The motion is planned with a limit, and verified with it and a lower limit."""
     words = ("--constraint", SPEED, "--intervals", 20, "-o", "m.csv")
     result = run(*PLAN, *words)
     assert result.exit_code == 0, (result.stdout, result.stderr)
@@ -75,7 +77,9 @@ def test_a_motion_keeps_a_tool_speed(run: Run) -> None:
         ("", "there is no kind ''"),
     ],
 )
-def test_wrong_constraints(text: str, message: str, run: Run, planner: Planner) -> None:
+def test_invalid_constraint_flag_is_an_error(
+    text: str, message: str, run: Run, planner: Planner
+) -> None:
     result = run(*PLAN, "--constraint", text)
     assert result.exit_code == 2
     assert message in " ".join(result.stderr.split())

@@ -1,4 +1,4 @@
-"""Which joints of a goal are angles, from the command line and in scenario files."""
+"""The flag `--wrap` and the key `goal.wrap`: joints of a goal that are angles."""
 
 from __future__ import annotations
 
@@ -16,19 +16,21 @@ goal = {{type = "joint", q = [-3.0, 0.4], wrap = WRAP}}
 """
 
 
-def end(file: Path) -> float:
+def final_angle(file: Path) -> float:
     return float(np.loadtxt(file, delimiter=",", skiprows=1)[-1, 1])
 
 
 @pytest.mark.parametrize(("words", "expected"), [("none", -3.0), ("j2", 3.28319)])
-def test_wrap(run: Run, tmp_path: Path, words: str, expected: float) -> None:
+def test_wrap_flag_selects_the_joints_that_are_angles(
+    run: Run, tmp_path: Path, words: str, expected: float
+) -> None:
     ends = ["--start", "3.0", "0.1", "--goal", "-3.0", "0.4"]
     found = run("plan", str(FILE), *ends, "--wrap", words, "-o", "out.csv")
     assert found.exit_code == 0
-    assert end(tmp_path / "out.csv") == pytest.approx(expected, abs=1e-4)
+    assert final_angle(tmp_path / "out.csv") == pytest.approx(expected, abs=1e-4)
 
 
-def test_wrap_of_an_unknown_joint(run: Run) -> None:
+def test_wrap_flag_with_an_unknown_joint_is_an_error(run: Run) -> None:
     ends = ["--start", "3.0", "0.1", "--goal", "-3.0", "0.4"]
     found = run("plan", str(FILE), *ends, "--wrap", "j2,j9")
     assert found.exit_code == 2
@@ -36,14 +38,16 @@ def test_wrap_of_an_unknown_joint(run: Run) -> None:
 
 
 @pytest.mark.parametrize(("wrap", "expected"), [("false", -3.0), ("true", 3.28319)])
-def test_scenario(run: Run, tmp_path: Path, wrap: str, expected: float) -> None:
+def test_wrap_key_of_a_scenario_is_used(
+    run: Run, tmp_path: Path, wrap: str, expected: float
+) -> None:
     (tmp_path / "s.toml").write_text(SCENARIO.replace("WRAP", wrap))
     found = run("plan", "s.toml", "-o", "out.csv")
     assert found.exit_code == 0, found.output
-    assert end(tmp_path / "out.csv") == pytest.approx(expected, abs=1e-4)
+    assert final_angle(tmp_path / "out.csv") == pytest.approx(expected, abs=1e-4)
 
 
-def test_a_wrong_key_is_named(run: Run, tmp_path: Path) -> None:
+def test_invalid_wrap_key_is_named_in_the_error(run: Run, tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text(SCENARIO.replace("WRAP", "3"))
     found = run("plan", "s.toml")
     assert found.exit_code == 2

@@ -1,4 +1,4 @@
-"""Tests of motions written by the command line, and of what it says of them."""
+"""Motion files written by `plan`, and their check by `plan` and `verify`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ NAMES = ["joint1", "joint2", "joint3"]
 
 @pytest.fixture
 def free(run: Run, tmp_path: Path) -> None:
-    """A scenario that is planned in an instant, and its limits."""
+    """A scenario that is planned within a moment."""
     (tmp_path / "free.toml").write_text(
         '[robot]\nname = "planar3r"\n[start]\nq = [0.5, 1.7, -1.7]\n'
         '[goal]\ntype = "joint"\nq = [0.9, 1.2, -0.9]\n'
@@ -31,8 +31,8 @@ def free(run: Run, tmp_path: Path) -> None:
     )
 
 
-def test_plan_export_verify(run: Run, free: None) -> None:
-    """All formats: what plan says of its file is what verify says."""
+def test_plan_and_verify_agree_on_files_of_all_formats(run: Run, free: None) -> None:
+    """The message of plan on its file names the same interpolation as verify."""
     for ending in ("csv", "npz", "yaml", "json", "mcap"):
         result = run("plan", "free.toml", "-o", f"m.{ending}", "--json")
         assert result.exit_code == 0, (result.stdout, result.stderr)
@@ -44,7 +44,9 @@ def test_plan_export_verify(run: Run, free: None) -> None:
         assert data["file_joined"] in judged.stdout
 
 
-def test_coarse_samples_are_told_of_and_kept(run: Run, free: None) -> None:
+def test_plan_reports_and_keeps_a_file_with_coarse_samples(
+    run: Run, free: None
+) -> None:
     result = run("plan", "free.toml", "-o", "m.yaml", "--dt", "0.05")
     assert result.exit_code == 1
     assert Path("m.yaml").is_file()
@@ -57,7 +59,7 @@ def test_coarse_samples_are_told_of_and_kept(run: Run, free: None) -> None:
     judged = run("verify", "free.toml", "m.yaml")
     assert judged.exit_code == 1
     assert "beyond its effort limit" in judged.stdout
-    # What was advised passes.
+    # The recommended file passes.
     assert run("plan", "free.toml", "-o", "m.yaml").exit_code == 0
     assert run("verify", "free.toml", "m.yaml").exit_code == 0
     quiet = run("plan", "free.toml", "-o", "m.yaml", "--dt", "0.05", "-q")
@@ -67,7 +69,9 @@ def test_coarse_samples_are_told_of_and_kept(run: Run, free: None) -> None:
 
 
 @pytest.mark.parametrize("period", ["0.004", "0.01"])
-def test_plan_on_the_clock_of_a_controller(run: Run, free: None, period: str) -> None:
+def test_plan_with_control_period_writes_points_on_the_clock(
+    run: Run, free: None, period: str
+) -> None:
     words = ("--control-period", period, "-o", "goal.yaml")
     result = run("plan", "free.toml", *words, "--ros-message", "FollowJointTrajectory")
     assert result.exit_code == 0, (result.stdout, result.stderr)
@@ -87,14 +91,14 @@ def test_plan_on_the_clock_of_a_controller(run: Run, free: None, period: str) ->
     assert run("verify", "free.toml", "goal.yaml").exit_code == 0
 
 
-def test_standard_output_is_judged_too(run: Run, free: None) -> None:
+def test_motion_on_standard_output_is_checked_too(run: Run, free: None) -> None:
     result = run("plan", "free.toml", "-o", "-", "--dt", "0.09")
     assert result.stdout.startswith("time,q_joint1")
     assert result.exit_code == 1
     assert "standard output does not pass" in " ".join(result.stderr.split())
 
 
-def test_effort_only_if_asked_for(run: Run, planner: Planner) -> None:
+def test_effort_is_written_on_request_only(run: Run, planner: Planner) -> None:
     assert run(*PLAN, "-o", "m.yaml").exit_code == 0
     assert np.isnan(load_motion("m.yaml").u).all()
     assert run(*PLAN, "-o", "m.yaml", "--with-effort").exit_code == 0
@@ -112,7 +116,7 @@ def test_effort_only_if_asked_for(run: Run, planner: Planner) -> None:
         ("--with-effort", "--with-effort is for ROS messages"),
     ],
 )
-def test_wrong_options_are_told_before_planning(
+def test_invalid_export_options_are_reported_before_planning(
     words: str, message: str, run: Run, planner: Planner
 ) -> None:
     result = run(*PLAN, *words.split())
@@ -121,7 +125,7 @@ def test_wrong_options_are_told_before_planning(
     assert planner.problem is None
 
 
-def test_sensitivities_to_arrival_times_are_refused_before_planning(
+def test_sensitivities_with_arrival_times_are_rejected_before_planning(
     run: Run, planner: Planner, free: None
 ) -> None:
     segment = "[[segments]]\narrival = [1.0, 2.0]\n[segments.goal]\n"
@@ -134,10 +138,10 @@ def test_sensitivities_to_arrival_times_are_refused_before_planning(
 
 
 @pytest.mark.parametrize("option", ["--certificate", "--sensitivities"])
-def test_certificates_of_dwells_among_moving_obstacles_are_refused_before_planning(
+def test_certificate_of_dwells_among_moving_obstacles_is_rejected_first(
     option: str, run: Run, planner: Planner, free: None
 ) -> None:
-    """The motion was planned and written before the error."""
+    """Regression: the motion was planned and written before the error."""
     segment = "[[segments]]\ndwell = 0.2\n[segments.goal]\n"
     text = Path("free.toml").read_text().replace("[goal]\n", segment)
     ball = 'type = "sphere"\nname = "a"\nradius = 0.1\nposition = [0, 9, 0]\n'
@@ -150,7 +154,7 @@ def test_certificates_of_dwells_among_moving_obstacles_are_refused_before_planni
     assert planner.problem is None
 
 
-# Judging
+# The command verify
 
 
 def change(path: str, **changes: Any) -> None:
@@ -159,7 +163,7 @@ def change(path: str, **changes: Any) -> None:
     Path(path).write_text(json.dumps(message))
 
 
-def test_verify_says_what_a_controller_refuses(run: Run, free: None) -> None:
+def test_verify_names_the_value_that_a_controller_refuses(run: Run, free: None) -> None:
     assert run("plan", "free.toml", "-o", "m.json").exit_code == 0
     change("m.json", velocities=[0.0, 1e-6, 0.0])
     result = run("verify", "free.toml", "m.json")
@@ -171,15 +175,15 @@ def test_verify_says_what_a_controller_refuses(run: Run, free: None) -> None:
     assert len(data["refusals"]) == 1
 
 
-def test_verify_notes_efforts(run: Run, free: None) -> None:
+def test_verify_notes_that_a_file_has_efforts(run: Run, free: None) -> None:
     assert run("plan", "free.toml", "-o", "m.json", "--with-effort").exit_code == 0
     result = run("verify", "free.toml", "m.json")
     assert result.exit_code == 0
     assert "only controllers that command efforts" in result.stdout
 
 
-def test_verify_with_an_interpolation(run: Run, free: None) -> None:
-    """The same table, once as a record, once as a controller would follow it."""
+def test_verify_uses_the_chosen_interpolation(run: Run, free: None) -> None:
+    """One table is verified as a record, and as a controller would interpolate it."""
     assert run("plan", "free.toml", "-o", "m.csv").exit_code == 0
     record = run("verify", "free.toml", "m.csv")
     assert record.exit_code == 0
@@ -200,7 +204,9 @@ def test_verify_with_an_interpolation(run: Run, free: None) -> None:
     assert "expected one of: auto, controller" in wrong.stderr
 
 
-def test_tolerances_of_a_goal_are_told_of(run: Run, judge: Judge, files: None) -> None:
+def test_verify_warns_of_ignored_tolerances_of_a_message(
+    run: Run, judge: Judge, files: None
+) -> None:
     message = yaml.safe_load(Path("motion.yaml").read_text())
     goal = {"trajectory": message, "path_tolerance": [{"name": "joint1"}]}
     Path("goal.json").write_text(json.dumps(goal))
@@ -211,8 +217,10 @@ def test_tolerances_of_a_goal_are_told_of(run: Run, judge: Judge, files: None) -
     assert "path_tolerance is ignored" in " ".join(result.stderr.split())
 
 
-def test_motion_that_ends_in_motion(run: Run, free: None) -> None:
-    """The controller must allow it; then it is none of the refusals."""
+def test_plan_notes_that_a_controller_must_allow_a_moving_end(
+    run: Run, free: None
+) -> None:
+    """If the controller allows a moving end, the final velocity is not refused."""
     text = Path("free.toml").read_text()
     text = text.replace("q = [0.9, 1.2, -0.9]", "q = [0.9, 1.2, -0.9]\nv = [0.2, 0, 0]")
     Path("moving.toml").write_text(text)

@@ -1,4 +1,4 @@
-"""Tests of planning from files and of judging motions."""
+"""Commands with files: scenarios, MoveIt files, joint limits, and motions to verify."""
 
 from __future__ import annotations
 
@@ -29,7 +29,9 @@ from tominpmp.problem.problem import Problem
 # Scenarios
 
 
-def test_plan_a_scenario(run: Run, planner: Planner, files: None) -> None:
+def test_plan_takes_problem_and_options_from_a_scenario(
+    run: Run, planner: Planner, files: None
+) -> None:
     result = run("plan", "scenario.toml", "-o", "m.json", "--dt", "0.5")
     assert result.exit_code == 0, result.stderr
     expected = load_scenario("scenario.toml")
@@ -38,7 +40,7 @@ def test_plan_a_scenario(run: Run, planner: Planner, files: None) -> None:
     assert load_motion("m.json").t.tolist() == [0.0, 0.5, 1.0, 1.5, 2.0]
 
 
-def test_options_go_before_those_of_the_scenario(
+def test_flags_override_options_of_the_scenario(
     run: Run, planner: Planner, files: None
 ) -> None:
     result = run("plan", "scenario.toml", "--margin", "0.02", "--seed", "7")
@@ -49,7 +51,9 @@ def test_options_go_before_those_of_the_scenario(
     assert planner.options.intervals == 60
 
 
-def test_save_what_was_typed(run: Run, planner: Planner) -> None:
+def test_save_scenario_writes_problem_and_options_of_the_flags(
+    run: Run, planner: Planner
+) -> None:
     words = ("--obstacle", "sphere:o:r=0.1:at=0,5.5,0", "--velocity", "joint2=2.5")
     result = run(*PLAN, *words, "--method", "adjoint", "--save-scenario", "s.toml")
     assert result.exit_code == 0, result.stderr
@@ -60,15 +64,13 @@ def test_save_what_was_typed(run: Run, planner: Planner) -> None:
     assert planner.problem == saved.problem
 
 
-def test_scenario_is_saved_even_if_no_motion_is_found(
-    run: Run, planner: Planner
-) -> None:
+def test_scenario_is_saved_even_if_planning_fails(run: Run, planner: Planner) -> None:
     planner.feasible = False
     assert run(*PLAN, "--save-scenario", "s.toml").exit_code == 1
     assert Path("s.toml").is_file()
 
 
-def test_play_a_scenario(
+def test_play_shows_the_obstacles_of_a_scenario(
     run: Run, files: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shown = []
@@ -114,7 +116,7 @@ def test_play_a_scenario(
         ("verify scenario.toml", "MOTION"),
     ],
 )
-def test_bad_files(
+def test_invalid_or_contradictory_file_is_an_error(
     line: str, words: str, run: Run, planner: Planner, judge: Judge, files: None
 ) -> None:
     result = run(*line.split())
@@ -129,12 +131,14 @@ def test_bad_files(
 
 
 @needs_panda
-def test_plan_a_request(run: Run, planner: Planner, files: None) -> None:
+def test_plan_takes_a_request_of_moveit(
+    run: Run, planner: Planner, files: None
+) -> None:
     words = ("plan", "panda", "--scene", "scene.yaml", "--request", "request.yaml")
     result = run(*words, "--margin", "0.01")
     assert result.exit_code == 0, result.stderr
     problem = planner.problem
-    # The fingers, of which the goal says nothing, are held.
+    # The fingers, which the goal does not name, are locked.
     assert problem.robot.joint_names == tuple(PANDA)
     assert problem.robot.locked_joints["panda_finger_joint1"] == 0.04
     np.testing.assert_array_equal(problem.q_start, READY)
@@ -148,7 +152,9 @@ def test_plan_a_request(run: Run, planner: Planner, files: None) -> None:
 
 
 @needs_panda
-def test_obstacles_of_a_scene_and_more(run: Run, planner: Planner, files: None) -> None:
+def test_obstacles_of_flags_and_of_a_scene_are_joined(
+    run: Run, planner: Planner, files: None
+) -> None:
     words = ("--scene", "scene.yaml", "--obstacle", "sphere:a:r=0.1:at=0,5.5,0")
     result = run(*PLAN, *words)
     assert result.exit_code == 2  # the arm lies in the plane of the table
@@ -160,7 +166,9 @@ def test_obstacles_of_a_scene_and_more(run: Run, planner: Planner, files: None) 
     assert [item.name for item in planner.problem.scene] == ["a", "table"]
 
 
-def test_joint_limits(run: Run, planner: Planner) -> None:
+def test_joint_limits_file_is_used_and_overridden_by_flags(
+    run: Run, planner: Planner
+) -> None:
     Path("limits.yaml").write_text(
         "joint_limits: {joint1: {max_velocity: 1.5}, joint2: {max_velocity: 1.25}}"
     )
@@ -174,10 +182,10 @@ def test_joint_limits(run: Run, planner: Planner) -> None:
     ]
 
 
-# Judging motions
+# Verifying motions
 
 
-def test_verify_a_good_motion(run: Run, judge: Judge, files: None) -> None:
+def test_verify_reports_a_valid_motion(run: Run, judge: Judge, files: None) -> None:
     result = run("verify", "scenario.toml", "motion.yaml")
     assert result.exit_code == 0, result.stderr
     assert result.stdout.startswith("The motion in motion.yaml solves the problem.")
@@ -189,7 +197,9 @@ def test_verify_a_good_motion(run: Run, judge: Judge, files: None) -> None:
     assert judge.tolerances == Tolerances()
 
 
-def test_verify_a_bad_motion(run: Run, judge: Judge, files: None) -> None:
+def test_verify_reports_the_violations_of_a_motion(
+    run: Run, judge: Judge, files: None
+) -> None:
     judge.verdict = Verdict(False, 0.25, (Violation("torque", "joint2", 0.5, 3.0),))
     result = run("verify", "scenario.toml", "motion.yaml")
     assert result.exit_code == 1
@@ -208,7 +218,9 @@ def test_verify_a_bad_motion(run: Run, judge: Judge, files: None) -> None:
 
 
 @needs_panda
-def test_verify_with_files_of_moveit(run: Run, judge: Judge, files: None) -> None:
+def test_verify_takes_scene_and_request_of_moveit(
+    run: Run, judge: Judge, files: None
+) -> None:
     point = {"positions": READY, "time_from_start": {"sec": 0, "nanosec": 0}}
     end = {"positions": [q + 0.1 for q in READY], "time_from_start": {"sec": 2}}
     message = {"joint_names": PANDA, "points": [point, end]}

@@ -1,4 +1,4 @@
-"""Tests of the help of the command line."""
+"""The help of the command line: commands, options, examples, and fast display."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tominpmp.cli.front import COMMANDS, EXAMPLES
 from tominpmp.options import CHOICES
 
 
-def test_help_names_every_command_on_a_line(run: Run) -> None:
+def test_help_names_every_command_on_one_line(run: Run) -> None:
     result = run("--help")
     assert result.exit_code == 0
     assert "Plan time-optimal motions of robot arms" in result.stdout
@@ -34,7 +34,7 @@ def test_help_names_every_command_on_a_line(run: Run) -> None:
     assert all(len(line) <= 90 for line in result.stdout.splitlines())
 
 
-def test_help_without_a_command_is_the_help(run: Run) -> None:
+def test_program_without_a_command_shows_its_help(run: Run) -> None:
     assert run().stdout == run("--help").stdout
     assert run("-h").stdout == run("--help").stdout
 
@@ -60,10 +60,10 @@ def test_help_of_plan_groups_all_options(run: Run) -> None:
 
 
 @pytest.mark.parametrize("width", ["60", "80"])
-def test_descriptions_fill_their_lines(
+def test_descriptions_are_wrapped_at_the_width_of_the_terminal(
     run: Run, width: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Lines once ended where they end in the source, and at the edge besides."""
+    """Regression: lines ended where they end in the source, and at the edge as well."""
     monkeypatch.setenv("COLUMNS", width)
     for name in ("app", "batch", "plan"):
         _, _, paragraph, *_ = run(name, "--help").stdout.split("\n\n")
@@ -79,7 +79,7 @@ def examples() -> list[list[str]]:
 
 @needs_panda
 @pytest.mark.parametrize("words", examples(), ids=" ".join)
-def test_examples_in_the_help_work(
+def test_examples_of_the_help_run(
     words: list[str], run: Run, planner: Planner, judge: Judge, files: None
 ) -> None:
     result = run(*words)
@@ -87,13 +87,13 @@ def test_examples_in_the_help_work(
     assert result.stdout
 
 
-def test_examples_are_shown_as_they_are_typed(run: Run) -> None:
+def test_help_shows_every_example_verbatim(run: Run) -> None:
     shown = run("--help").stdout, run("plan", "--help").stdout
     for line in EXAMPLES.splitlines():
         assert all(line in text for text in shown)
 
 
-def test_version(run: Run) -> None:
+def test_version_flag_prints_the_installed_version(run: Run) -> None:
     result = run("--version")
     assert result.exit_code == 0
     assert result.stdout == f"tominpmp {version('tominpmp')}\n"
@@ -103,8 +103,8 @@ HEAVY = ("pinocchio", "coal", "scipy", "matplotlib", "meshcat", "highspy", "yaml
 
 
 @pytest.mark.parametrize("words", [["--help"], ["plan", "--help"], ["plan", "--nay"]])
-def test_help_needs_no_heavy_import(words: list[str]) -> None:
-    """Showing help, and refusing an option, takes no robotics library."""
+def test_help_imports_no_heavy_library(words: list[str]) -> None:
+    """Help, and the error of an unknown option, need no robotics library."""
     program = (
         "import sys; from tominpmp.cli.app import run\n"
         f"try: run({words!r})\n"

@@ -1,4 +1,4 @@
-"""Tests of options that are declared by the library's own records."""
+"""Flags generated from the fields of Options, MotionLimits and Problem."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ from tominpmp.scene.meshes import Mesh
 if TYPE_CHECKING:
     from nowhere import Unknown
 
-# What is not a number, word or truth value, nor values per joint.
+# Fields that cannot be typed as numbers, words, truth values, or values for each joint.
 UNTYPED = {"callback", "initial_control", "effort_curves"}
-# What would be called as another option is: --effort gives torque limits.
+# Fields whose flag has another name, as --effort gives torque limits.
 RENAMED = {(Options, "effort"): "planning_effort"}
 
 
@@ -45,7 +45,9 @@ def option_names(run: Run, *words: str) -> set[str]:
 
 
 @pytest.mark.parametrize("kind", [Options, MotionLimits])
-def test_fields_of_the_library_are_options(kind: type[Any], run: Run) -> None:
+def test_fields_of_options_and_motion_limits_are_flags(
+    kind: type[Any], run: Run
+) -> None:
     flags = {flag_of(kind, f.name) for f in fields(kind) if f.name not in UNTYPED}
     assert flags <= option_names(run, "plan")
     assert {item.name for item in fields(kind)} <= set(attribute_texts(kind))
@@ -53,10 +55,10 @@ def test_fields_of_the_library_are_options(kind: type[Any], run: Run) -> None:
     assert not absent & option_names(run, "plan")
 
 
-def test_what_a_problem_has_beside_start_and_goal_are_options() -> None:
-    """An option that is repeated has the name of one item.
+def test_fields_of_a_problem_are_flags() -> None:
+    """A flag that may be repeated has the name of one item.
 
-    Segments and what may touch are in scenario files alone.
+    Segments and the pairs that may touch are in scenario files alone.
     """
     elsewhere = {"robot", "q_start", "goal", "scene", "v_start", "a_start"}
     elsewhere |= {"segments", "may_touch"}
@@ -89,13 +91,13 @@ def test_every_option_reaches_the_planner(run: Run, planner: Planner) -> None:
     result = run(*PLAN, *words, "--no-output")
     assert result.exit_code == 0, result.stderr
     for name, value in given.items():
-        if name != "max_planning_time":  # from which loading is taken
+        if name != "max_planning_time":  # the time of loading is subtracted
             assert getattr(planner.options, name) == value, name
 
 
 @dataclass
 class Later:
-    """A record with fields that nobody has declared anywhere else.
+    """A record whose fields are declared nowhere else.
 
     Attributes:
         colour: What the next version knows,
@@ -119,19 +121,19 @@ class Later:
     nothing: Unknown | None = None
 
 
-def test_a_new_field_is_an_option_with_its_text(
+def test_new_field_of_a_record_becomes_a_flag_with_its_text(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    made = fields_of(Later, "Planning")
-    told: list[Any] = []
+    option_fields = fields_of(Later, "Planning")
+    received: list[Any] = []
 
-    nothing = made()
+    defaults = option_fields()
 
-    def show(*, later: Any = nothing) -> int:
-        told.append(typed_values(later))
+    def show(*, later: Any = defaults) -> int:
+        received.append(typed_values(later))
         return 3
 
-    show.__annotations__["later"] = made
+    show.__annotations__["later"] = option_fields
     app = new_app()
     app.command(show)
     monkeypatch.setattr("tominpmp.cli.parser.new_app", lambda: app)
@@ -141,19 +143,21 @@ def test_a_new_field_is_an_option_with_its_text(
     assert "--share NUMBER Of what. Default: 0.5." in text
     assert "--really, --no-really Whether at all. Default: True." in text
     assert "--maybe, --no-maybe Whether, or the planner chooses. --" in text
-    assert "--made NAME --" in text  # nothing is said of it
+    assert "--made NAME --" in text  # the field has no description
     assert "others" not in text and "nothing" not in text
     words = ["show", "--colour", "blue", "--count", "none", "--no-really", "--maybe"]
     assert invoke(words).exit_code == 3
     typed = {"colour": "blue", "count": None, "really": False, "maybe": True}
-    assert told.pop() == typed
+    assert received.pop() == typed
     invoke(["show"])
-    assert told.pop() == {}
+    assert received.pop() == {}
     wrong = invoke(["show", "--count", "many"])
-    assert wrong.exit_code == 2 and not told
+    assert wrong.exit_code == 2 and not received
 
 
-def test_none_goes_before_a_scenario(run: Run, planner: Planner) -> None:
+def test_value_none_overrides_an_option_of_the_scenario(
+    run: Run, planner: Planner
+) -> None:
     Path("s.toml").write_text(SCENARIO + 'refine = "grid"\nstarts = 3\n')
     assert run("plan", "s.toml").exit_code == 0
     assert (planner.options.refine, planner.options.starts) == ("grid", 3)
@@ -165,7 +169,9 @@ def test_none_goes_before_a_scenario(run: Run, planner: Planner) -> None:
     assert "'--starts': '1.5' is neither a whole number nor none" in result.stderr
 
 
-def test_limits_are_typed(run: Run, planner: Planner) -> None:
+def test_motion_limit_flags_override_files_and_scenarios(
+    run: Run, planner: Planner
+) -> None:
     words = ("--acceleration", 9, 8, 7, "--jerk", "joint2=50", "--effort-scale", 0.9)
     assert run(*PLAN, *words).exit_code == 0
     limits = planner.problem.motion_limits
@@ -173,7 +179,7 @@ def test_limits_are_typed(run: Run, planner: Planner) -> None:
     assert limits.by_joint("acceleration", names).tolist() == [9.0, 8.0, 7.0]
     assert limits.by_joint("jerk", names).tolist() == [np.inf, 50.0, np.inf]
     assert limits.effort_scale == 0.9
-    # They go before a file, and that before a scenario.
+    # Flags override a file of limits, which overrides a scenario.
     Path("s.toml").write_text(
         SCENARIO + "[motion_limits]\njerk = 5\nacceleration = 4\n"
     )
@@ -191,7 +197,9 @@ def test_limits_are_typed(run: Run, planner: Planner) -> None:
     assert wrong.exit_code == 2 and "no joint 'elbow'" in wrong.stderr
 
 
-def test_positions_and_self_collision(run: Run, planner: Planner) -> None:
+def test_position_limit_and_self_collision_flags_reach_the_problem(
+    run: Run, planner: Planner
+) -> None:
     words = ("--position-upper", "joint1=2.5", "--no-self-collision")
     assert run(*PLAN, *words).exit_code == 0
     assert planner.problem.robot.limits.position_upper[0] == 2.5
@@ -214,12 +222,12 @@ def test_positions_and_self_collision(run: Run, planner: Planner) -> None:
         ),
     ],
 )
-def test_a_scenario_is_checked_as_it_is_changed(
+def test_scenario_is_checked_after_its_changes_by_flags(
     run: Run, planner: Planner, old: str, new: str, refused: str, words: tuple[str, str]
 ) -> None:
     Path("s.toml").write_text(SCENARIO.replace(old, new))
-    told = run("plan", "s.toml", "--no-output")
-    assert told.exit_code == 2 and refused in told.stderr
+    unchanged = run("plan", "s.toml", "--no-output")
+    assert unchanged.exit_code == 2 and refused in unchanged.stderr
     found = run("plan", "s.toml", *words, "--no-output")
     assert (found.exit_code, found.stderr) == (0, "")
     wrong = run("plan", "s.toml", "--margin", "-1")
@@ -239,7 +247,9 @@ goals = [{{type = "joint", q = {FOLDED}}}, {{type = "joint", q = {[0.1] * 6}}}]
 
 
 @needs_panda
-def test_links_that_may_touch_do_so_at_both_ends(run: Run, planner: Planner) -> None:
+def test_no_self_collision_flag_allows_links_to_touch_at_both_ends(
+    run: Run, planner: Planner
+) -> None:
     Path("s.toml").write_text(LINKS_MEET)
     assert "start in collision" in run("plan", "s.toml", "--no-output").stderr
     found = run("plan", "s.toml", "--no-output", "--no-self-collision")
@@ -247,7 +257,7 @@ def test_links_that_may_touch_do_so_at_both_ends(run: Run, planner: Planner) -> 
     assert len(planner.problem.alternatives) == 2
 
 
-def test_a_mesh_is_an_obstacle(run: Run, planner: Planner, tmp_path: Path) -> None:
+def test_obstacle_flag_takes_a_mesh(run: Run, planner: Planner, tmp_path: Path) -> None:
     corners = ("0 0 0", "1 0 0", "0 1 0", "0 0 1")
     faces = ("1 2 3", "1 2 4", "1 3 4", "2 3 4")
     lines = [f"v {c}" for c in corners] + [f"f {f}" for f in faces]
@@ -263,8 +273,8 @@ def test_a_mesh_is_an_obstacle(run: Run, planner: Planner, tmp_path: Path) -> No
     assert lacking.exit_code == 2 and "tent" in lacking.stderr
 
 
-def test_a_motion_is_judged_by_what_is_typed(run: Run) -> None:
-    """With the same words as it was planned with."""
+def test_verify_uses_the_torque_limits_of_the_flags(run: Run) -> None:
+    """The motion passes with the flags of its plan, and fails with weaker motors."""
     words = ("planar3r", "--start", START, "--goal", GOAL, "--effort", "30,15,15")
     assert run("plan", *words, "--intervals", 10, "-o", "m.csv").exit_code == 0
     good = run("verify", "planar3r", "m.csv", *words[1:])
@@ -274,14 +284,14 @@ def test_a_motion_is_judged_by_what_is_typed(run: Run) -> None:
     assert "effort limit" in weak.stdout
 
 
-def test_a_motion_is_judged_with_the_tolerances_that_are_typed(run: Run) -> None:
+def test_verify_uses_the_goal_tolerance_of_the_flag(run: Run) -> None:
     words = ("planar3r", "--start", START, "--goal", GOAL)
     few = ("--intervals", 10, "--planning-effort", "quick", "--refine", "none")
     assert run("plan", *words, *few, "-o", "m.csv").exit_code == 0
     off = ("verify", "planar3r", "m.csv", "--start", START, "--goal", "2,-1,0.52")
     assert run(*off).exit_code == 1
     assert run(*off, "--goal-tolerance", 0.03).exit_code == 0
-    # They go before those of a scenario.
+    # The flag overrides the tolerance of a scenario.
     Path("s.toml").write_text(SCENARIO)
     assert run("plan", "s.toml", *few, "-o", "m.csv").exit_code == 0
     goal = "q = [2.0, -1.0, 0.5]"
@@ -293,7 +303,7 @@ def test_a_motion_is_judged_with_the_tolerances_that_are_typed(run: Run) -> None
 
 
 @pytest.mark.parametrize("word", ["1_000", "1_0.5", "1__0", "_1", "1_", "+2e3"])
-def test_numbers_are_written_as_in_scenario_files(word: str) -> None:
+def test_numbers_have_the_syntax_of_scenario_files(word: str) -> None:
     try:
         written = parse_toml(f"x = {word}".encode(), Path("a.toml")).value["x"]
     except ScenarioError:

@@ -1,4 +1,4 @@
-"""What is lacking is told of in flags, which can be copied as they stand."""
+"""Messages of the library are shown with the flags of the command line."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ URDF = """<robot name="a"><link name="base"/><link name="arm"><inertial>
 <child link="arm"/><axis xyz="0 0 1"/></joint></robot>"""
 
 
-def test_what_is_told_can_be_typed(run: Run, tmp_path: Path) -> None:
+def test_flags_suggested_by_an_error_can_be_copied(run: Run, tmp_path: Path) -> None:
     path = tmp_path / "arm.urdf"
     path.write_text(URDF)
-    told = run("info", path)
-    assert told.exit_code == 2
-    flags = re.findall(r"give (--\S+ \S+=\.\.\.)", told.stderr)
+    result = run("info", path)
+    assert result.exit_code == 2
+    flags = re.findall(r"give (--\S+ \S+=\.\.\.)", result.stderr)
     assert flags == ["--effort turn=...", "--velocity turn=..."]
     words = " ".join(flags).replace("...", "5").split()
     assert run("info", path, *words).exit_code == 0
 
 
 @pytest.mark.parametrize(
-    ("message", "said"),
+    ("message", "expected"),
     [
         (
             "give position_lower={'a': ..., 'b': ...} and position_upper={'a': ...}",
@@ -41,12 +41,12 @@ def test_what_is_told_can_be_typed(run: Run, tmp_path: Path) -> None:
         ("effort_scale=0.5", "effort_scale=0.5"),
     ],
 )
-def test_words(message: str, said: str) -> None:
-    assert as_command_line_flags(message) == said
+def test_arguments_in_a_message_become_flags(message: str, expected: str) -> None:
+    assert as_command_line_flags(message) == expected
 
 
 @pytest.mark.parametrize(
-    ("message", "typed", "said"),
+    ("message", "typed", "expected"),
     [
         ("goal.q: joint a", "--goal 1", "--goal: joint a"),
         ("goal.pose is 0", "--goal-pose=t,0", "--goal-pose is 0"),
@@ -64,7 +64,7 @@ def test_words(message: str, said: str) -> None:
         ("cell.toml: goal.q: joint a", "--goal 1", "cell.toml: goal.q: joint a"),
     ],
 )
-def test_the_argument_at_fault_is_the_flag_that_was_typed(
-    message: str, typed: str, said: str
+def test_message_names_the_flag_that_the_user_typed(
+    message: str, typed: str, expected: str
 ) -> None:
-    assert as_command_line_flags(message, typed.split()) == said
+    assert as_command_line_flags(message, typed.split()) == expected

@@ -1,4 +1,4 @@
-"""Tests of what ``tominpmp plan`` understands and writes."""
+"""The command `plan`: flags of problem, robot and options, and the written files."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from tominpmp.solution import Solution
 from tominpmp.status import Status
 
 
-def test_start_and_goal(run: Run, planner: Planner) -> None:
+def test_start_and_goal_flags_reach_the_problem(run: Run, planner: Planner) -> None:
     run("plan", "planar3r", "--start", "0.5", "1.7", "-1.7", "--goal", "2 -1,  0.5")
     problem = planner.problem
     np.testing.assert_array_equal(problem.q_start, [0.5, 1.7, -1.7])
@@ -40,7 +40,9 @@ def test_start_and_goal(run: Run, planner: Planner) -> None:
     assert problem.goal.v is None
 
 
-def test_velocities(run: Run, planner: Planner) -> None:
+def test_start_and_goal_velocity_flags_reach_the_problem(
+    run: Run, planner: Planner
+) -> None:
     result = run(
         *PLAN, "--start-velocity", "joint2=-0.5", "--goal-velocity", 0.1, -0.2, 0.3
     )
@@ -49,12 +51,14 @@ def test_velocities(run: Run, planner: Planner) -> None:
     np.testing.assert_array_equal(planner.problem.goal.v, [0.1, -0.2, 0.3])
 
 
-def test_acceleration_at_the_start(run: Run, planner: Planner) -> None:
+def test_start_acceleration_flag_reaches_the_problem(
+    run: Run, planner: Planner
+) -> None:
     assert run(*PLAN, "--start-acceleration", "joint3=0.2").exit_code == 0
     np.testing.assert_array_equal(planner.problem.a_start, [0.0, 0.0, 0.2])
 
 
-def test_goal_position(run: Run, planner: Planner) -> None:
+def test_goal_position_flag_reaches_the_problem(run: Run, planner: Planner) -> None:
     args = ["plan", "planar3r", "--start", "start", "--goal-position", "tip", 4, -1, 0]
     assert run(*args, "--goal-velocity", 0, 1, 0).exit_code == 0
     goal = planner.problem.goal
@@ -65,7 +69,7 @@ def test_goal_position(run: Run, planner: Planner) -> None:
     np.testing.assert_array_equal(planner.problem.q_start, [0.5, 1.7, -1.7])
 
 
-def test_goal_pose(run: Run, planner: Planner) -> None:
+def test_goal_pose_flag_reaches_the_problem(run: Run, planner: Planner) -> None:
     pose = ["tip", 4, 1, 0, 0, 0, 3, 3]  # a quarter turn about z
     assert (
         run("plan", "planar3r", "--start", START, "--goal-pose", *pose).exit_code == 0
@@ -77,7 +81,9 @@ def test_goal_pose(run: Run, planner: Planner) -> None:
     np.testing.assert_allclose(goal.pose.rotation, turn, atol=1e-15)
 
 
-def test_obstacles_and_margin(run: Run, planner: Planner) -> None:
+def test_obstacle_and_margin_flags_reach_the_problem(
+    run: Run, planner: Planner
+) -> None:
     result = run(
         *PLAN,
         "--obstacle=sphere:ball:r=0.1:at=9,0,0",
@@ -97,7 +103,7 @@ def test_obstacles_and_margin(run: Run, planner: Planner) -> None:
     np.testing.assert_allclose(table.rotation[:, 0], [0.0, 1.0, 0.0], atol=1e-15)
 
 
-def test_robot_options(run: Run, planner: Planner) -> None:
+def test_robot_flags_reach_the_robot(run: Run, planner: Planner) -> None:
     result = run(
         *["plan", "planar3r", "--start", 0.5, 1.7, "--goal", "joint2=1"],
         *["--lock", "joint3=-0.3", "--gravity", 0, -1.5, 0, "--effort", "joint2=9"],
@@ -114,7 +120,9 @@ def test_robot_options(run: Run, planner: Planner) -> None:
     np.testing.assert_array_equal(planner.problem.goal.q, [0.5, 1.0])
 
 
-def test_package_folders_and_srdf(run: Run, planner: Planner, tmp_path: Path) -> None:
+def test_package_dir_and_srdf_flags_reach_the_robot(
+    run: Run, planner: Planner, tmp_path: Path
+) -> None:
     source = load_robot("planar3r")
     (tmp_path / "arm.urdf").write_bytes(source.urdf_path.read_bytes())
     srdf = tmp_path / "other.srdf"
@@ -131,7 +139,7 @@ def test_package_folders_and_srdf(run: Run, planner: Planner, tmp_path: Path) ->
     assert planner.problem.robot.package_dirs == (tmp_path,)
 
 
-def test_options_reach_the_planner(run: Run, planner: Planner) -> None:
+def test_planning_flags_reach_the_planner(run: Run, planner: Planner) -> None:
     result = run(
         *PLAN,
         *["--method", "collocation", "--intervals", 20, "--smoothing", 0.001],
@@ -158,7 +166,7 @@ def test_options_reach_the_planner(run: Run, planner: Planner) -> None:
 # Files
 
 
-def test_default_name_is_a_free_one(run: Run, planner: Planner) -> None:
+def test_default_file_name_is_not_taken(run: Run, planner: Planner) -> None:
     Path("motion.csv").write_text("mine", encoding="utf-8")
     assert "motion-2.csv" in run(*PLAN).stdout
     assert "motion-3.csv" in run(*PLAN).stdout
@@ -166,10 +174,13 @@ def test_default_name_is_a_free_one(run: Run, planner: Planner) -> None:
     assert load_motion("motion-3.csv").t[-1] == 2.0
 
 
-def test_the_default_name_is_free_when_the_motion_is_written(
+def test_default_file_name_is_chosen_when_the_motion_is_written(
     run: Run, planner: Planner, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of commands that planned at once in one folder, only the last motion remained."""
+    """Regression: of commands that planned at once in a folder, one motion remained.
+
+    It was the motion of the last command.
+    """
 
     def plan_while_another_writes(*args: object) -> Solution:
         Path("motion.csv").write_text("other", encoding="utf-8")
@@ -180,7 +191,7 @@ def test_the_default_name_is_free_when_the_motion_is_written(
     assert Path("motion.csv").read_text(encoding="utf-8") == "other"
 
 
-def test_named_files(run: Run, planner: Planner) -> None:
+def test_named_files_are_written_and_replaced(run: Run, planner: Planner) -> None:
     Path("a.npz").write_text("old", encoding="utf-8")
     result = run(*PLAN, "-o", "a.npz", "--dt", 0.3, "--html", "a.html")
     assert result.exit_code == 0, result.stderr
@@ -190,7 +201,9 @@ def test_named_files(run: Run, planner: Planner) -> None:
     assert "a.html" in result.stdout
 
 
-def test_standard_output(run: Run, planner: Planner, tmp_path: Path) -> None:
+def test_output_dash_writes_the_motion_to_standard_output(
+    run: Run, planner: Planner, tmp_path: Path
+) -> None:
     result = run(*PLAN, "--output", "-")
     assert result.exit_code == 0
     assert os.listdir() == []
@@ -199,14 +212,14 @@ def test_standard_output(run: Run, planner: Planner, tmp_path: Path) -> None:
     assert Status.CONVERGED.value in result.stderr
 
 
-def test_no_output(run: Run, planner: Planner) -> None:
+def test_no_output_flag_writes_no_file(run: Run, planner: Planner) -> None:
     result = run(*PLAN, "--no-output")
     assert result.exit_code == 0
     assert os.listdir() == []
     assert run(*PLAN, "--no-output", "-o", "x.csv").exit_code == 2
 
 
-def test_report_is_given_though_a_file_fails(
+def test_report_is_printed_although_a_file_fails(
     run: Run, planner: Planner, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(self: Solution, path: Path) -> None:
@@ -220,10 +233,10 @@ def test_report_is_given_though_a_file_fails(
     assert Path("motion.csv").exists()
 
 
-# For real
+# With the true planner
 
 
-def test_planning_agrees_with_the_library(run: Run) -> None:
+def test_plan_command_agrees_with_the_library(run: Run) -> None:
     few = ("--intervals", 20, "--planning-effort", "quick")
     result = run(*PLAN, "--json", *few)
     assert result.exit_code == 0
@@ -242,7 +255,7 @@ def test_planning_agrees_with_the_library(run: Run) -> None:
 
 
 @needs_panda
-def test_planning_for_a_real_arm(run: Run) -> None:
+def test_plan_command_plans_a_panda_with_goals_in_degrees(run: Run) -> None:
     result = run(
         *["plan", "panda", "--lock", "panda_finger_joint1=0.04", "--start", "default"],
         *["--goal", "panda_joint1=90,panda_joint4=-60", "--degrees", "-o", "p.npz"],
@@ -257,14 +270,16 @@ def test_planning_for_a_real_arm(run: Run) -> None:
     assert data["limited_share"] > 0.5
 
 
-def test_no_plan_found_in_no_time(run: Run) -> None:
+def test_report_says_that_the_planning_time_was_used_up(run: Run) -> None:
     result = run(*PLAN, "--max-time", 0.002)
-    assert result.exit_code in (0, 1)  # the first guess may do
+    assert result.exit_code in (0, 1)  # the first guess may be feasible
     assert "planning time was used up" in result.stdout
     assert "0.002 s were allowed" in " ".join(result.stdout.split())
 
 
-def test_how_accelerations_run(run: Run, planner: Planner) -> None:
+def test_control_refine_and_processes_flags_reach_the_planner(
+    run: Run, planner: Planner
+) -> None:
     chosen = ("--control", "linear", "--refine", "grid", "--processes", 2)
     assert run(*PLAN, *chosen).exit_code == 0
     assert planner.options.control == "linear"
@@ -272,7 +287,7 @@ def test_how_accelerations_run(run: Run, planner: Planner) -> None:
     assert planner.options.processes == 2
 
 
-def test_motion_limits(run: Run, planner: Planner) -> None:
+def test_motion_limits_file_reaches_the_problem(run: Run, planner: Planner) -> None:
     Path("limits.yaml").write_text("jerk: 50\njoints:\n  joint2: {acceleration: 3}\n")
     assert run(*PLAN, "--motion-limits", "limits.yaml").exit_code == 0
     limits = planner.problem.motion_limits
@@ -283,7 +298,7 @@ def test_motion_limits(run: Run, planner: Planner) -> None:
     )
 
 
-def test_certificate(run: Run) -> None:
+def test_certificate_flag_reports_and_plots_the_certificate(run: Run) -> None:
     words = (*PLAN, "--planning-effort", "quick", "--no-output", "--json")
     result = run(*words, "--certificate", "proof.png")
     assert result.exit_code == 0

@@ -1,4 +1,4 @@
-"""Tests of the other commands, and of the program as a whole."""
+"""The commands `robots`, `info` and `play`, and the program: exit codes and output."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from tominpmp.exceptions import (
 from tominpmp.robot.robot import Robot
 
 
-def test_robots(run: Run) -> None:
+def test_robots_lists_the_known_robots(run: Run) -> None:
     result = run("robots")
     assert result.exit_code == 0
     assert sorted(result.stdout.split()) == sorted(robot_names())
     assert "planar3r" in result.stdout.split()
 
 
-def test_info(run: Run) -> None:
+def test_info_shows_joints_limits_and_frames(run: Run) -> None:
     changes = ["--velocity", "joint2=inf", "--friction", "joint1=0.5"]
     result = run("info", "planar3r", *changes, "--lock", "joint3=1")
     assert result.exit_code == 0
@@ -47,7 +47,7 @@ def test_info(run: Run) -> None:
     assert any(row[:1] == ["frames"] and row[-1] == "tip" for row in rows)
 
 
-def test_info_as_json(run: Run, slider: Robot) -> None:
+def test_info_prints_json(run: Run, slider: Robot) -> None:
     result = run("info", "slider.urdf", "--json")
     assert result.exit_code == 0
     data = json.loads(result.stdout)
@@ -63,15 +63,15 @@ def test_info_as_json(run: Run, slider: Robot) -> None:
     assert data["collision_geometries"] == 0
 
 
-def test_info_of_a_scenario(run: Run, tmp_path: Path) -> None:
-    """The file was called no XML."""
+def test_info_shows_the_robot_of_a_scenario(run: Run, tmp_path: Path) -> None:
+    """Regression: the error said that the scenario file is not XML."""
     (tmp_path / "arm.toml").write_text(SCENARIO)
     result = run("info", "arm.toml")
     assert result.exit_code == 0, result.stderr
     assert result.stdout == run("info", "planar3r").stdout
 
 
-def test_several_joints_are_locked_and_chosen_in_one_word(run: Run) -> None:
+def test_lock_and_group_flags_take_lists_of_joints(run: Run) -> None:
     locked = json.loads(
         run("info", "planar3r", "--json", "--lock", "joint2=0,joint3=1").stdout
     )
@@ -85,7 +85,7 @@ def test_several_joints_are_locked_and_chosen_in_one_word(run: Run) -> None:
 
 
 @needs_panda
-def test_info_tells_of_joints_that_follow(run: Run) -> None:
+def test_info_lists_mimic_joints_that_are_not_locked(run: Run) -> None:
     data = json.loads(run("info", "panda", "--json").stdout)
     assert data["mimic_joints"] == ["panda_finger_joint2"]
     locked = run("info", "panda", "--json", "--lock", "panda_finger_joint1=0.02")
@@ -103,7 +103,7 @@ def test_play_writes_a_page(run: Run, planner: Planner) -> None:
     assert "a.csv: joint joint3 is up to 1.7 away from 0" in other.stderr
 
 
-def test_play_names_the_flag_for_joints_that_a_motion_does_not_hold(
+def test_play_suggests_lock_for_joints_missing_in_a_motion(
     run: Run, planner: Planner
 ) -> None:
     run(*PLAN, "-o", "a.csv")
@@ -111,9 +111,9 @@ def test_play_names_the_flag_for_joints_that_a_motion_does_not_hold(
     kept = [k for k, name in enumerate(rows[0]) if not name.endswith("joint3")]
     text = "\n".join(",".join(row[k] for k in kept) for row in rows)
     Path("b.csv").write_text(text)
-    told = run("play", "b.csv", "--robot", "planar3r", "-o", "a.html")
-    assert told.exit_code == 2
-    (flag,) = re.findall(r"give (--lock joint3=)\.\.\.", told.stderr)
+    lacking = run("play", "b.csv", "--robot", "planar3r", "-o", "a.html")
+    assert lacking.exit_code == 2
+    (flag,) = re.findall(r"give (--lock joint3=)\.\.\.", lacking.stderr)
     typed = f"{flag}0.5".split()
     shown = run("play", "b.csv", "--robot", "planar3r", *typed, "-o", "a.html")
     assert shown.exit_code == 0, shown.stderr
@@ -132,10 +132,10 @@ def test_play_shows_a_motion_that_ends_in_an_obstacle(
     assert "1 obstacle" in Path("a.html").read_text(encoding="utf-8")
 
 
-def test_play_shows_a_motion_that_begins_and_ends_beyond_limits(
+def test_play_shows_a_motion_with_ends_beyond_limits(
     run: Run, planner: Planner
 ) -> None:
-    """Such motions were refused, although they are those to look at."""
+    """Regression: these motions were rejected, although users need to see them."""
     run(*PLAN, "-o", "a.csv")
     beyond = ("--position-upper", "1.5", "--velocity", "0.1", "--effort", "0.01")
     result = run("play", "a.csv", "--robot", "planar3r", *beyond, "-o", "a.html")
@@ -164,8 +164,10 @@ def on_a_full_disk(*args: str, **options: Any) -> subprocess.CompletedProcess[st
 
 @pytest.mark.skipif(sys.platform == "darwin", reason="names of files are UTF-8 there")
 @pytest.mark.parametrize("encoding", ["ascii", "utf-8:strict"])
-def test_names_that_a_terminal_cannot_show(encoding: str, tmp_path: Path) -> None:
-    """A report on a file with such a name ended as a defect."""
+def test_info_escapes_file_names_that_a_terminal_cannot_show(
+    encoding: str, tmp_path: Path
+) -> None:
+    """Regression: a report on a file with this name ended as an internal error."""
     arm = Path(__file__).parents[2] / "docs" / "static" / "arm.urdf"
     path = tmp_path / os.fsdecode(b"\xc3\xa4\xff.urdf")
     path.write_bytes(arm.read_bytes())
@@ -176,14 +178,14 @@ def test_names_that_a_terminal_cannot_show(encoding: str, tmp_path: Path) -> Non
     assert f"{shown}\\udcff.urdf" in result.stdout
 
 
-def test_module_is_the_command() -> None:
+def test_python_module_runs_the_command() -> None:
     result = program("--help")
     assert result.returncode == 0
     assert result.stdout.startswith("Usage: tominpmp [OPTIONS] COMMAND [ARGS]...\n")
     assert result.stderr == ""
 
 
-def test_module_returns_the_exit_code(tmp_path: Path) -> None:
+def test_python_module_returns_the_exit_code(tmp_path: Path) -> None:
     result = program("plan", "planar3r", "--start", "1", "--goal", "1", cwd=tmp_path)
     assert result.returncode == 2
     assert result.stdout == ""
@@ -193,7 +195,7 @@ def test_module_returns_the_exit_code(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(os.name != "posix", reason="signals and pipes of POSIX")
 @pytest.mark.parametrize("args", [["robots"], ["--help"], ["info", "planar3r"]])
-def test_nobody_reads_the_output(args: list[str]) -> None:
+def test_closed_pipe_ends_the_program_with_exit_code_141(args: list[str]) -> None:
     reader, writer = os.pipe()
     os.close(reader)
     try:
@@ -207,7 +209,7 @@ def test_nobody_reads_the_output(args: list[str]) -> None:
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 @pytest.mark.parametrize("unbuffered", ["", "1"])
 @pytest.mark.parametrize("args", [["robots"], ["--help"], ["plan", "--help"]])
-def test_output_cannot_be_written(
+def test_full_standard_output_ends_with_exit_code_74(
     args: list[str], unbuffered: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PYTHONUNBUFFERED", unbuffered)
@@ -217,7 +219,7 @@ def test_output_cannot_be_written(
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-def test_a_report_that_cannot_be_written_is_no_bad_input(tmp_path: Path) -> None:
+def test_full_disk_for_the_report_ends_with_exit_code_74(tmp_path: Path) -> None:
     words = "plan planar3r --start start --goal 2,-1,0.5 --planning-effort quick"
     words += " --refine none"
     result = on_a_full_disk(*words.split(), "-o", "m.csv", cwd=tmp_path)
@@ -227,8 +229,8 @@ def test_a_report_that_cannot_be_written_is_no_bad_input(tmp_path: Path) -> None
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-def test_a_motion_for_a_full_disk_is_kept_elsewhere(tmp_path: Path) -> None:
-    """The exit code was that of bad input."""
+def test_motion_for_a_full_standard_output_is_saved_elsewhere(tmp_path: Path) -> None:
+    """Regression: the exit code was that of invalid input."""
     words = "plan planar3r --start start --goal 2,-1,0.5 --planning-effort quick"
     words += " --refine none -o -"
     result = on_a_full_disk(*words.split(), cwd=tmp_path)
@@ -239,15 +241,15 @@ def test_a_motion_for_a_full_disk_is_kept_elsewhere(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-def test_the_exit_code_is_the_same_where_errors_cannot_be_written() -> None:
+def test_full_standard_error_does_not_change_the_exit_code() -> None:
     with open("/dev/full", "w") as full:
         streams = {"capture_output": False, "stdout": full, "stderr": full}
         assert program("robots", **streams).returncode == 74
         assert program("info", "no.urdf", **streams).returncode == 2
 
 
-def test_warnings_of_the_library_do_not_stop_python() -> None:
-    """``-W error`` is about defects, not about a start on its limit."""
+def test_library_warnings_are_printed_with_python_w_error() -> None:
+    """``-W error`` is meant for defects, not for warnings like a start on its limit."""
     program_text = (
         "import warnings; from tominpmp.cli.terminal import guarded\n"
         "from tominpmp.exceptions import TominpmpWarning\n"

@@ -1,4 +1,4 @@
-"""The command ``replay``: a motion from a file, in MuJoCo."""
+"""The command `replay`: a motion file simulated in MuJoCo, and robustness trials."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ def files(run: Run) -> None:
     assert run("plan", "planar3r", *ends, *QUICK, *saved).exit_code == 0
 
 
-def test_replay(run: Run, files: None) -> None:
+def test_replay_reports_whether_a_motion_ends_at_its_goal(
+    run: Run, files: None
+) -> None:
     result = run("replay", "s.toml", "m.csv", "--step", "0.001")
     assert result.exit_code == 0, result.stderr
     assert "The motion in m.csv ends at its goal." in result.stdout
@@ -31,17 +33,17 @@ def test_replay(run: Run, files: None) -> None:
     assert data["ok"] is True
     assert data["torque_difference"] < 1e-8
     assert data["open_loop"]["goal_error"] < 1e-4
-    # What nobody can keep is not kept.
+    # A tolerance below rounding cannot be satisfied.
     strict = run("replay", "s.toml", "m.csv", "--goal-tolerance", "1e-15")
     assert strict.exit_code == 1
     assert "does not end at its goal" in strict.stdout
 
 
-def test_what_replay_lacks(run: Run, files: None) -> None:
+def test_invalid_arguments_of_replay_are_reported(run: Run, files: None) -> None:
     result = run("replay", "s.toml")
     assert result.exit_code == 2
     assert "a MOTION is missing; or give --robustness" in result.stderr
-    # The motion was ignored.
+    # Regression: the motion was ignored.
     result = run("replay", "s.toml", "m.csv", "--robustness", "--samples", "1")
     assert result.exit_code == 2
     assert "MOTION is 'm.csv', but --robustness plans its own" in result.stderr
@@ -53,7 +55,9 @@ def test_what_replay_lacks(run: Run, files: None) -> None:
     assert "step is -1" in result.stderr
 
 
-def test_reserves(run: Run, files: None) -> None:
+def test_robustness_reports_sorted_durations_of_its_trials(
+    run: Run, files: None
+) -> None:
     result = run("replay", "s.toml", "--robustness", "--samples", "1", "--json")
     data = json.loads(result.stdout)
     assert result.exit_code in (0, 1)
@@ -61,7 +65,7 @@ def test_reserves(run: Run, files: None) -> None:
     assert data["T"] == sorted(data["T"])
 
 
-def test_what_is_tried_is_chosen_and_told(run: Run, files: None) -> None:
+def test_robustness_flags_choose_the_disturbances(run: Run, files: None) -> None:
     calm = ["--random-payload", "0", "--random-friction", "0", "--random-noise", "0"]
     trial = ["--samples", "1", "--random-delay", "0.001", "--bandwidth", "50"]
     loose = ["--tracking-tolerance", "0.05"]
@@ -76,8 +80,8 @@ def test_what_is_tried_is_chosen_and_told(run: Run, files: None) -> None:
     assert "delay is -1" in wrong.stderr
 
 
-def test_the_command_has_the_defaults_of_the_library() -> None:
-    """They are written twice, as the help of the command imports light modules only."""
+def test_replay_flags_have_the_defaults_of_the_library() -> None:
+    """The defaults are written twice: the help of the command imports light modules."""
     from tominpmp.physics.replay import replay
     from tominpmp.physics.robustness import Disturbances, robustness
 

@@ -1,4 +1,4 @@
-"""Tests of exit codes, reports and progress."""
+"""Exit codes, reports in text and JSON, warnings, and progress of `plan`."""
 
 from __future__ import annotations
 
@@ -39,7 +39,9 @@ from tominpmp.solution import Solution
 from tominpmp.status import Status
 
 
-def test_planned(run: Run, planner: Planner, tmp_path: Path) -> None:
+def test_report_of_a_plan_is_a_message_and_a_table(
+    run: Run, planner: Planner, tmp_path: Path
+) -> None:
     result = run(*PLAN)
     assert result.exit_code == 0
     assert result.stderr == ""
@@ -59,7 +61,7 @@ def test_planned(run: Run, planner: Planner, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("status", "code"), [(Status.TIME_LIMIT, 0), (Status.INTERRUPTED, 130)]
 )
-def test_stopped_early_with_a_motion(
+def test_plan_stopped_early_writes_its_motion(
     run: Run, planner: Planner, status: Status, code: int
 ) -> None:
     planner.status = status
@@ -77,7 +79,7 @@ def test_stopped_early_with_a_motion(
     ],
 )
 @pytest.mark.parametrize("motion", [True, False])
-def test_nothing_found(
+def test_failed_plan_writes_no_file(
     run: Run, planner: Planner, status: Status, code: int, motion: bool
 ) -> None:
     planner.status, planner.feasible, planner.motion = status, False, motion
@@ -89,7 +91,9 @@ def test_nothing_found(
     assert os.listdir() == []
 
 
-def test_interrupted_before_the_planner_returns(run: Run, planner: Planner) -> None:
+def test_interrupt_outside_the_planner_ends_with_exit_code_130(
+    run: Run, planner: Planner
+) -> None:
     planner.error = KeyboardInterrupt()
     result = run(*PLAN)
     assert result.exit_code == 130
@@ -97,7 +101,7 @@ def test_interrupted_before_the_planner_returns(run: Run, planner: Planner) -> N
     assert result.stdout == ""
 
 
-def test_a_defect_is_called_one(run: Run, planner: Planner) -> None:
+def test_internal_error_ends_with_exit_code_70(run: Run, planner: Planner) -> None:
     planner.error = ZeroDivisionError("by naught")
     result = run(*PLAN)
     assert result.exit_code == 70
@@ -106,7 +110,7 @@ def test_a_defect_is_called_one(run: Run, planner: Planner) -> None:
     assert result.stderr.count("\n") == 1
 
 
-def test_a_failure_inside_blames_no_argument(
+def test_internal_error_is_not_attributed_to_an_argument(
     run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def failing(*_: object, **__: object) -> None:
@@ -118,7 +122,7 @@ def test_a_failure_inside_blames_no_argument(
     assert "RuntimeError: the hull of a mesh is empty (this is a" in result.stderr
 
 
-def test_debug_shows_the_traceback(run: Run, planner: Planner) -> None:
+def test_debug_flag_shows_the_traceback(run: Run, planner: Planner) -> None:
     planner.error = ProblemError("goal: nothing there", "goal")
     result = run(*PLAN, "--debug")
     assert result.exit_code == 2
@@ -126,7 +130,7 @@ def test_debug_shows_the_traceback(run: Run, planner: Planner) -> None:
     assert result.stderr.endswith("error: --goal: nothing there\n")
 
 
-def test_json_report(run: Run, planner: Planner) -> None:
+def test_json_report_has_the_results_and_files(run: Run, planner: Planner) -> None:
     result = run(*PLAN, "--json", "--plot", "motion.png")
     assert result.exit_code == 0
     data = json.loads(result.stdout)
@@ -145,7 +149,9 @@ def test_json_report(run: Run, planner: Planner) -> None:
     assert Path("motion.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_json_report_without_a_motion(run: Run, planner: Planner) -> None:
+def test_json_report_of_a_failed_plan_has_no_duration(
+    run: Run, planner: Planner
+) -> None:
     planner.status, planner.feasible, planner.motion = Status.INFEASIBLE, False, False
     result = run(*PLAN, "--json")
     assert result.exit_code == 1
@@ -155,7 +161,7 @@ def test_json_report_without_a_motion(run: Run, planner: Planner) -> None:
     assert data["files"] == {}
 
 
-def test_quiet(run: Run, planner: Planner) -> None:
+def test_quiet_flag_prints_failures_only(run: Run, planner: Planner) -> None:
     result = run(*PLAN, "--quiet")
     assert (result.exit_code, result.stdout, result.stderr) == (0, "", "")
     assert Path("motion.csv").exists()
@@ -165,7 +171,9 @@ def test_quiet(run: Run, planner: Planner) -> None:
     assert result.stderr == f"{Status.INFEASIBLE.value} And so on.\n"
 
 
-def test_library_warnings_are_lines(run: Run, planner: Planner) -> None:
+def test_library_warning_is_one_line_on_standard_error(
+    run: Run, planner: Planner
+) -> None:
     result = run("plan", "planar3r", "--start", "0.1799999 0 0", "--goal", GOAL)
     assert result.exit_code == 0
     start = "warning: q_start: joint 'joint1' is 0.1799999 rad, outside"
@@ -174,7 +182,9 @@ def test_library_warnings_are_lines(run: Run, planner: Planner) -> None:
     assert planner.problem.q_start[0] == 0.18
 
 
-def test_a_warning_is_said_once(run: Run, planner: Planner, files: None) -> None:
+def test_repeated_warning_is_printed_once(
+    run: Run, planner: Planner, files: None
+) -> None:
     far = "world: {collision_objects: [{id: far, primitives: [{type: sphere, "
     far += "dimensions: [1]}], primitive_poses: [{position: [500, 0, 0]}]}]}"
     Path("scene.yaml").write_text(far)
@@ -185,7 +195,7 @@ def test_a_warning_is_said_once(run: Run, planner: Planner, files: None) -> None
         assert result.stderr.count("in millimetres") == 1
 
 
-def test_limit_shares() -> None:
+def test_limit_shares_weigh_intervals_at_torque_or_speed_limits() -> None:
     arm = load_robot("planar3r", velocity=1.0)
     t = np.array([0.0, 1.0, 4.0, 8.0, 10.0])
     u = np.zeros((5, 3))
@@ -201,12 +211,12 @@ def test_limit_shares() -> None:
     assert either == pytest.approx(0.7)
 
 
-def test_an_infinite_violation_is_not_shown_as_zero(run: Run, planner: Planner) -> None:
+def test_report_shows_an_infinite_violation(run: Run, planner: Planner) -> None:
     planner.violations = {"goal": math.inf, "torque": 0.0}
     assert "violations     goal infinite, torque 0 (scaled)\n" in run(*PLAN).stdout
 
 
-def test_report_of_infinite_velocity_limits() -> None:
+def test_report_of_infinite_velocity_limits_is_valid_json() -> None:
     arm = load_robot("planar3r", velocity=math.inf)
     problem = Problem(arm, np.array([0.5, 1.7, -1.7]), JointGoal(np.array([1, 1, 1.0])))
     solution = Solution(
@@ -220,7 +230,7 @@ def test_report_of_infinite_velocity_limits() -> None:
 # Progress
 
 
-def test_progress_on_a_terminal() -> None:
+def test_progress_on_a_terminal_shows_start_and_iteration() -> None:
     screen = StringIO()
     console = Console(file=screen, force_terminal=True, width=100)
     with Progress(console, quiet=False, verbose=False) as progress:
@@ -230,7 +240,7 @@ def test_progress_on_a_terminal() -> None:
     assert "planning: start 2, iteration 12, T 1.2500 s, violation 3.0e-05" in shown
 
 
-def test_a_warning_goes_above_the_progress(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_warning_is_printed_above_the_progress(monkeypatch: pytest.MonkeyPatch) -> None:
     screen = StringIO()
     console = Console(file=screen, force_terminal=True, width=100, color_system=None)
     monkeypatch.setattr("tominpmp.cli.terminal.error_console", lambda: console)
@@ -243,12 +253,12 @@ def test_a_warning_goes_above_the_progress(monkeypatch: pytest.MonkeyPatch) -> N
     assert shown.index("warning") < shown.rindex("loading")
 
 
-def test_there_is_one_console_for_errors() -> None:
+def test_error_console_is_shared() -> None:
     assert error_console() is error_console()
 
 
 @pytest.mark.parametrize("quiet", [True, False])
-def test_progress_elsewhere_is_silent(quiet: bool) -> None:
+def test_progress_is_silent_in_files_and_with_quiet(quiet: bool) -> None:
     log = StringIO()
     console = Console(file=log, force_terminal=quiet)
     with Progress(console, quiet=quiet, verbose=False) as progress:
@@ -257,7 +267,9 @@ def test_progress_elsewhere_is_silent(quiet: bool) -> None:
     assert log.getvalue() == ""
 
 
-def test_progress_in_a_log_is_seldom(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_progress_in_a_log_is_printed_every_three_seconds(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     now = [100.0]
     monkeypatch.setattr("time.monotonic", lambda: now[0])
     log = StringIO()
@@ -269,7 +281,7 @@ def test_progress_in_a_log_is_seldom(monkeypatch: pytest.MonkeyPatch) -> None:
     assert re.findall(r"iteration (\d+),.*\n", log.getvalue()) == ["6", "12", "18"]
 
 
-def test_verbose_shows_the_log(run: Run) -> None:
+def test_verbose_flag_shows_the_log(run: Run) -> None:
     few = ("--no-output", "--intervals", 10, "--planning-effort", "quick")
     result = run(*PLAN, "--verbose", *few)
     assert result.exit_code == 0

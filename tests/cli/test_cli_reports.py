@@ -1,7 +1,7 @@
-"""Files that users' tools write, as they were reported, from the command line.
+"""Robot files of users' bug reports, planned by the command line.
 
-Each folder of ``tests/reports`` holds the files of one report; the table says which
-command was run there, and how it is to end.
+Each folder of ``tests/reports`` has the files of one report; the table has the command
+that was run there, and its expected result.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ MOVE = "--start 0 0.1 --goal 0.5 0.6"
 
 @dataclass(frozen=True)
 class Report:
-    """A command and how it ends.
+    """A command and its expected result.
 
     Attributes:
         words: The command after ``tominpmp plan``.
-        T: Duration of the motion that is written [s]; None where the command ends with
-            exit code 2.
+        T: Duration of the written motion [s]; None if the command ends with exit
+            code 2.
         says: Part of the output.
-        later: Why this is still to come.
+        later: Reason for which the report is still expected to fail.
     """
 
     words: str
@@ -90,7 +90,9 @@ TABLE = {
         for name, report in TABLE.items()
     ],
 )
-def test_reported_files(run: Run, tmp_path: Path, name: str) -> None:
+def test_reported_files_have_their_expected_result(
+    run: Run, tmp_path: Path, name: str
+) -> None:
     shutil.copytree(REPORTS / name, tmp_path, dirs_exist_ok=True)
     report = TABLE[name]
     result = run("plan", *report.words.split(), "-o", "out.csv")
@@ -103,5 +105,5 @@ def test_reported_files(run: Run, tmp_path: Path, name: str) -> None:
     assert rows[-1, 0] == pytest.approx(report.T, rel=0.02)
 
 
-def test_every_report_is_run() -> None:
+def test_every_folder_of_reports_is_in_the_table() -> None:
     assert {path.name for path in REPORTS.iterdir()} == set(TABLE)

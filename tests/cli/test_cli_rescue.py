@@ -1,4 +1,4 @@
-"""A motion that cannot be written where it was to go is kept elsewhere."""
+"""A motion that cannot be written to its file is saved in another folder."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import tominpmp as tm
 
 
 class FullDisk:
-    """Fails to write below a folder, after the file was made."""
+    """Writing below a folder fails, after the file was created."""
 
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         self.folder, self.sync = folder.resolve(), os.fsync
@@ -30,7 +30,7 @@ class FullDisk:
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="needs /proc")
-def test_a_motion_is_kept_beside_a_full_disk(
+def test_motion_for_a_full_disk_is_saved_in_the_temporary_folder(
     run: Run, planner: Planner, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     full, other = tmp_path / "full", tmp_path / "other"
@@ -46,11 +46,11 @@ def test_a_motion_is_kept_beside_a_full_disk(
     assert kept.is_relative_to(other)
     assert tm.load_motion(kept).q.shape[1] == 3
     assert not list(full.iterdir())
-    assert "planning time" in result.output  # the figures are there all the same
+    assert "planning time" in result.output  # the report is printed as well
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="needs /proc")
-def test_where_no_place_is_left_the_command_says_so(
+def test_command_reports_that_the_motion_is_saved_nowhere(
     run: Run, planner: Planner, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
@@ -62,7 +62,7 @@ def test_where_no_place_is_left_the_command_says_so(
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
 
-def test_a_motion_for_whose_period_there_are_too_many_rows_is_kept(
+def test_motion_with_too_many_samples_is_saved_elsewhere(
     run: Run, planner: Planner
 ) -> None:
     result = run(*PLAN, "-o", "motion.csv", "--dt", "1.5e-7")
@@ -73,7 +73,7 @@ def test_a_motion_for_whose_period_there_are_too_many_rows_is_kept(
 
 
 @pytest.mark.skipif(os.name == "nt", reason="no such limit")
-def test_a_limit_on_file_sizes_leaves_nothing_behind(tmp_path: Path) -> None:
+def test_file_size_limit_leaves_no_partial_file(tmp_path: Path) -> None:
     script = (
         "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (500, 500));"
         "from tominpmp.cli import main; main()"

@@ -1,4 +1,4 @@
-"""Completion, hints, names that are nearly right, and help that comes at once."""
+"""The terminal: fast imports, encodings, completion, hints and similar names."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tominpmp.cli.parser import new_app
 from tominpmp.cli.terminal import say
 from tominpmp.description.files import manipulators_first, robot_names
 
-# What takes more than a moment to import.
+# Libraries that take more than a moment to import.
 HEAVY = {"numpy", "scipy", "pinocchio", "coal", "yourdfpy", "trimesh", "matplotlib"}
 
 
@@ -34,7 +34,7 @@ HEAVY = {"numpy", "scipy", "pinocchio", "coal", "yourdfpy", "trimesh", "matplotl
     ],
     ids=["import", "--help", "--version"],
 )
-def test_nothing_heavy_is_imported(program: str) -> None:
+def test_import_and_help_load_no_heavy_library(program: str) -> None:
     shown = f"{program}\nimport sys; print(sorted({HEAVY!r} & {{*sys.modules}}))"
     done = subprocess.run(
         [sys.executable, "-c", shown], capture_output=True, text=True, check=True
@@ -42,7 +42,7 @@ def test_nothing_heavy_is_imported(program: str) -> None:
     assert ast.literal_eval(done.stdout.splitlines()[-1]) == []
 
 
-def test_modules_that_the_package_imports_are_few() -> None:
+def test_package_import_loads_only_the_standard_library() -> None:
     program = (
         "import sys; bare = set(sys.modules); import tominpmp; "
         "print(sorted({m.partition('.')[0] for m in set(sys.modules) - bare}))"
@@ -56,17 +56,17 @@ def test_modules_that_the_package_imports_are_few() -> None:
 
 
 @pytest.mark.parametrize("err", [False, True])
-def test_characters_are_those_of_the_stream(
+def test_output_is_encoded_for_its_own_stream(
     err: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The encoding of standard output was taken for standard error, too."""
+    """Regression: standard error was written in the encoding of standard output."""
     written = {name: io.BytesIO() for name in ("stdout", "stderr")}
     for name, encoding in (("stdout", "ascii"), ("stderr", "utf-8")):
         stream = io.TextIOWrapper(written[name], encoding)
         monkeypatch.setattr(sys, name, stream)
     say("Gelenk \u00e4", err=err)
-    told = written["stderr" if err else "stdout"].getvalue()
-    assert told == (b"Gelenk \xc3\xa4\n" if err else b"Gelenk \\xe4\n")
+    output = written["stderr" if err else "stdout"].getvalue()
+    assert output == (b"Gelenk \xc3\xa4\n" if err else b"Gelenk \\xe4\n")
 
 
 # Version 5 of cyclopts, for Python 3.11 and later, asks for the values of options.
@@ -77,13 +77,13 @@ needs_completion_of_values = pytest.mark.skipif(
 
 
 def completed(*words: object, kind: str = "plan") -> list[str]:
-    """What a shell is given for the last word, as its script asks for it."""
+    """Completions of the last word, as the script of a shell requests them."""
     shown = invoke(["__complete", kind, *words]).stdout
     return [line.split("\t")[0] for line in shown.split("begin\n")[1].splitlines()]
 
 
 @needs_completion_of_values
-def test_names_that_a_shell_completes(tmp_path: Path) -> None:
+def test_completion_of_robots_joints_states_and_groups(tmp_path: Path) -> None:
     assert "planar3r" in completed("plan")
     joints = ["joint1=", "joint2=", "joint3="]
     assert completed("planar3r", "--lock", "joint") == joints
@@ -98,9 +98,7 @@ def test_names_that_a_shell_completes(tmp_path: Path) -> None:
 
 
 @needs_completion_of_values
-def test_files_that_a_shell_completes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_completion_of_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     for name in ("zz.urdf", "zz.toml", "zz.txt", ".zz.urdf"):
         Path(name).touch()
@@ -117,7 +115,7 @@ def test_files_that_a_shell_completes(
 
 
 @pytest.mark.parametrize("shell", ("bash", "zsh", "fish"))
-def test_the_completion_of_a_shell_is_shown(
+def test_show_completion_prints_the_script_of_a_shell(
     shell: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("SHELL", f"/bin/{shell}")
@@ -136,7 +134,7 @@ def test_the_completion_of_a_shell_is_shown(
         ("info planar", "planar3r"),
     ],
 )
-def test_completion_in_a_shell(typed: str, expected: str) -> None:
+def test_completion_of_values_in_a_process(typed: str, expected: str) -> None:
     words = ["__complete", *typed.split(" ")]
     done = subprocess.run(
         [sys.executable, "-m", "tominpmp", *words], capture_output=True, text=True
@@ -144,20 +142,22 @@ def test_completion_in_a_shell(typed: str, expected: str) -> None:
     assert expected in [line.split("\t")[0] for line in done.stdout.splitlines()]
 
 
-def test_the_script_of_a_shell_names_commands_and_options() -> None:
+def test_completion_script_names_commands_and_options() -> None:
     script = new_app().generate_completion(shell="bash")
     assert {"verify", "tour", "--goal-position"} <= set(re.findall(r"[\w-]+", script))
 
 
 @pytest.mark.parametrize("start", [["30", "90", "-90"], ["0.5", "1.7", "-1.7"]])
-def test_degrees_without_the_option(start: list[str], run: Run) -> None:
+def test_error_of_values_in_degrees_suggests_the_flag(
+    start: list[str], run: Run
+) -> None:
     result = run("plan", "planar3r", "--start", *start, "--goal", "90", "0", "0")
     assert result.exit_code == 2
     hint = "90 looks like degrees: add --degrees"
     assert hint in " ".join(result.stderr.split())
 
 
-def test_radians_that_are_out_of_range_are_no_degrees(run: Run) -> None:
+def test_error_of_radians_out_of_range_does_not_suggest_degrees(run: Run) -> None:
     start, goal = ["--start", "5", "1", "0"], ["--goal", "1", "1", "0"]
     result = run("plan", "planar3r", *start, *goal)
     assert result.exit_code == 2
@@ -165,7 +165,7 @@ def test_radians_that_are_out_of_range_are_no_degrees(run: Run) -> None:
     assert "degrees" not in result.stderr
 
 
-def test_names_that_are_nearly_right() -> None:
+def test_unknown_name_suggests_similar_names() -> None:
     robot = tm.load_robot("planar3r")
     with pytest.raises(tm.FrameNotFound, match=r"\(did you mean tip\?\); the robot"):
         robot.frame_id("tipp")
@@ -179,7 +179,7 @@ def test_names_that_are_nearly_right() -> None:
         raise tm.SolverNotFound("highspy", ["highs", "piqp"])
 
 
-def test_arms_are_listed_first(run: Run) -> None:
+def test_robots_lists_manipulators_first(run: Run) -> None:
     names = ["anymal", "panda", "talos", "ur5_gripper", "zebra", "xarm7"]
     expected = ("panda", "ur5_gripper", "xarm7", "anymal", "talos", "zebra")
     assert manipulators_first(names) == expected

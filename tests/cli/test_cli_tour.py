@@ -1,4 +1,4 @@
-"""Tests of the command ``tour`` and of scenario files with stations."""
+"""The command `tour`, and scenario files with stations."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def scenario(folder: Path, text: str) -> Path:
     return path
 
 
-def test_tours_of_files_are_planned_and_written(tmp_path: Path) -> None:
+def test_tour_of_a_file_is_planned_and_written(tmp_path: Path) -> None:
     path = scenario(tmp_path, '[tour]\nend = "last"\n' + STATIONS)
     code, output = run(path, "--json", "-o", tmp_path / "cycle.csv", "--dt", "0.01")
     assert code == 0
@@ -78,7 +78,7 @@ def test_tours_of_files_are_planned_and_written(tmp_path: Path) -> None:
         (STATIONS + "speed = 3", "speed"),
     ],
 )
-def test_wrong_files_are_told_by_their_keys(
+def test_invalid_tour_file_is_named_by_its_key(
     tmp_path: Path, text: str, named: str
 ) -> None:
     code, output = run(scenario(tmp_path, text))
@@ -86,15 +86,15 @@ def test_wrong_files_are_told_by_their_keys(
     assert named in output
 
 
-def test_tours_of_files_are_those_of_the_library(tmp_path: Path) -> None:
+def test_load_tour_returns_arguments_of_plan_tour(tmp_path: Path) -> None:
     found = load_tour(scenario(tmp_path, STATIONS))
     assert [station.name for station in found["stations"]] == ["drill", "tap"]
     tour = tm.plan_tour(**found, seed=1)
     assert tour.success and len(tour.motions) == 3
 
 
-def test_options_of_a_file_leave_the_effort_of_tours(tmp_path: Path) -> None:
-    """A file with any option was planned with the effort of single motions."""
+def test_options_of_a_file_keep_the_default_effort_of_tours(tmp_path: Path) -> None:
+    """Regression: a file with any option was planned with the effort of one motion."""
     found = load_tour(scenario(tmp_path, "[options]\nseed = 3\n" + STATIONS))
     (effort,) = {motion.options.effort for motion in tm.plan_tour(**found).motions}
     assert effort == "quick"
@@ -103,7 +103,9 @@ def test_options_of_a_file_leave_the_effort_of_tours(tmp_path: Path) -> None:
     assert found["effort"] == "standard" and found["refine"] is None
 
 
-def test_joints_that_are_not_named_are_where_the_tour_starts(tmp_path: Path) -> None:
+def test_unnamed_joints_of_a_station_stay_at_the_start_of_the_tour(
+    tmp_path: Path,
+) -> None:
     some = STATIONS.replace("[0.6, 1.0, -0.3]", "{joint2 = 1.0}")
     path = scenario(tmp_path, "[tour]\nend = {joint1 = 0.8}\n" + some)
     found = load_tour(path)
@@ -111,7 +113,7 @@ def test_joints_that_are_not_named_are_where_the_tour_starts(tmp_path: Path) -> 
     assert found["stations"][1].goal.q.tolist() == [0.5, 1.0, -0.7]
 
 
-def test_a_file_of_a_tour_that_fails_its_check_is_an_error(tmp_path: Path) -> None:
+def test_tour_file_that_fails_its_check_is_an_error(tmp_path: Path) -> None:
     path = scenario(tmp_path, STATIONS)
     code, output = run(path, "-o", tmp_path / "cycle.yaml", "--dt", "0.1")
     assert code == 1
@@ -119,7 +121,7 @@ def test_a_file_of_a_tour_that_fails_its_check_is_an_error(tmp_path: Path) -> No
     assert (tmp_path / "cycle.yaml").exists()
 
 
-def test_a_motion_that_cannot_be_written_is_kept_elsewhere(
+def test_tour_that_cannot_be_written_is_saved_elsewhere(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -130,7 +132,7 @@ def test_a_motion_that_cannot_be_written_is_kept_elsewhere(
     assert kept and tm.load_motion(kept[1]).t[-1] > 0.0
 
 
-def test_the_error_of_a_file_is_told_if_the_planning_was_interrupted(
+def test_failed_file_check_is_reported_after_an_interrupt(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupted(**arguments: Any) -> tm.Tour:
@@ -143,14 +145,14 @@ def test_the_error_of_a_file_is_told_if_the_planning_was_interrupted(
     assert "cycle.yaml does not pass" in output
 
 
-def test_an_interrupt_while_files_are_written_leaves_them_whole(
+def test_interrupt_during_writing_completes_the_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The tour was lost, and nothing was reported."""
+    """Regression: the tour was lost, and no report was printed."""
     judge = export_check.check_export
 
     def interrupted(*arguments: Any, **options: Any) -> Any:
-        signal.raise_signal(signal.SIGTERM)  # background jobs heed it, too
+        signal.raise_signal(signal.SIGTERM)  # which background jobs receive, too
         return judge(*arguments, **options)
 
     monkeypatch.setattr(export_check, "check_export", interrupted)
@@ -161,7 +163,9 @@ def test_an_interrupt_while_files_are_written_leaves_them_whole(
     assert page.exists() and "drill" in output and f"file   {page}" in output
 
 
-def test_a_tour_that_stays_at_the_start_has_no_motion_to_write(tmp_path: Path) -> None:
+def test_tour_with_all_stations_at_the_start_has_no_motion_to_write(
+    tmp_path: Path,
+) -> None:
     stay = STATIONS.partition('\n[[stations]]\nname = "tap"')[0]
     stay = stay.replace("[0.9, 0.8, -0.4]", "[0.5, 1.2, -0.7]")
     code, output = run(scenario(tmp_path, stay), "-o", tmp_path / "cycle.csv")
@@ -169,7 +173,7 @@ def test_a_tour_that_stays_at_the_start_has_no_motion_to_write(tmp_path: Path) -
     assert "no motion: all stations are at the start" in " ".join(output.split())
 
 
-def test_a_plan_of_a_file_with_stations_names_the_command_of_tours(
+def test_plan_of_a_file_with_stations_suggests_the_tour_command(
     tmp_path: Path,
 ) -> None:
     done = invoke(["plan", str(scenario(tmp_path, STATIONS))])
@@ -177,10 +181,10 @@ def test_a_plan_of_a_file_with_stations_names_the_command_of_tours(
     assert "stations: belong to a tour, see tominpmp tour --help" in done.output
 
 
-def test_a_tour_of_a_file_with_a_goal_names_the_command_of_plans(
+def test_tour_of_a_file_with_a_goal_suggests_the_plan_command(
     tmp_path: Path,
 ) -> None:
-    """The message said that there is no such key, of a valid scenario."""
+    """Regression: the message said that a key of a valid scenario does not exist."""
     goal = '[goal]\ntype = "joint"\nq = [0.9, 0.8, -0.4]\n'
     done = invoke(["tour", str(scenario(tmp_path, goal))])
     assert done.exit_code == 2

@@ -1,4 +1,4 @@
-"""Tests of numbers, joint values and obstacles as they are typed."""
+"""Values of flags: numbers, joint values, lists of words, and obstacles."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tominpmp.scene.obstacles import Capsule, Cylinder
 LISTS = ("--start", "--goal", "--gravity")
 
 
-def test_positions_by_name(planar3r: Robot) -> None:
+def test_positions_are_read_from_names_states_and_lists(planar3r: Robot) -> None:
     base = np.array([1.0, 2.0, 3.0])
 
     def read(text: str, **options: Any) -> list[float]:
@@ -40,7 +40,7 @@ def test_positions_by_name(planar3r: Robot) -> None:
         read("joint2=1")
 
 
-def test_degrees_are_for_joints_that_turn(slider: Robot) -> None:
+def test_degrees_convert_revolute_joints_only(slider: Robot) -> None:
     given = ProblemOptions(start="1.5, 90", goal="swing=-180", degrees=True)
     read = positions(given, "start", slider)
     np.testing.assert_allclose(read, [1.5, math.pi / 2], rtol=1e-15)
@@ -53,13 +53,13 @@ def test_degrees_are_for_joints_that_turn(slider: Robot) -> None:
     np.testing.assert_allclose(read, [2.0, math.pi], rtol=1e-15)
 
 
-def test_degrees_leave_group_states_alone(planar3r: Robot) -> None:
+def test_degrees_do_not_convert_group_states(planar3r: Robot) -> None:
     given = ProblemOptions(start="start,joint1=90", degrees=True)
     read = positions(given, "start", planar3r)
     np.testing.assert_allclose(read, [math.pi / 2, 1.7, -1.7], rtol=1e-15)
 
 
-def test_joint_values() -> None:
+def test_joint_values_are_read_from_numbers_and_names() -> None:
     assert joint_values("3", "--effort") == 3.0
     assert joint_values("3 inf", "--velocity") == [3.0, math.inf]
     assert joint_values("a=3, b=-1e2", "--effort") == {"a": 3.0, "b": -100.0}
@@ -86,14 +86,14 @@ def test_joint_values() -> None:
         ("1 2 3", "1 2 3"),
     ],
 )
-def test_lists_of_words(typed: str, joined: str) -> None:
+def test_words_of_a_list_flag_are_joined(typed: str, joined: str) -> None:
     assert join_lists(typed.split(), LISTS) == joined.split()
 
 
 @given(
     st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=3, max_size=3)
 )
-def test_numbers_arrive_as_they_were_typed(numbers: list[float]) -> None:
+def test_numbers_of_a_list_flag_are_read_exactly(numbers: list[float]) -> None:
     robot = load_robot_once()
     for words in (
         ["--start", *map(repr, numbers)],
@@ -110,13 +110,13 @@ _loaded: list[Robot] = []
 
 
 def load_robot_once() -> Robot:
-    """The bundled arm, as fixtures and generated examples do not go together."""
+    """The bundled arm; generated examples cannot use a fixture."""
     if not _loaded:
         _loaded.append(load_robot("planar3r"))
     return _loaded[0]
 
 
-def test_obstacle_kinds() -> None:
+def test_obstacle_flag_reads_cylinders_and_capsules() -> None:
     can = obstacle("cylinder:can:radius=0.03:length=.14:at=1 2 3")
     assert isinstance(can, Cylinder)
     assert (can.name, can.radius, can.length) == ("can", 0.03, 0.14)
@@ -129,7 +129,7 @@ def test_obstacle_kinds() -> None:
 
 
 @given(st.text(alphabet="sphereboxaml:=,.-019 '\"[]\u00e9\n", max_size=40))
-def test_any_obstacle_text_is_an_obstacle_or_a_scene_error(text: str) -> None:
+def test_any_obstacle_text_is_read_or_raises_a_scene_error(text: str) -> None:
     for form in (text, f"sphere:{text}", f"box:a:{text}", f"sphere:b:r=1:at={text}"):
         try:
             assert obstacle(form).name
@@ -138,7 +138,7 @@ def test_any_obstacle_text_is_an_obstacle_or_a_scene_error(text: str) -> None:
 
 
 @given(st.text(alphabet="startjoint123=,. -e+inf[]()\u0663\n", max_size=30))
-def test_any_positions_are_read_or_refused(text: str) -> None:
+def test_any_positions_text_is_read_or_raises_an_options_error(text: str) -> None:
     try:
         read = positions(ProblemOptions(start=text), "start", load_robot_once())
     except OptionsError as error:
@@ -147,8 +147,8 @@ def test_any_positions_are_read_or_refused(text: str) -> None:
         assert read.shape == (3,)
 
 
-def test_the_first_number_may_be_negative(run: Run) -> None:
-    """``--start -0.5 ...`` was taken for an option without a value."""
+def test_first_number_of_a_list_flag_may_be_negative(run: Run) -> None:
+    """Regression: ``--start -0.5 ...`` was read as a flag without a value."""
     ends = "--start -0.5 -1.1 0.6 0 0 0 --goal -0.4 -1 0.8 0.1 0.2 0.3".split()
     result = run("plan", "ur5", *ends, "--planning-effort", "quick")
     assert result.exit_code == 0, result.stderr

@@ -1,4 +1,4 @@
-"""Arguments of xacro files on the command line."""
+"""The flag `--xacro-arg`, and the optional dependency on xacrodoc."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def files(tmp_path: Path) -> None:
     shutil.copytree(REPORT, tmp_path, dirs_exist_ok=True)
 
 
-def test_arguments_are_written_as_for_ros(run: Run) -> None:
+def test_xacro_arguments_have_the_syntax_of_ros(run: Run) -> None:
     pytest.importorskip("xacrodoc", reason="the extra xacro is not installed")
     assert run("info", FILE, "--xacro-arg", "reach:=0.5").exit_code == 0
     wrong = run("info", FILE, "--xacro-arg", "reach=0.5")
@@ -29,7 +29,7 @@ def test_arguments_are_written_as_for_ros(run: Run) -> None:
     assert "did you mean reach" in unknown.output
 
 
-def test_without_the_extra_the_command_says_how_to_get_it(
+def test_command_names_the_missing_extra_for_xacro_files(
     run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "xacrodoc", None)

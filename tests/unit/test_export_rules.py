@@ -362,7 +362,7 @@ def test_bag_without_a_joint_trajectory_is_an_error(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("codec", ["zstd", "lz4"])
-def test_bag_that_unpacks_to_too_many_bytes_is_an_error(
+def test_bag_that_expands_to_too_many_bytes_is_an_error(
     codec: str,
     monkeypatch: pytest.MonkeyPatch,
     motion: Trajectory,
