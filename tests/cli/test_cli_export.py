@@ -39,9 +39,9 @@ def test_plan_and_verify_agree_on_files_of_all_formats(run: Run, free: None) -> 
         data = json.loads(result.stdout)
         assert data["file_holds"] is True
         assert data["file_joined"] in data["file_message"]
-        judged = run("verify", "free.toml", f"m.{ending}")
-        assert judged.exit_code == 0, judged.stdout
-        assert data["file_joined"] in judged.stdout
+        verified = run("verify", "free.toml", f"m.{ending}")
+        assert verified.exit_code == 0, verified.stdout
+        assert data["file_joined"] in verified.stdout
 
 
 def test_plan_reports_and_keeps_a_file_with_coarse_samples(
@@ -56,9 +56,9 @@ def test_plan_reports_and_keeps_a_file_with_coarse_samples(
     assert "beyond its effort limit at" in error
     assert "What passes: the nodes of the motion (without dt)" in error
     assert "the option control_period = 0.05." in error
-    judged = run("verify", "free.toml", "m.yaml")
-    assert judged.exit_code == 1
-    assert "beyond its effort limit" in judged.stdout
+    verified = run("verify", "free.toml", "m.yaml")
+    assert verified.exit_code == 1
+    assert "beyond its effort limit" in verified.stdout
     # The recommended file passes.
     assert run("plan", "free.toml", "-o", "m.yaml").exit_code == 0
     assert run("verify", "free.toml", "m.yaml").exit_code == 0

@@ -177,9 +177,9 @@ def test_default_file_name_is_not_taken(run: Run, planner: Planner) -> None:
 def test_default_file_name_is_chosen_when_the_motion_is_written(
     run: Run, planner: Planner, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Regression: of commands that planned at once in a folder, one motion remained.
+    """Regression: only the last motion remained of commands that ran in one folder.
 
-    It was the motion of the last command.
+    The commands planned at the same time.
     """
 
     def plan_while_another_writes(*args: object) -> Solution:

@@ -143,7 +143,7 @@ def test_first_request_moves_the_robot_and_a_frame_of_it(name: str) -> None:
     assert np.max(np.abs(problem.q_start - np.array(request.q_goal))) > 0.1
 
 
-def test_tool_frame_is_the_last_frame_of_the_arm() -> None:
+def test_tool_frame_is_a_frame_with_the_name_of_a_tool() -> None:
     assert tool_frame(loaded(known("planar3r"))) == "tip"
     arm = Path(__file__).parents[2] / "docs" / "static" / "arm.urdf"
     assert tool_frame(loaded(known(str(arm)))) == "tool"
@@ -217,7 +217,7 @@ def test_loaded_robot_has_the_limits_that_the_page_shows(limits: str | None) -> 
 def test_requested_acceleration_limit_raises_no_limit_of_the_robot() -> None:
     """Regression: the requested acceleration limit replaced the limits of the robot.
 
-    A UR5 with such a limit was faster than one without.
+    A UR5 with a requested limit was faster than a UR5 without it.
     """
     request = replace(first_request(known("ur5")), acceleration=15.0)
     own, names = (

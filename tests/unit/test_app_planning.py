@@ -228,7 +228,7 @@ def test_outcomes_of_superseded_requests_are_dropped(
     assert not controller.busy
 
 
-def test_the_motion_of_another_robot_is_not_exported(
+def test_motion_of_the_former_robot_is_not_exported(
     controller: Controller, received: list[Outcome]
 ) -> None:
     """Regression: after a plan without a motion, the former robot's was exported."""

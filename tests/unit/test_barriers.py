@@ -50,10 +50,10 @@ def test_margin_can_make_an_obstacle_a_barrier(arm: tm.Robot) -> None:
     goal, scene = tm.JointGoal(GOAL), ball(3.12)
 
     near = tm.Problem(arm, START, goal, scene, margin=0.0)
-    kept = tm.Problem(arm, START, goal, scene, margin=0.05)
+    with_margin = tm.Problem(arm, START, goal, scene, margin=0.05)
 
     assert find_barrier(near, FORGIVEN) is None
-    barrier = find_barrier(kept, FORGIVEN)
+    barrier = find_barrier(with_margin, FORGIVEN)
     assert barrier is not None
     assert barrier.contact.margin == 0.05
     assert barrier.contact.distance > 0.0

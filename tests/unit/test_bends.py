@@ -95,7 +95,7 @@ def two_links(limit: float, during=None) -> tm.Problem:
 
 @pytest.mark.parametrize("during", [None, (0.1, np.inf)])
 def test_program_curvature_is_the_weighted_curvature_of_its_rows(during):
-    """Compared along a step that changes the positions, but not the duration."""
+    """The curvature is compared along a small step at constant duration."""
     system = ProblemFunctions.of(two_links(0.5, during))
     shares = interval_shares("uniform", 12)
     of = InverseTranscription(system, shares, 4.0)

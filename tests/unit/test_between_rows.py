@@ -70,7 +70,7 @@ def test_replay_finds_no_collision_that_the_rows_missed(
 ) -> None:
     """Regression: instants close to others were left out of the rows.
 
-    The tip moves 3 cm between two such instants.
+    The tip moves 3 cm between two neighbouring instants.
     """
     replayed: list[Candidate] = []
 

@@ -34,7 +34,7 @@ def set_all(count: int) -> None:
 
 @pytest.fixture(autouse=True)
 def several_threads() -> Iterator[None]:
-    """BLAS has several threads; without such a library the tests are skipped."""
+    """BLAS has several threads; if every library has one, the tests are skipped."""
     usual = max(thread_counts(), default=1)
     set_all(MANY)
     if MANY not in thread_counts():
@@ -83,7 +83,7 @@ def test_failed_plan_restores_the_number_of_threads(problem: tm.Problem) -> None
     assert thread_counts() == before
 
 
-JUDGES: dict[str, Callable[[tm.Problem, tm.Solution], object]] = {
+FUNCTIONS: dict[str, Callable[[tm.Problem, tm.Solution], object]] = {
     "verify": lambda problem, motion: tm.verify(problem, motion.trajectory),
     "certify": lambda problem, motion: tm.certify(problem, motion.trajectory),
     "lower_bound": lambda problem, motion: tm.lower_bound(problem),
@@ -92,7 +92,7 @@ JUDGES: dict[str, Callable[[tm.Problem, tm.Solution], object]] = {
 }
 
 
-@pytest.mark.parametrize("name", JUDGES)
+@pytest.mark.parametrize("name", FUNCTIONS)
 def test_functions_on_motions_use_one_thread_and_restore_the_number(
     monkeypatch: pytest.MonkeyPatch,
     problem: tm.Problem,
@@ -110,7 +110,7 @@ def test_functions_on_motions_use_one_thread_and_restore_the_number(
 
     before = thread_counts()
     monkeypatch.setattr(tm.Robot, "__getattribute__", watched)
-    JUDGES[name](problem, motion)
+    FUNCTIONS[name](problem, motion)
     monkeypatch.undo()
     assert set(seen) == {1}
     assert thread_counts() == before

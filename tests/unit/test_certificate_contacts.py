@@ -106,9 +106,9 @@ def test_closest_approach_of_a_pair_is_a_row(name: str) -> None:
 def test_contact_row_is_the_derivative_of_the_least_distance(
     name: str, rng: np.random.Generator
 ) -> None:
-    """The least distance over time; it does not change with the pace alone.
+    """The row is the derivative of the least distance over time.
 
-    It changes with the pace where an obstacle moves.
+    A change of the pace alone changes this distance only among moving obstacles.
     """
     problem = passing(name)
     h = np.full(N, H)

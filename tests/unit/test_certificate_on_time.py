@@ -62,7 +62,7 @@ def test_dwells_count_towards_the_arrival_at_a_goal():
 
 
 def test_accelerations_are_zero_at_a_dwell():
-    """There and back with a jerk limit: only at a reversal may the arm accelerate."""
+    """There and back with a jerk limit: a reversal needs no zero acceleration."""
     limits = tm.MotionLimits(jerk=10.0)
     staying = by_way_of(to(1.0, dwell=0.2), to(0.4), motion_limits=limits)
     solution = certified(staying)

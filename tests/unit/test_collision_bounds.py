@@ -282,7 +282,7 @@ def test_gradients_between_links_match_differences(rng: np.random.Generator) -> 
         error = np.abs(gradients(checker, q, pairs) - numeric).max(axis=1)
         errors += error[apart].tolist()
     assert len(errors) > 60
-    assert np.quantile(errors, 0.95) < 1e-4  # the other pairs touch at edges
+    assert np.quantile(errors, 0.95) < 1e-4  # the remaining pairs are nearest at edges
 
 
 # The constraint
@@ -303,8 +303,8 @@ def test_clearance_constraint_is_exact_within_its_attention(
         assert np.all(found >= exact - DEPTHS)
         assert np.all(found[~near] <= -attention + DEPTHS)
     np.testing.assert_allclose(constraint.values(q, np.inf), exact, atol=DEPTHS)
-    kept = np.array([checker.is_free(row, margin) for row in q])
-    np.testing.assert_array_equal(kept, np.all(exact < 0.0, axis=1))
+    free = np.array([checker.is_free(row, margin) for row in q])
+    np.testing.assert_array_equal(free, np.all(exact < 0.0, axis=1))
     pairs = np.array([3, 0])
     instants = np.array([24, 1])
     np.testing.assert_allclose(

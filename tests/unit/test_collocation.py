@@ -54,7 +54,7 @@ def test_integrated_motion_has_no_defects():
     motion, u, eta = fall(nlp)
     values = nlp.evaluate(nlp.transcription.pack(motion.x, u, eta))
     np.testing.assert_allclose(values[kind_rows(nlp, "dynamics")], 0.0, atol=1e-10)
-    # The states inside the intervals have velocity rows, too.
+    # The inner stages, at a third of each interval, have velocity rows, too.
     limits = nlp.system.problem.robot.limits.velocity
     np.testing.assert_allclose(
         values[kind_rows(nlp, "velocity")].reshape(-1, 3),

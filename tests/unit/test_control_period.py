@@ -138,7 +138,7 @@ def test_interpolated_motion_equals_the_planned_motion(period, limits):
     problem, limits = free.problem, OF_MOTIONS[limits]
     solution = tm.plan(problem, control_period=period)
     check(solution, period, limits=limits)
-    # The clock costs little time, and saves none.
+    # The motion on the clock is a little slower, and not faster.
     assert solution.T >= free.T * (1.0 - 1e-3)
     assert solution.T <= 1.03 * free.T
     np.testing.assert_allclose(solution.trajectory.q[-1], problem.goal.q, atol=1e-9)
@@ -428,7 +428,7 @@ def test_planning_time_is_reserved_for_the_clock(planar3r, request, readings):
 
 
 def test_plan_without_a_motion_on_the_clock_is_infeasible(planar3r, monkeypatch):
-    """The message says that the motion is not on the clock; success is not claimed."""
+    """The message says that no motion on the clock was found, and success is false."""
     monkeypatch.setattr("tominpmp.planner.control_period.TRIALS", 1)
     monkeypatch.setattr(
         "tominpmp.planner.control_period.ticks_of",
@@ -480,14 +480,17 @@ def test_clock_holds_with_dry_friction(control):
 def test_self_collision_on_the_clock_adds_rows_of_links(ur5, monkeypatch):
     """Rows of link pairs join the program after a self-collision on the clock."""
     seen, touching = [], iter([True])
-    solved, judged = clock.solve, candidate.verify
+    original_solve, original_verify = clock.solve, candidate.verify
 
     def solve(program, *given, **named):
         seen.append(program.system.clearance is not None)
-        return solved(program, *given, **named)
+        return original_solve(program, *given, **named)
 
     def verify(problem, motion, *given, **named):
-        found, ticks = judged(problem, motion, *given, **named), motion.t / 0.008
+        found, ticks = (
+            original_verify(problem, motion, *given, **named),
+            motion.t / 0.008,
+        )
         free = np.any(np.abs(ticks - np.rint(ticks)) > 1e-9)
         if free or not next(touching, False):
             return found

@@ -43,15 +43,15 @@ def on_ticks(motion, period):
 def calls(monkeypatch):
     """Records the replayed motions, and the number of programs of the clock."""
     seen = SimpleNamespace(replayed=[], trials=0)
-    judged, solved = candidate.verify, clock.solve
+    original_verify, original_solve = candidate.verify, clock.solve
 
     def verify(problem, motion, *rest, **named):
         seen.replayed.append(motion)
-        return judged(problem, motion, *rest, **named)
+        return original_verify(problem, motion, *rest, **named)
 
     def solve(*given, **named):
         seen.trials += 1
-        return solved(*given, **named)
+        return original_solve(*given, **named)
 
     monkeypatch.setattr(candidate, "verify", verify)
     monkeypatch.setattr(clock, "solve", solve)
@@ -82,9 +82,9 @@ def test_trace_above_the_least_duration_is_not_another_period(planar3r, control)
     exact = np.append(z[:-1], T)
     for share in (-0.5 * TRACE, 1e-9, 1e-7, 0.9 * TRACE):
         off = np.append(z[:-1], T * (1.0 + share))
-        kept = program.timed(off)
-        assert kept[-1] == T
-        np.testing.assert_array_equal(kept[:-1], off[:-1])
+        timed = program.timed(off)
+        assert timed[-1] == T
+        np.testing.assert_array_equal(timed[:-1], off[:-1])
         # Constraints are evaluated with the duration on the clock.
         np.testing.assert_array_equal(program.evaluate(off), program.evaluate(exact))
     for share in (1.1 * TRACE, 1e-3):
@@ -148,10 +148,10 @@ def test_motion_off_the_clock_has_been_replayed(planar3r, monkeypatch):
 
 def test_failed_replays_on_the_clock_keep_the_verified_motion(planar3r, monkeypatch):
     """The returned motion off the clock is verified."""
-    judged = candidate.verify
+    original_verify = candidate.verify
 
     def verify(problem, motion, *rest, **named):
-        found = judged(problem, motion, *rest, **named)
+        found = original_verify(problem, motion, *rest, **named)
         return with_violation(found) if on_ticks(motion, 0.01) else found
 
     monkeypatch.setattr(clock, "TRIALS", 2)

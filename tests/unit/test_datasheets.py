@@ -1,7 +1,7 @@
 """Data sheets: published limits reach the problem, and missing limits are reported.
 
-Regression: motions of a stock Panda began with 1348 rad/s^2 at a wrist, and no message
-said it.
+Regression: motions of a stock Panda began with 1348 rad/s^2 at a wrist, without a
+message.
 """
 
 from __future__ import annotations
@@ -131,7 +131,7 @@ def test_locked_joints_groups_and_workcells_keep_data_sheet_limits(
     assert sorted(rows.tolist()) == sorted([15, 7.5, 10, 12.5, 15, 20, 20, *[5.0] * 6])
     fingers = load_robot("panda", limits="datasheet")
     free = fingers.motion_limits.by_joint("acceleration", fingers.joint_names)
-    assert np.isinf(free[-1])  # nothing is published about the hand
+    assert np.isinf(free[-1])  # no limits of the hand are published
 
 
 def test_data_sheet_is_found_by_robot_name_and_joint_prefix() -> None:
@@ -239,11 +239,11 @@ def test_command_line_and_scenario_files_select_the_data_sheet(tmp_path: Path) -
 
 def test_motion_without_acceleration_limits_reports_its_peak(panda: Robot) -> None:
     goal = tm.JointGoal([0.4, -0.5, 0.2, -2.0, 0.1, 1.8, 0.5])
-    kept = tm.plan(panda_problem(panda, goal))
-    assert kept.success and kept.verification.ok, kept.message
-    assert kept.peak_acceleration.limited
-    assert "acceleration" not in kept.message
-    motion, names = kept.trajectory, panda.joint_names
+    limited = tm.plan(panda_problem(panda, goal))
+    assert limited.success and limited.verification.ok, limited.message
+    assert limited.peak_acceleration.limited
+    assert "acceleration" not in limited.message
+    motion, names = limited.trajectory, panda.joint_names
     t = np.linspace(0.0, motion.duration, 2000)
     limit = panda.motion_limits.by_joint("acceleration", names)
     assert np.all(np.abs(motion(t).a) <= 1.005 * limit)

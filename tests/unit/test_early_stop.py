@@ -70,7 +70,7 @@ def test_guess_is_interpolated_smoothly_within_its_samples():
     assert steps.position(np.array([-1.0, 5.0]))[:, 0].tolist() == [0.0, 1.0]
 
 
-def test_plan_stopped_after_one_iteration_returns_a_motion():
+def test_plan_stopped_in_its_second_iteration_returns_a_motion():
     """Regression: plans of many joints had no motion in time, as programs take long."""
     arm = make_arm(*[slide(1.0) for _ in range(12)], effort=10.0, velocity=5.0)
     goal = tm.JointGoal(np.linspace(0.05, 0.1, 12))

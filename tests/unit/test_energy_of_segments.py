@@ -84,8 +84,8 @@ def test_motion_file_holds_where_accelerations_jump(tmp_path):
         path = solution.export(tmp_path / f"motion.{ending}")
         read = tm.load_motion(path)
         np.testing.assert_allclose(read.segment_ends, solution.trajectory.segment_ends)
-        judged = tm.verify(solution.problem, read)
-        assert judged.ok, judged.message
+        verdict = tm.verify(solution.problem, read)
+        assert verdict.ok, verdict.message
 
 
 def test_dwell_under_gravity_takes_energy():
