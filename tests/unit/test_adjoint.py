@@ -74,7 +74,7 @@ def test_joints_without_limits_have_no_rows():
     assert kind_rows(nlp, "clearance").size == 0
 
 
-def test_exact_selection_linearizes_the_rows_at_the_extrema(rng):
+def test_exact_selection_linearizes_the_extremal_rows(rng):
     nlp = build(POSITION, selection="exact")
     z = throw(nlp, rng)
     values = nlp.evaluate(z)

@@ -407,8 +407,8 @@ def test_goal_set_may_have_goals_with_different_numbers_of_rows() -> None:
 # -- limits as rows --------------------------------------------------------------------
 
 
-def test_limit_rows_are_derivatives_of_the_limits(rng: np.random.Generator) -> None:
-    """Every row agrees with differences over accelerations and interval lengths."""
+def test_every_limit_row_matches_differences(rng: np.random.Generator) -> None:
+    """The differences are over accelerations and interval lengths."""
     limits = MotionLimits(
         acceleration=9.0,
         jerk=200.0,
