@@ -60,14 +60,14 @@ PLAN = """
         ball = tm.Sphere("ball", radius=0.8, position=(4.0, 0.0, 0.0))
         goal = tm.PositionGoal("tip", (4.0, 1.0, 0.0))
         problem = tm.Problem(robot, (0.5, 1.7, -1.7), goal, scene=tm.Scene([ball]))
-        limit = float(sys.argv[1]) or None
-        if limit is not None:  # a clock that stands still until the time is used up
+        limit, endless = float(sys.argv[1]), sys.argv[1] == "inf"
+        if not endless:  # a clock that stands still until the time is used up
             now = [1e5]
             time.perf_counter = lambda: now[0]
             used_up = lambda: now.append(now.pop() + limit)
             report_last = lambda record: report_children(record, used_up)
         solution = tm.plan(problem, processes=2, starts=40,
-                           callback=report_children if limit is None else report_last,
+                           callback=report_children if endless else report_last,
                            intervals=20,  # too few for a coarse search first
                            max_planning_time=limit, tolerance=1e-9)
         print(json.dumps([solution.status.name, bool(solution), solution.T]))
@@ -87,7 +87,8 @@ COMMAND = """
 """
 ARGUMENTS = (
     "plan planar3r --start 0.5 1.7 -1.7 --goal-position tip 4 1 0 --processes 2 "
-    "--obstacle sphere:O:r=0.8:at=4,0,0 --starts 40 --intervals 20 -o motion.csv"
+    "--obstacle sphere:O:r=0.8:at=4,0,0 --starts 40 --intervals 20 --max-planning-time inf "
+    "-o motion.csv"
 ).split()
 
 
@@ -143,7 +144,7 @@ def all_end(pids: list[int]) -> bool:
 
 
 def test_interrupted_plan_returns_its_motion(tmp_path: Path) -> None:
-    process = start_script(PLAN, "0", cwd=tmp_path)
+    process = start_script(PLAN, "inf", cwd=tmp_path)
     pids = await_child_processes(process)
     process.send_signal(signal.SIGINT)
     out, errors = rest_of_output(process)
@@ -164,7 +165,7 @@ def test_plan_returns_its_motion_at_the_time_limit(tmp_path: Path) -> None:
 
 
 def test_child_processes_end_with_a_terminated_plan(tmp_path: Path) -> None:
-    process = start_script(PLAN, "0", cwd=tmp_path)
+    process = start_script(PLAN, "inf", cwd=tmp_path)
     pids = await_child_processes(process)
     process.terminate()
     rest_of_output(process)
