@@ -102,6 +102,8 @@ def test_stack_orders_values_and_names_missing_ones(cell: Robot) -> None:
         cell.stack(right=HOME, left=np.zeros(8), middle=HOME)
     with pytest.raises(ProblemError, match=r"left is array.*, expected 8 numbers, one"):
         cell.stack(right=HOME, left=HOME)
+    with pytest.raises(ProblemError, match="not combined from several"):
+        load_robot("planar3r").stack()
     with pytest.raises(ProblemError, match=r"right is \[0.*nan.*\], .* all finite"):
         cell.stack(right=[0.0, 0.0, 0.0, 0.0, 0.0, np.nan], left=np.zeros(8))
 

@@ -230,8 +230,8 @@ def test_bad_frame_names_are_refused(frame: object) -> None:
     [
         (np.eye(3), r"is array\(.*\), expected a pinocchio.SE3, a 4x4 matrix"),
         (None, "is None, expected a pinocchio.SE3, a 4x4 matrix"),
-        (pin.SE3(2.0 * np.eye(3), np.zeros(3)), "not a rotation matrix"),
-        (pin.SE3(np.diag([1.0, 1.0, -1.0]), np.zeros(3)), "not a rotation matrix"),
+        (pin.SE3(2.0 * np.eye(3), np.zeros(3)), "expected a rotation matrix"),
+        (pin.SE3(np.diag([1.0, 1.0, -1.0]), np.zeros(3)), "expected a rotation matrix"),
     ],
 )
 def test_bad_poses_are_refused(pose: object, message: str) -> None:

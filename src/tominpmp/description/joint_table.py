@@ -11,14 +11,17 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, Record, array_or_nan, number_or_nan, real_array
+from tominpmp.arrays import Array, Record, array_or_nan
 from tominpmp.checks import (
     FARTHEST,
     FLAG,
     TINY,
     by_joint,
     in_order,
+    instance,
     known_joints,
+    number,
+    raised_as,
     vector,
     wrong,
 )
@@ -115,18 +118,16 @@ def _check_positions(
     names: Sequence[str], locked_joints: Mapping[str, float]
 ) -> dict[str, float]:
     """Check that positions are numbers and belong to joints."""
-    if not isinstance(locked_joints, Mapping):
-        expected = "positions by joint name"
-        raise wrong(locked_joints, "locked_joints", expected, OptionsError)
-    known_joints(locked_joints, names, "locked_joints")
-    for name, position in locked_joints.items():
-        if not abs(number_or_nan(position)) <= FARTHEST:
-            raise OptionsError(
-                f"locked_joints: joint {name} got {brief(position)}, expected a finite "
-                f"number of at most {FARTHEST:g} in size",
-                "locked_joints",
+    expected = f"a finite number of at most {FARTHEST:g} in size"
+    with raised_as(lambda message, _: OptionsError(message, "locked_joints")):
+        instance(locked_joints, Mapping, "locked_joints", "positions by joint name")
+        known_joints(locked_joints, names, "locked_joints")
+        return {
+            joint: number(
+                at, f"locked_joints: joint {joint}", expected, -FARTHEST, most=FARTHEST
             )
-    return {name: float(position) for name, position in locked_joints.items()}
+            for joint, at in locked_joints.items()
+        }
 
 
 def _resolve_chain(name: str, mimics: Mapping[str, Mimic]) -> Mimic:
@@ -177,13 +178,8 @@ def check_gravity(gravity: ArrayLike) -> Array:
     Raises:
         OptionsError: If it is not a vector of three finite numbers.
     """
-    numbers = array_or_nan(gravity)
-    if numbers.shape != (3,) or not np.isfinite(numbers).all():
-        raise OptionsError(
-            f"gravity: got {brief(gravity)}, expected three finite numbers [m/s^2]",
-            "gravity",
-        )
-    return numbers
+    with raised_as(OptionsError):
+        return vector(gravity, "gravity", "three numbers [m/s^2]", 3)
 
 
 def check_kinematic(kinematic: object, values: Mapping[str, object]) -> None:
@@ -214,25 +210,28 @@ def stack_parts(
     Raises:
         ProblemError: If a robot is missing or unknown, or a length is wrong.
     """
-    known = ", ".join(names) or "none; it was not combined from several"
+    if not names:
+        fault = "the robot was not combined from several, whose values to stack"
+        raise ProblemError(fault, "robots")
     for name in (*values, *names):
         if name not in names or name not in values:
             state = "given" if name not in names else "missing"
             raise ProblemError(
-                f"values for {brief(name)} are {state}; the robots are: {known}", name
+                f"values for {brief(name)} are {state}; the robots are: "
+                f"{', '.join(names)}",
+                name,
             )
-    out = np.empty(len(joints))
+    rows = []  # the joints of a robot follow each other, in the order of the robots
     for name in names:
-        rows = [i for i, joint in enumerate(joints) if joint.startswith(f"{name}/")]
-        own = [joints[i].removeprefix(f"{name}/") for i in rows]
+        prefix = f"{name}/"
+        own = [k.removeprefix(prefix) for k in joints if k.startswith(prefix)]
         named = by_joint(values[name])
         if named is not None:  # by the names within their own robot
-            row = in_order(named, own, name)
+            rows.append(in_order(named, own, name))
         else:
             expected = f"{len(own)} numbers, one for each of: {', '.join(own)}"
-            row = vector(values[name], name, expected, len(own))
-        out[rows] = row
-    return out
+            rows.append(vector(values[name], name, expected, len(own)))
+    return np.concatenate(rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -378,17 +377,13 @@ class JointTable:
         n, pairs = len(names), result.ndim == 2
         values = by_joint(values) or values
         if not isinstance(values, Mapping):
-            try:
-                array = real_array(values)
-            except ValueError as error:
-                raise OptionsError(
-                    f"{option}: got {brief(values)}, expected numbers", option
-                ) from error
-            if array.shape not in ((), (n,)) and not (pairs and array.shape == (n, 2)):
+            array = array_or_nan(values)
+            fits = array.shape in ((), (n,)) or (pairs and array.shape == (n, 2))
+            if not fits or np.isnan(array).any():
                 forms = f"{n} numbers" + f" or {n} pairs (lower, upper)" * pairs
                 raise OptionsError(
-                    f"{option}: got {brief(array.tolist())}, expected one number, or "
-                    f"{forms} in the order {', '.join(names)}, or values by joint name",
+                    f"{option}: got {brief(values)}, expected one number, or {forms} "
+                    f"in the order {', '.join(names)}, or values by joint name",
                     option,
                 )
             rows = array.tolist() if array.ndim else [float(array)] * n

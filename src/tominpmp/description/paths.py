@@ -3,16 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from pathlib import Path
 
-from tominpmp.exceptions import (
-    ProblemError,
-    RobotLoadError,
-    ScenarioError,
-    TominpmpError,
-    brief,
-)
+from tominpmp.exceptions import ProblemError, ScenarioError, TominpmpError, brief
 
 # Limits of file systems [bytes]; longer paths fail with obscure errors.
 LONGEST_NAME = 255
@@ -75,13 +69,13 @@ def checked_path(
 def read_bytes(
     path: Path,
     largest: int,
-    error: type[ScenarioError | RobotLoadError] = ScenarioError,
+    error: Callable[[str, Path], TominpmpError] = ScenarioError,
 ) -> bytes:
     """Read a file for parsing, up to a largest size in bytes.
 
     Raises:
         TominpmpError: If it is missing, not a regular file, too large or cannot be
-            read; of the given class.
+            read; made by ``error`` of a message and the path.
     """
     try:
         if path.is_dir():

@@ -22,6 +22,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, IntArray, to_number
 from tominpmp.description.mesh_sizes import check_expanded
+from tominpmp.description.paths import read_bytes
 from tominpmp.exceptions import ProblemError, quiet
 
 # Largest mesh: a larger one would take minutes and gigabytes, also in a collision
@@ -37,6 +38,8 @@ ARCHIVES = (b"PK", b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"7z\xbc\xaf", b"Rar!")
 LONGEST_LINE = 100_000
 # Matches lines that are not empty, as there may be millions of empty lines.
 _LINE = re.compile(rb"[^\s][^\r\n]*")
+# Corner of a face in an OBJ file: a vertex, and what it has of texture and normal.
+_CORNER = re.compile(rb"([-+]?[0-9]{1,18})(/.*)?")
 STL_HEADER = 84
 STL_TRIANGLE = 50
 
@@ -51,15 +54,9 @@ def read_mesh(path: Path) -> tuple[Array, IntArray]:
     Raises:
         ProblemError: If the file cannot be read; the message has the reason.
     """
-    try:
-        suffix = path.suffix.lower()
-        largest = MAX_BYTES if suffix in (".stl", ".obj") else MAX_OTHER_BYTES
-        size = path.stat().st_size
-        if size > largest:
-            raise ProblemError(f"it has {size} bytes, more than {largest}")
-        data = path.read_bytes()
-    except OSError as error:
-        raise ProblemError(error.strerror or str(error)) from error
+    suffix = path.suffix.lower()
+    largest = MAX_BYTES if suffix in (".stl", ".obj") else MAX_OTHER_BYTES
+    data = read_bytes(path, largest, lambda message, _: ProblemError(message))
     # A binary STL file begins with any text.
     binary = suffix == ".stl" and len(data) == _binary_size(data)
     if data.startswith(ARCHIVES) and not binary:
@@ -156,12 +153,11 @@ def _read_obj(data: bytes) -> tuple[Array, IntArray]:
 
 def _face(words: list[bytes], vertices: int, line: re.Match[bytes]) -> list[int]:
     """Vertex indices of the corners of a face, which refers to earlier vertices."""
-    try:
-        corners = [int(word.split(b"/")[0]) for word in words]
-    except ValueError as error:
-        place = _named(line)
-        raise ProblemError(f"{place}: a corner is not a whole number") from error
-    face = [c - 1 if c > 0 else vertices + c for c in corners]
+    corners = [_CORNER.fullmatch(word) for word in words]
+    if not all(corners):
+        raise ProblemError(f"{_named(line)}: a corner is not a whole number")
+    numbers = (int(corner[1]) for corner in corners if corner)
+    face = [c - 1 if c > 0 else vertices + c for c in numbers]
     if len(face) < 3:
         raise ProblemError(f"{_named(line)}: expected a face of three corners or more")
     if not all(0 <= corner < vertices for corner in face):

@@ -16,11 +16,10 @@ from tominpmp.arrays import (
     array_or_nan,
     default,
     frozen_array,
-    real_array,
 )
-from tominpmp.checks import FARTHEST, choice, optional, wrong
+from tominpmp.checks import FARTHEST, array, choice, optional, wrong
 from tominpmp.description.paths import checked_path
-from tominpmp.exceptions import ProblemError, SceneError, brief, naming
+from tominpmp.exceptions import ProblemError, SceneError, naming
 from tominpmp.scene.mesh_files import read_mesh
 from tominpmp.scene.obstacles import Obstacle, obstacle
 
@@ -83,45 +82,30 @@ class Mesh(Obstacle):
         """Read vertices and triangles from the file."""
         assert self.path is not None  # noqa: S101
         path = self.path.absolute()
-        if path.is_dir():
-            raise ProblemError(f"the mesh {path} is a folder, expected a file")
-        if not path.is_file():
-            why = "has no such file" if path.parent.is_dir() else "does not exist"
-            raise ProblemError(
-                f"the mesh {brief(str(self.path))} does not exist: the folder "
-                f"{path.parent} {why}"
-            )
         with naming(f"the mesh {path} cannot be read"):
             vertices, triangles = read_mesh(path)
         self._keep(path=path, vertices=vertices, triangles=triangles)
 
     def _check_triangles(self) -> None:
         """Check vertices and triangles."""
-        mesh = "the mesh" if self.path is None else f"the mesh {self.path}"
-        try:
-            vertices = real_array(self.vertices)
-            corners = np.array(self.triangles)
-        except ValueError as error:
-            raise ProblemError(
-                f"vertices or triangles of {mesh} are not numbers: {error}"
-            ) from error
-        if vertices.ndim != 2 or vertices.shape[1] != 3:
-            fault = f"vertices of shape {vertices.shape}, not (k, 3)"
-        elif not np.all(np.abs(vertices) < FARTHEST):
-            fault = f"vertices that are not finite, or {FARTHEST:g} m away"
-        elif corners.dtype.kind not in "iu" or corners.shape[1:] != (3,):
-            fault = "triangles that are not of shape (l, 3), of integers"
-        elif not len(corners):
-            fault = "no triangles"
-        elif corners.min() < 0 or corners.max() >= len(vertices):
-            count = len(vertices)
-            fault = f"triangles with corners that are not among its {count} vertices"
-        else:
-            triangles = corners.astype(np.int64)
-            triangles.setflags(write=False)
-            self._keep(vertices=vertices, triangles=triangles)
-            return
-        raise ProblemError(f"{mesh} has {fault}")
+        with naming("the mesh" if self.path is None else f"the mesh {self.path}"):
+            vertices = array(self.vertices, "vertices", (None, 3), "coordinates [m]")
+            content = "numbers of vertices, integers"
+            array(self.triangles, "triangles", (None, 3), content)
+            triangles, count = np.array(self.triangles), len(vertices)
+            if not np.all(np.abs(vertices) < FARTHEST):
+                most = f"{FARTHEST:g} m away"
+                raise ProblemError(f"it has vertices that are not finite, or {most}")
+            if triangles.dtype.kind not in "iu":
+                raise wrong(triangles.tolist(), "triangles", content)
+            if not len(triangles):
+                raise ProblemError("it has no triangles")
+            if triangles.min() < 0 or triangles.max() >= count:
+                fault = f"corners that are not among its {count} vertices"
+                raise ProblemError(f"its triangles have {fault}")
+        triangles = triangles.astype(np.int64)
+        triangles.setflags(write=False)
+        self._keep(vertices=frozen_array(vertices), triangles=triangles)
 
     @property
     def points(self) -> Array:

@@ -23,7 +23,6 @@ from tominpmp.arrays import (
     Record,
     default,
     frozen_array,
-    real_array,
     record,
 )
 from tominpmp.checks import (
@@ -37,11 +36,11 @@ from tominpmp.checks import (
     of_type,
     optional,
     plain_rotation,
-    split_pose,
+    raised_as,
     vector,
 )
 from tominpmp.exceptions import ProblemError, SceneError, brief
-from tominpmp.scene.rotations import is_rotation, rotation_matrix
+from tominpmp.scene.rotations import checked_pose, rotation_matrix
 
 # Difference up to which placements at the start are equal [m, rad].
 SAME = 1e-6
@@ -192,10 +191,7 @@ def finite_numbers(value: Any, name: str) -> Array:
     Raises:
         ProblemError: If it is not made of finite numbers.
     """
-    try:
-        numbers = real_array(value)
-    except ValueError as error:
-        raise ProblemError(f"{name} is not made of numbers: {error}") from error
+    numbers = frozen_array(array(value, name, (...,), "numbers"))
     if not np.all(np.isfinite(numbers)):
         where = np.argwhere(~np.isfinite(numbers))[0].tolist()
         raise ProblemError(f"{name} has a value that is not finite, at index {where}")
@@ -314,17 +310,12 @@ def _waypoint_times(value: Any, name: str) -> Array:
 
 def _matrices(given: Array) -> Array:
     """Rotations of waypoints as matrices, shape (k, 3, 3)."""
-    each = []
-    for k, value in enumerate(given):
-        try:
-            each.append(rotation_matrix(value))
-        except ProblemError as error:
-            raise ProblemError(
-                f"rotations: waypoint {k} (counted from 0) is "
-                f"{value.tolist()}, expected a rotation matrix or a quaternion "
-                "(x, y, z, w) whose length is not zero"
-            ) from error
-    matrices = frozen_array(each)
+    matrices = frozen_array(
+        [
+            rotation_matrix(value, f"rotations: waypoint {k} (counted from 0)")
+            for k, value in enumerate(given)
+        ]
+    )
     turns = np.linalg.norm(_turns(matrices), axis=1)
     if np.any(turns > MOST_TURN):
         k = int(np.argmax(turns))
@@ -470,15 +461,6 @@ def _largest(values: Array, first: IntArray, last: IntArray) -> Array:
 # -- motions that are given by functions -----------------------------------------------
 
 
-def _homogeneous(position: object, rotation: object) -> Array:
-    """Homogeneous matrix, shape (4, 4), of a position and a rotation."""
-    matrix = np.eye(4)
-    turn = real_array(rotation)
-    matrix[:3, :3] = turn if turn.ndim == 2 else rotation_matrix(turn)
-    matrix[:3, 3] = real_array(position)
-    return matrix
-
-
 Function: TypeAlias = Annotated[Callable[[float], Any], of_type(Callable, "one")]
 BoundOrNone: TypeAlias = Annotated[
     float | None, optional(partial(number, expected="0 or more", least=0.0))
@@ -520,25 +502,14 @@ class PoseFunction(Motion):
         """Placement at a time [s], checked."""
         try:
             value = self.function(time)
-            pose = split_pose(value)
-            matrix = real_array(value) if pose is None else _homogeneous(*pose)
         except Exception as error:  # whatever a user's function may raise
             raise SceneError(
                 f"motion: the function fails at {time:g} s: "
                 f"{type(error).__name__}: {error}"
             ) from error
-        if matrix.shape != (4, 4):
-            raise SceneError(
-                f"motion: the function gives shape {matrix.shape} at {time:g} s, "
-                "expected a placement of shape (4, 4)"
-            )
-        R, p = matrix[:3, :3], matrix[:3, 3]
-        if not (np.all(np.isfinite(p)) and is_rotation(R)):
-            raise SceneError(
-                f"motion: the function gives no placement at {time:g} s: expected a "
-                "rotation matrix and finite coordinates"
-            )
-        return Placement(R, p)
+        with raised_as(lambda message, _: SceneError(message)):
+            pose = checked_pose(value, f"motion: the placement at {time:g} s")
+        return Placement(np.array(pose.rotation), np.array(pose.translation))
 
     def poses(self, times: Array, start: Placement) -> Placement:
         """Placements at times."""

@@ -30,7 +30,6 @@ from tominpmp.checks import (
     number,
     optional,
     plain_rotation,
-    plain_vector,
     split_pose,
     vector,
 )
@@ -132,15 +131,12 @@ class Obstacle(Record):
         """Check the shape of a subclass; errors get the name of the obstacle."""
 
     def _take_pose(self) -> None:
-        """Convert a point with x, y and z to a position, and a pose to both fields."""
-        self._keep(position=plain_vector(self.position))
+        """Convert a pose to both fields."""
         pose = split_pose(self.position)
         if pose is None:
             return
-        turned = self.rotation is not None and not np.array_equal(
-            array_or_nan(plain_rotation(self.rotation)), np.eye(3)
-        )
-        if turned:
+        turn = array_or_nan(plain_rotation(self.rotation))
+        if self.rotation is not None and not np.array_equal(turn, np.eye(3)):
             raise ProblemError(
                 "position is a pose with a rotation, and rotation is given, too: "
                 "expected a pose, or a position and a rotation"

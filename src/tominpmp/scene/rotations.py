@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from tominpmp.arrays import Array, array_or_nan, frozen_array
 from tominpmp.checks import POSE, RotationLike, plain_rotation, split_pose, wrong
-from tominpmp.exceptions import ProblemError, naming
+from tominpmp.exceptions import ProblemError
 
 
 def is_rotation(matrix: Array) -> bool:
@@ -46,18 +46,11 @@ def rotation_matrix(rotation: RotationLike | None, name: str = "rotation") -> Ar
     if value.size == 9:
         if is_rotation(value):
             return value
-        raise ProblemError(
-            "the 3x3 rotation is not a rotation matrix (orthonormal columns, "
-            "determinant 1)",
-            name,
-        )
+        expected = "a rotation matrix (orthonormal columns, determinant 1)"
+        raise wrong(value.tolist(), name, expected)
     largest = float(np.max(np.abs(value)))
     if largest < 1e-9:
-        raise ProblemError(
-            f"rotation is the quaternion (x, y, z, w) {value.tolist()}, expected a "
-            "quaternion other than zero",
-            name,
-        )
+        raise wrong(value.tolist(), name, "a quaternion (x, y, z, w) other than zero")
     # Division by the largest component, so that no square overflows.
     return frozen_array(Rotation.from_quat(value / largest).as_matrix())
 
@@ -77,6 +70,4 @@ def checked_pose(pose: object, name: str) -> pin.SE3:
         raise wrong(pose, name, POSE)
     if not (np.all(np.isfinite(position)) and np.all(np.isfinite(turn))):
         raise ProblemError(f"{name} is not finite", field=name)
-    with naming(name, name):
-        turn = rotation_matrix(turn, name)
-    return pin.SE3(np.array(turn), np.array(position))
+    return pin.SE3(np.array(rotation_matrix(turn, name)), np.array(position))
