@@ -60,10 +60,9 @@ def combine_robots(parts: Sequence[Part], *, gravity: ArrayLike | None = None) -
     """
     robots, bases = _checked_parts(parts)
     world = _common_gravity(robots) if gravity is None else check_gravity(gravity)
-    description = joined_descriptions(
-        {part: (robot.description, bases[part]) for part, robot in robots.items()},
-        {part: list(robot.model.names)[1:] for part, robot in robots.items()},
-    )
+    placed = {part: (robot.description, bases[part]) for part, robot in robots.items()}
+    joints = [f"{part}/{k}" for part, r in robots.items() for k in r.joint_names]
+    description = joined_descriptions(placed, joints)
     locked = {
         f"{part}/{joint}": position
         for part, robot in robots.items()
@@ -156,11 +155,10 @@ def _all_kinematic(robots: Mapping[str, Robot]) -> bool:
 def _joined_table(
     robots: Mapping[str, Robot], joint_names: tuple[str, ...]
 ) -> JointTable:
-    """Values of the joints of all robots, in the order of the joint names."""
-    names = tuple(f"{part}/{k}" for part, r in robots.items() for k in r.joint_names)
+    """Values of the joints of all robots, one robot after the other."""
     tables = [robot._table().columns for robot in robots.values()]
     columns = {key: np.concatenate([own[key] for own in tables]) for key in tables[0]}
-    return JointTable(names, columns).only(joint_names)
+    return JointTable(joint_names, columns)
 
 
 def _joined_motion_limits(

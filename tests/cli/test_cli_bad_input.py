@@ -67,7 +67,7 @@ BAD = {
     ),
     "no quaternion": (
         "plan planar3r --start start --goal-pose tip 1 1 0 0 0 0 0",
-        "expected a quaternion other than zero",
+        "expected a quaternion (x, y, z, w) other than zero",
     ),
     "pose of NaN": (
         "plan planar3r --start start --goal-pose tip 1 1 0 0 0 nan 1",

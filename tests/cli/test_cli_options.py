@@ -20,8 +20,8 @@ from tominpmp.cli.option_fields import (
 )
 from tominpmp.cli.options import ProblemOptions
 from tominpmp.cli.parser import new_app
+from tominpmp.description.fields import parse_toml
 from tominpmp.exceptions import ScenarioError
-from tominpmp.files.scenario import parse_toml
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 from tominpmp.problem.problem import Problem

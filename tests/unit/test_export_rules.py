@@ -236,7 +236,7 @@ def test_controller_refusals_reject_an_argument_without_fields(message: object) 
 def test_controller_refusals_reject_an_invalid_list_of_names(
     names: Any, motion: Trajectory, tmp_path: Path
 ) -> None:
-    with pytest.raises(ProblemError, match="expected a list of names"):
+    with pytest.raises(ProblemError, match="expected names of joints"):
         controller_refusals(valid_message(motion, tmp_path), names)
 
 

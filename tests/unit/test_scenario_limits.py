@@ -47,6 +47,12 @@ def write(folder: Path, text: str) -> Path:
     return path
 
 
+def test_minimum_position_above_the_maximum_is_refused(tmp_path: Path) -> None:
+    text = FULL.replace("min_position: 0.25", "min_position: 2.5")
+    with pytest.raises(ScenarioError, match="min_position: is 2[.]5, expected at most"):
+        load_joint_limits(write(tmp_path, text))
+
+
 def test_joint_limits_file_is_read_into_limits_of_each_joint(tmp_path: Path) -> None:
     limits = load_joint_limits(write(tmp_path, FULL))
     assert limits.velocity == {"joint1": 2.5, "joint3": 1.0}

@@ -15,8 +15,8 @@ from command_line import invoke
 
 import tominpmp as tm
 from tominpmp.cli.report import json_text, report_data, report_text
+from tominpmp.description.fields import tomllib
 from tominpmp.files.export_check import check_file
-from tominpmp.files.scenario import tomllib
 from tominpmp.viz.skeleton import end_frame
 
 START = np.array([0.5, 1.7, -1.7])

@@ -299,7 +299,7 @@ def test_cycle_of_mimic_joints_is_rejected(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, 1e300, "0", None, [0.0]])
 def test_locked_position_must_be_a_number(tmp_path: Path, value: object) -> None:
-    with pytest.raises(OptionsError, match=r"joint j1 got .*, expected a finite"):
+    with pytest.raises(OptionsError, match=r"joint j1 is .*, expected a finite"):
         linkage(tmp_path, "", j1=value)  # type: ignore[arg-type]
 
 

@@ -15,14 +15,9 @@ from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 
-from tominpmp.description.fields import Field
+from tominpmp.description.fields import parse_toml
 from tominpmp.exceptions import OptionsError, brief
 from tominpmp.motion_limits import MotionLimits, kinds_of
-
-try:
-    import tomllib
-except ModuleNotFoundError:  # Python 3.10
-    import tomli as tomllib  # type: ignore[no-redef, import-not-found, unused-ignore]
 
 FOLDER = Path(__file__).parent
 # Quantities of sheets that are columns of a robot's joint table and arguments of
@@ -92,7 +87,7 @@ def read_datasheet(path: Path) -> Datasheet:
     Raises:
         ScenarioError: If it is wrong; names the key.
     """
-    table = Field(tomllib.loads(path.read_text(encoding="utf-8")), path)
+    table = parse_toml(path.read_bytes(), path)
     table.only("title", "names", "joints", "sources", *QUANTITIES)
     joints = tuple(item.text() for item in table.need("joints").items())
     known = {

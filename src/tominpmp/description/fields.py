@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+import re
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NoReturn
@@ -12,6 +13,15 @@ import numpy as np
 
 from tominpmp.arrays import Array, number_or_nan
 from tominpmp.exceptions import ScenarioError, TominpmpError, closest, shortened
+
+try:
+    import tomllib
+except ModuleNotFoundError:  # Python 3.10
+    import tomli as tomllib  # type: ignore[no-redef, import-not-found, unused-ignore]
+
+# Longest number in TOML; parsing a longer one takes a hundred times the memory of the
+# file.
+MAX_DIGITS = 5000
 
 
 @dataclass(frozen=True)
@@ -49,21 +59,6 @@ class Field:
         """
         self.fail(str(error))
 
-    def unknown(self, known: Iterable[str]) -> NoReturn:
-        """Raise an error for an unknown key.
-
-        Args:
-            known: The known keys.
-
-        Raises:
-            ScenarioError: Always.
-        """
-        names = list(known)
-        name = self.key.rpartition(".")[2]
-        self.fail(
-            f"there is no such key{closest(name, names)}; there are: {', '.join(names)}"
-        )
-
     def _expected(self, expected: str) -> NoReturn:
         self.fail(f"is {shortened(repr(self.value))}, expected {expected}")
 
@@ -77,10 +72,9 @@ class Field:
         """Whether the value differs from the defaults of a ROS message."""
 
         def filled(value: Any) -> bool:
-            if isinstance(value, dict):
-                return any(map(filled, value.values()))
-            if isinstance(value, list):
-                return any(map(filled, value))
+            if isinstance(value, dict | list):
+                inner = value.values() if isinstance(value, dict) else value
+                return any(map(filled, inner))
             return value not in (None, "", 0, False)
 
         return filled(self.value)
@@ -110,7 +104,8 @@ class Field:
         """Refuse keys of a table other than these."""
         for name, item in self.table().items():
             if name not in names:
-                item.unknown(names)
+                hint = closest(name, names)
+                item.fail(f"there is no such key{hint}; there are: {', '.join(names)}")
 
     def items(self) -> Iterator[Field]:
         """Values of a list; empty if the list is missing."""
@@ -177,3 +172,21 @@ class Field:
         if isinstance(self.value, dict):
             return np.array([self.need(name).number() for name in names])
         return np.array(self.numbers(len(names)))
+
+
+def parse_toml(content: bytes, path: Path) -> Field:
+    """Parse the content of a TOML file.
+
+    Args:
+        content: The content.
+        path: The file; paths in it are relative to its folder.
+
+    Raises:
+        ScenarioError: If the content is not TOML.
+    """
+    if re.search(rb"[0-9_]{%d}" % MAX_DIGITS, content):
+        raise ScenarioError(f"{path} holds a number of {MAX_DIGITS} digits", path)
+    try:
+        return Field(tomllib.loads(content.decode("utf-8-sig")), path)
+    except (ValueError, RecursionError) as error:
+        raise ScenarioError(f"{path} is not TOML: {error}", path) from error

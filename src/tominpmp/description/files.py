@@ -93,19 +93,13 @@ def find_robot(name_or_path: str | os.PathLike[str]) -> RobotFiles:
     Raises:
         RobotLoadError: If the robot is unknown; lists the known names.
     """
-    if not isinstance(name_or_path, (str, os.PathLike)) or not str(name_or_path):
-        raise RobotLoadError(
-            f"expected the name of a robot or the path of a URDF file, "
-            f"got {brief(name_or_path)}"
-        )
     known = _known_robots(_example_folder(), _bundled_folder())
     if isinstance(name_or_path, str) and name_or_path in known:
         return known[name_or_path]
-    path = Path(name_or_path)
+    path = checked_path(name_or_path, "the robot", RobotLoadError)
     if isinstance(name_or_path, str) and path.name == name_or_path and not path.suffix:
         raise RobotLoadError(_unknown_name(name_or_path, known))
-    path = checked_path(name_or_path, "name_or_path", RobotLoadError).absolute()
-    return RobotFiles(path, find_srdf(path))
+    return RobotFiles(path.absolute(), find_srdf(path.absolute()))
 
 
 def find_srdf(urdf: Path) -> Path | None:

@@ -301,15 +301,15 @@ class _SrdfReader:
                 # A floating joint has seven values, and cannot be planned for.
                 if joint_name in self.moving:
                     context.text(joint, "value", where)
-                    state[joint_name] = context.number(joint, "value", where)
+                    (state[joint_name],) = context.numbers(joint, "value", where)
         return states
 
     def _rotor_inertias(self) -> dict[str, float]:
         """Inertia of rotors times the squared gear ratio, as in Pinocchio."""
         context, where, inertias = self.context, "rotor_params", {}
         for joint in self.root.findall(".//rotor_params//joint"):
-            inertia = context.number(joint, "mass", where, low=0.0)
-            ratio = context.number(joint, "gear_ratio", where)
+            (inertia,) = context.numbers(joint, "mass", where, low=0.0)
+            (ratio,) = context.numbers(joint, "gear_ratio", where)
             inertias[context.text(joint, "name", where)] = inertia * ratio**2
         return inertias
 

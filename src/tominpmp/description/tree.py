@@ -312,14 +312,13 @@ def fresh_name(name: str, taken: set[str]) -> str:
 
 
 def joined_descriptions(
-    parts: Mapping[str, tuple[UrdfDescription, pin.SE3]],
-    orders: Mapping[str, Sequence[str]],
+    parts: Mapping[str, tuple[UrdfDescription, pin.SE3]], order: Sequence[str]
 ) -> UrdfDescription:
     """Combine several robots in one description, prefixing all names with the part's.
 
     Args:
         parts: Description and placement base_to_world of each part, by its name.
-        orders: Joint names of the model of each part, in their order.
+        order: Names of the joints that are free, with their prefixes.
     """
     bodies, tree = [LinkDescription(WORLD)], []
     for number, (part, (description, base)) in enumerate(parts.items()):
@@ -331,11 +330,6 @@ def joined_descriptions(
         tree += [_renamed(joint, part) for joint in description.tree]
     descriptions = [description for description, _ in parts.values()]
     folders = [folder for one in descriptions for folder in one.package_dirs]
-    order = (
-        f"{part}/{joint}"
-        for part, (description, _) in parts.items()
-        for joint in description.order or orders[part]
-    )
     return UrdfDescription(
         name="+".join(parts),
         bodies=tuple(bodies),

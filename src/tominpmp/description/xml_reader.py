@@ -144,7 +144,7 @@ class XmlContext:
         element: Element,
         attribute: str,
         where: str,
-        default: tuple[float, ...],
+        default: tuple[float, ...] = (0.0,),
         low: float | None = None,
     ) -> tuple[float, ...]:
         """Read an attribute with as many numbers as its default, at least ``low``.
@@ -168,16 +168,6 @@ class XmlContext:
                 f"least {low:g}"
             )
         return values
-
-    def number(
-        self,
-        element: Element,
-        attribute: str,
-        where: str,
-        low: float | None = None,
-    ) -> float:
-        """Read an attribute of one number; zero if it is missing."""
-        return self.numbers(element, attribute, where, (0.0,), low)[0]
 
     def limit(self, element: Element | None, attribute: str, where: str) -> float:
         """Read a number that may be infinite; NaN if it is missing."""

@@ -232,6 +232,10 @@ def load_joint_limits(path: str | Path) -> MoveItLimits:
             value = _limit(limits, *keys)
             if value is not None:
                 values[name][joint] = value
+        low, high = (values[f"position_{end}"].get(joint) for end in ("lower", "upper"))
+        if low is not None and high is not None and low > high:
+            fault = f"is {low:g}, expected at most max_position, {high:g}"
+            limits.get("min_position").fail(fault)
         slowing = _limit(limits, *_SLOWING)
         if slowing is not None:
             slowing = abs(slowing)

@@ -26,7 +26,6 @@ from tominpmp.arrays import changed_fields
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.description.fields import Field
 from tominpmp.exceptions import (
-    ProblemError,
     ScenarioError,
     SceneError,
     TominpmpError,
@@ -286,11 +285,5 @@ def _read_placement(item: Field) -> pin.SE3:
     item.only("position", "rotation")
     position = np.array(item.need("position").numbers(3))
     rotation = item.get("rotation")
-    try:
-        matrix = rotation_matrix(rotation.value)
-    except ProblemError:
-        rotation.fail(
-            f"is {brief(rotation.value)}, expected a quaternion (x, y, z, w) or a "
-            "rotation matrix of 3x3 numbers"
-        )
-    return pin.SE3(np.array(matrix), position)
+    with blaming(rotation):
+        return pin.SE3(np.array(rotation_matrix(rotation.value)), position)

@@ -36,7 +36,8 @@ from typing import Any, BinaryIO, TypeAlias
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.checks import instance, wrong
+from tominpmp.checks import names as joints_named
+from tominpmp.checks import wrong
 from tominpmp.description.fields import Field
 from tominpmp.description.yaml_reader import MAX_VALUES
 from tominpmp.exceptions import (
@@ -507,9 +508,7 @@ def controller_refusals(
     if not isinstance(message, Mapping):
         raise wrong(message, "message", "a table of fields")
     if joint_names is not None:
-        instance(joint_names, (list, tuple), "joint_names", "a list of names")
-        for name in joint_names:
-            instance(name, str, "joint_names", "a list of names")
+        joints_named(joint_names)
     outer = dict(message)
     field = Field(outer, Path("the message"))
     trajectory = _find_trajectory(field, mention=False).value

@@ -90,7 +90,7 @@ from tominpmp.arrays import Array, Record
 from tominpmp.checks import instance
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.datasheets import find_datasheet
-from tominpmp.description.fields import Field
+from tominpmp.description.fields import Field, parse_toml
 from tominpmp.description.files import find_robot, find_srdf
 from tominpmp.description.joint_table import OVERRIDES, JointTable, Linkage
 from tominpmp.description.paths import checked_path, read_bytes
@@ -684,14 +684,7 @@ def _overrides(robot: Robot, locked: Mapping[str, float]) -> dict[str, Any]:
     return table
 
 
-try:
-    import tomllib
-except ModuleNotFoundError:  # Python 3.10
-    import tomli as tomllib  # type: ignore[no-redef, import-not-found, unused-ignore]
-
 MAX_BYTES = 16 * 2**20
-# Longest number; parsing a longer one takes a hundred times the memory of the file.
-MAX_DIGITS = 5000
 SECTIONS = (
     *("margin", "self_collision", "robot", "start", "goal", "scene", "motion_limits"),
     *("constraints", "segments", "may_touch", "options"),
@@ -904,24 +897,6 @@ def read_toml(path: str | Path) -> Field:
     """
     path = checked_path(path, "path", ScenarioError)
     return parse_toml(read_bytes(path, MAX_BYTES), path)
-
-
-def parse_toml(content: bytes, path: Path) -> Field:
-    """Parse the content of a TOML file.
-
-    Args:
-        content: The content.
-        path: The file; paths in it are relative to its folder.
-
-    Raises:
-        ScenarioError: If the content is not TOML.
-    """
-    if re.search(rb"[0-9_]{%d}" % MAX_DIGITS, content):
-        raise ScenarioError(f"{path} holds a number of {MAX_DIGITS} digits", path)
-    try:
-        return Field(tomllib.loads(content.decode("utf-8-sig")), path)
-    except (ValueError, RecursionError) as error:
-        raise ScenarioError(f"{path} is not TOML: {error}", path) from error
 
 
 def read_options(table: Field) -> Options:
