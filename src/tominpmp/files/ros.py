@@ -34,6 +34,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, TypeAlias
 
 import numpy as np
+import yaml
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.checks import names as joints_named
@@ -66,6 +67,8 @@ MESSAGES: dict[str, tuple[str, ...]] = {
     "FollowJointTrajectory": ("trajectory",),
     "RobotTrajectory": ("joint_trajectory",),
 }
+# Longest line of a message in YAML [characters].
+LONGEST_LINE = 2**30
 # Default message type.
 MESSAGE = "JointTrajectory"
 # Nodes closer than this to the previous one are left out [ns]: over less time, the last
@@ -168,30 +171,13 @@ def write_json(samples: Samples, file: BinaryIO, message: str = MESSAGE) -> None
 
 
 def write_yaml(samples: Samples, file: BinaryIO, message: str = MESSAGE) -> None:
-    """Write samples as a YAML message."""
-    keys = MESSAGES[message]
-    for depth, key in enumerate(keys):
-        file.write(f"{'  ' * depth}{key}:\n".encode())
-    for line in _yaml_lines(_message_data(samples)):
-        file.write(f"{'  ' * len(keys)}{line}\n".encode())
-
-
-def _yaml_lines(data: dict[str, Any]) -> Iterator[str]:
-    yield "header:"
-    yield "  stamp: {sec: 0, nanosec: 0}"
-    yield "  frame_id: ''"
-    yield f"joint_names: [{', '.join(map(_quoted, data['joint_names']))}]"
-    yield "points:"
-    for point in data["points"]:
-        parts = [f"{name}: {_json(part)}" for name, part in point.items()]
-        yield f"- {parts[0]}"
-        yield from (f"  {part}".replace('"', "") for part in parts[1:])
-
-
-def _quoted(name: str) -> str:
-    """Quote a text for YAML, in which JSON's surrogate pairs are invalid."""
-    text = json.dumps(name, ensure_ascii=False)
-    return "".join(c if " " <= c <= "~" else f"\\U{ord(c):08x}" for c in text)
+    """Write samples as a YAML message, one line per quantity of a point."""
+    data = _message_data(samples)
+    for key in MESSAGES[message]:
+        data = {key: data}
+    dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+    form: Any = {"default_flow_style": None, "sort_keys": False, "width": LONGEST_LINE}
+    yaml.dump(data, file, dumper, encoding="utf-8", **form)
 
 
 def parse_json(content: bytes, path: Path) -> Any:

@@ -99,11 +99,9 @@ class Motion(Record, ABC):
 
     def __post_init__(self) -> None:
         """Check the values."""
-        try:
+        with raised_as(lambda message, _: SceneError(f"motion: {message}")):
             super().__post_init__()
             self._check()
-        except ProblemError as error:
-            raise SceneError(f"motion: {error}") from error
 
     def _check(self) -> None:
         """Check what the values of a subclass have in common, and convert them."""
