@@ -24,7 +24,7 @@ from tominpmp.collision.checker import CollisionChecker
 from tominpmp.collision.query import PairDistances
 from tominpmp.collision.selection import link_bodies
 from tominpmp.description.joint_table import JointTable, Linkage, check_gravity
-from tominpmp.description.srdf import SemanticDescription
+from tominpmp.description.srdf import Pair, SemanticDescription
 from tominpmp.description.tree import joined_descriptions
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.motion_limits import MotionLimits
@@ -88,11 +88,9 @@ def _checked_parts(
 ) -> tuple[dict[str, Robot], dict[str, pin.SE3]]:
     expected = "tuples of name, robot and base"
     wrong = partial(ProblemError, field="robots")
-    if not isinstance(parts, Sequence) or not parts:
-        raise wrong(f"robots: got {brief(parts)}, expected {expected}")
     robots: dict[str, Robot] = {}
     bases: dict[str, pin.SE3] = {}
-    for part in parts:
+    for part in parts if isinstance(parts, Sequence) and parts else [parts]:
         if not isinstance(part, Sequence) or len(part) != 3:
             raise wrong(f"robots: got {brief(part)}, expected {expected}")
         name, robot, base = part
@@ -176,16 +174,11 @@ def _joined_motion_limits(
 
 def _joined_semantics(robots: Mapping[str, Robot], path: Path) -> SemanticDescription:
     """Link pairs that each robot leaves unchecked, and group states that all have."""
-    disabled = {part: _unchecked_pairs(robot) for part, robot in robots.items()}
-    apart = {k: r.srdf.never_touch for k, r in robots.items() if r.srdf is not None}
-    pairs, never = (
-        tuple(
-            (f"{part}/{one}", f"{part}/{other}")
-            for part, own in by_part.items()
-            for one, other in own
-        )
-        for by_part in (disabled, apart)
-    )
+    pairs, never = list[Pair](), list[Pair]()
+    for part, robot in robots.items():
+        apart = () if robot.srdf is None else robot.srdf.never_touch
+        for own, joined in ((_unchecked_pairs(robot), pairs), (apart, never)):
+            joined += [(f"{part}/{one}", f"{part}/{other}") for one, other in own]
     states = [robot.group_states for robot in robots.values()]
     common = {
         state: {
@@ -196,13 +189,13 @@ def _joined_semantics(robots: Mapping[str, Robot], path: Path) -> SemanticDescri
         for state in states[0]
         if all(state in own for own in states)
     }
-    return SemanticDescription(pairs, common, path, never_touch=never)
+    return SemanticDescription(tuple(pairs), common, path, never_touch=tuple(never))
 
 
-def _unchecked_pairs(robot: Robot) -> list[tuple[str, str]]:
+def _unchecked_pairs(robot: Robot) -> Sequence[Pair]:
     """Link pairs of a robot that are not checked for collision."""
     if robot.srdf is not None and robot.srdf.disabled_pairs:
-        return list(robot.srdf.disabled_pairs)
+        return robot.srdf.disabled_pairs
     # Without a list in the SRDF neighbours are left out, which takes the whole tree.
     # The selection of pairs does not depend on the decomposition of the meshes.
     checker = CollisionChecker(robot, Scene(), self_collision=True, cut=frozenset())

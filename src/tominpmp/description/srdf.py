@@ -59,7 +59,7 @@ WITHOUT_EFFECT = {
 NEVER, BY_USER, WHOLE_LINK = "Never", "User", "disable_default_collisions"
 
 #: Names of two links, in alphabetical order.
-Pair: TypeAlias = "tuple[str, str]"
+Pair: TypeAlias = tuple[str, str]
 #: Joint positions by joint name [rad or m].
 Positions: TypeAlias = "Mapping[str, float]"
 #: Name of a group or of the last link of a chain, names of joints, or the first and the

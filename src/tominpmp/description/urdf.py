@@ -48,6 +48,7 @@ from tominpmp.description.tree import (
     warn_of,
 )
 from tominpmp.description.xml_reader import (
+    MAX_NUMBER,
     XmlContext,
     add,
     limit_or_infinity,
@@ -91,7 +92,7 @@ class Form(NamedTuple):
         texts: Required attributes.
         numbers: Attributes of numbers, with their defaults.
         low: Smallest valid number.
-        limits: Attributes of numbers that may be infinite; NaN by default.
+        most: Largest valid number.
         needs: Required children.
         parts: Children that are added with their defaults if missing.
         optional: Optional children; the first of several counts.
@@ -101,15 +102,16 @@ class Form(NamedTuple):
     texts: Sequence[str] = ()
     numbers: Mapping[str, tuple[float, ...]] = {}
     low: float | None = None
-    limits: Sequence[str] = ()
+    most: float = MAX_NUMBER
     needs: Sequence[str] = ()
     parts: Sequence[str] = ()
     optional: Sequence[str] = ()
     several: Sequence[str] = ()
 
 
-_ZERO, _ZEROS = (0.0,), (0.0, 0.0, 0.0)
+_ZERO, _ZEROS, _UNKNOWN = (0.0,), (0.0, 0.0, 0.0), (math.nan,)
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+_LIMITS = ("lower", "upper", "velocity", "effort")
 FORMS = {
     "robot": Form(several=("link", "joint", "material")),
     "link": Form(("name",), optional=("inertial",), several=("visual", "collision")),
@@ -121,7 +123,7 @@ FORMS = {
     "collision": Form(parts=("origin",)),
     "visual": Form(parts=("origin",)),
     **{
-        kind: Form(tuple(sizes), {name: _ZERO * n for name, n in sizes.items()})
+        kind: Form(tuple(sizes), {name: _ZERO * n for name, n in sizes.items()}, 0.0)
         for kind, sizes in SIZES.items()
     },
     "mesh": Form(("filename",), {"scale": (1.0, 1.0, 1.0)}),
@@ -137,7 +139,7 @@ FORMS = {
     "child": Form(("link",)),
     "origin": Form(numbers={"xyz": _ZEROS, "rpy": _ZEROS}),
     "axis": Form(numbers={"xyz": (1.0, 0.0, 0.0)}),
-    "limit": Form(limits=("lower", "upper", "velocity", "effort")),
+    "limit": Form(numbers=dict.fromkeys(_LIMITS, _UNKNOWN), most=math.inf),
     "dynamics": Form(numbers={"damping": _ZERO, "friction": _ZERO}, low=0.0),
     "mimic": Form(("joint",), {"multiplier": (1.0,), "offset": _ZERO}),
 }
@@ -156,7 +158,7 @@ def _misspellings(element: Element, where: str) -> list[str]:
         if known:
             faults.append(f"<{child.tag}> of {where} (did you mean <{known}>?)")
         own = FORMS.get(child.tag, Form())
-        attributes = (*own.texts, *own.numbers, *own.limits)
+        attributes = (*own.texts, *own.numbers)
         for name in child.attrib:
             known = _closest_match(name, attributes + MOTION * (child.tag == "limit"))
             if known:
@@ -315,17 +317,13 @@ class _UrdfReader:
             name: context.text(element, name, where) for name in form.texts
         }
         for name, default in form.numbers.items():
-            numbers = context.numbers(element, name, where, default, form.low)
-            if tag in SIZES and min(numbers) < 0.0:
-                context.fail(
-                    f"{where}: {tag} {name}={values[name]!r}, expected no negative one"
-                )
+            bounds = default, form.low, form.most
+            numbers = context.numbers(element, name, where, *bounds)
             if tag == "mesh" and 0.0 in numbers:
                 context.fail(
                     f"{where}: mesh {name}={list(numbers)}, expected none to be zero"
                 )
             values[name] = numbers
-        values |= {name: context.limit(element, name, where) for name in form.limits}
         if tag in ("link", "joint", "inertial"):
             self.remarks[UNREAD] += _misspellings(element, where)
         copy = add(parent, tag, **values)
@@ -453,13 +451,11 @@ class _UrdfReader:
             axis = tuple(joint.axis.tolist())
             context.fail(f"{where}: the axis {axis} has no direction")
         self._collect_soft_limits(joint, element.find("safety_controller"))
-        limit = element.find("limit")
-        given = () if limit is None else limit.attrib
-        more = {
-            key: context.limit(limit, key if key in given else f"drake:{key}", where)
-            for key in MOTION
-        }
-        limits = {**vars(joint.limit), **more}
+        limits, bounds = dict(vars(joint.limit)), (_UNKNOWN, None, math.inf)
+        own = next(element.iterfind("limit"), Element("limit"))
+        for key in MOTION:
+            name = key if key in own.attrib else f"drake:{key}"
+            (limits[key],) = context.numbers(own, name, where, *bounds)
         for key, value in limits.items():
             if key not in ("lower", "upper") and value < 0.0:
                 context.fail(f"{where}: limit {key}={value:g} is negative")

@@ -146,21 +146,24 @@ class XmlContext:
         where: str,
         default: tuple[float, ...] = (0.0,),
         low: float | None = None,
+        most: float = MAX_NUMBER,
     ) -> tuple[float, ...]:
-        """Read an attribute with as many numbers as its default, at least ``low``.
+        """Read an attribute with as many numbers as its default, in a range.
 
-        A missing attribute has its default.
+        A missing attribute has its default. The numbers are at least ``low``, and of
+        size ``most`` at most, which is infinite where they may be.
         """
         if attribute not in element.attrib:
             return default
         text = element.attrib[attribute]
         values = tuple(map(to_number_or_nan, text.split()))
         count = len(default)
-        if len(values) != count or not all(abs(v) <= MAX_NUMBER for v in values):
+        if len(values) != count or not all(abs(v) <= most for v in values):
             wanted = "a number" if count == 1 else f"{count} numbers"
+            size = "" if math.isinf(most) else f" of at most {most:g} in size"
             self.fail(
-                f"{where}: {element.tag} {attribute}={brief(text)}, expected {wanted} "
-                f"of at most {MAX_NUMBER:g} in size"
+                f"{where}: {element.tag} {attribute}={brief(text)}, expected "
+                f"{wanted}{size}"
             )
         if low is not None and min(values, default=low) < low:
             self.fail(
@@ -168,17 +171,6 @@ class XmlContext:
                 f"least {low:g}"
             )
         return values
-
-    def limit(self, element: Element | None, attribute: str, where: str) -> float:
-        """Read a number that may be infinite; NaN if it is missing."""
-        if element is None or attribute not in element.attrib:
-            return math.nan
-        text = element.attrib[attribute]
-        value = to_number_or_nan(text.strip())
-        if math.isnan(value):
-            name = f"{where}: {element.tag} {attribute}"
-            self.fail(f"{name}={brief(text)} is not a number")
-        return value
 
 
 def to_number_or_nan(word: str) -> float:

@@ -544,17 +544,15 @@ def _times(points: Sequence[Point]) -> Iterator[Refusal]:
         now = _ticks(point.get("time_from_start"))
         if now is None:
             reason = "is not a time: expected sec and nanosec, whole numbers"
-            yield Refusal(reason, "time_from_start", index)
-            continue
-        if now < 0:
-            yield Refusal("lies before the start", "time_from_start", index)
+        elif now < 0:
+            reason = "lies before the start"
         elif now <= before:
-            reason = (
-                f"is {now / BILLION:.9f} s, not after the {before / BILLION:.9f} s "
-                "of the point before"
-            )
-            yield Refusal(reason, "time_from_start", index)
-        before = max(before, now)
+            last = f"{before / BILLION:.9f} s of the point before"
+            reason = f"is {now / BILLION:.9f} s, not after the {last}"
+        else:
+            before = now
+            continue
+        yield Refusal(reason, "time_from_start", index)
 
 
 def _numbers(

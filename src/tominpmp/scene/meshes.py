@@ -69,8 +69,7 @@ class Mesh(Obstacle):
 
     def _check_shape(self) -> None:
         """Read the file, if there is one, and check the triangles."""
-        known, expected = ("auto", "hull", "none"), "'auto', 'hull' or 'none'"
-        choice(self.convex, known, "convex", expected)
+        choice(self.convex, ("auto", "hull", "none"), "convex")
         given = self.vertices is not None, self.triangles is not None
         if given[0] != given[1] or (self.path is None and not given[0]):
             raise ProblemError("it needs a path, or vertices and triangles")
