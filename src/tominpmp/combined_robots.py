@@ -12,7 +12,7 @@ from dataclasses import replace
 from functools import partial
 from itertools import combinations, product
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -86,13 +86,13 @@ def combine_robots(parts: Sequence[Part], *, gravity: ArrayLike | None = None) -
 def _checked_parts(
     parts: Sequence[Part],
 ) -> tuple[dict[str, Robot], dict[str, pin.SE3]]:
-    expected = "tuples of name, robot and base"
     wrong = partial(ProblemError, field="robots")
     robots: dict[str, Robot] = {}
     bases: dict[str, pin.SE3] = {}
-    for part in parts if isinstance(parts, Sequence) and parts else [parts]:
+    listed: Sequence[Any] = parts if isinstance(parts, Sequence) and parts else [parts]
+    for part in listed:
         if not isinstance(part, Sequence) or len(part) != 3:
-            raise wrong(f"robots: got {brief(part)}, expected {expected}")
+            raise wrong(f"robots: got {brief(part)}, expected (name, robot, base)")
         name, robot, base = part
         if not isinstance(name, str) or not name or "/" in name:
             raise wrong(f"robots: a name is {brief(name)}, expected a text without '/'")

@@ -67,7 +67,7 @@ BAD = {
     ),
     "no quaternion": (
         "plan planar3r --start start --goal-pose tip 1 1 0 0 0 0 0",
-        "expected a quaternion (x, y, z, w) other than zero",
+        "or a quaternion (x, y, z, w) of finite numbers other than zero",
     ),
     "pose of NaN": (
         "plan planar3r --start start --goal-pose tip 1 1 0 0 0 nan 1",

@@ -334,7 +334,11 @@ def test_numbers_and_names_are_readable_by_yaml_1_1(
         ("m.csv", {"with_effort": True}, r"with_effort is for ROS messages \(.yaml"),
         ("m.npz", {"message": "JointTrajectory"}, "message is for ROS messages"),
         ("m.yaml", {"with_effort": "yes"}, "with_effort is 'yes', expected True"),
-        ("m.mcap", {"message": "FollowJointTrajectory"}, "write that as .yaml"),
+        (
+            "m.mcap",
+            {"message": "FollowJointTrajectory"},
+            "expected JointTraj",
+        ),
         ("m.yaml", {"dt": 5e-8}, "expected 100 ns at least"),
     ],
 )

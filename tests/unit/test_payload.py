@@ -184,7 +184,9 @@ def test_payload_in_collision_or_too_heavy_is_refused(
 
 
 def test_two_payloads_need_two_names(loaded: Robot) -> None:
-    with pytest.raises(ProblemError, match="'payload', which is a frame") as caught:
+    with pytest.raises(
+        ProblemError, match="'payload', expected a name that no"
+    ) as caught:
         loaded.with_payload(Payload(1.0, "panda_hand"))
     assert caught.value.field == "payload.name"
     both = loaded.with_payload(Payload(1.0, "payload", name="tip"))

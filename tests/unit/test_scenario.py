@@ -551,7 +551,7 @@ joint_limits:
                 "pose = {position = [4, 1, 0], rotation = [0, 0, 0, 0]}",
             ),
             "goal.pose.rotation",
-            "expected a quaternion",
+            "or a quaternion",
         ),
         (("[goal]", "[options]\nintervals = 2\n[goal]"), "options.intervals", ">= 4"),
         (("[goal]", '[options]\nmode = "x"\n[goal]'), "options.mode", "no such key"),
@@ -617,7 +617,7 @@ def test_message_about_a_wrong_scenario_names_file_and_key(
         (
             'type = "box"\nname = "a"\nsize = [1, 1, 1]\nrotation = [[1, 2, 3]]',
             "rotation",
-            "3x3 matrix",
+            "expected a rotation matrix .3x3",
         ),
         ('type = "sphere"\nname = "a"\nradius = 4', None, "start in collision"),
     ],

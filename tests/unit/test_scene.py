@@ -237,6 +237,11 @@ def test_scene_accepts_any_iterable_of_obstacles(container: type) -> None:
     assert scene["box"] == obstacles()[1]
 
 
+def test_a_scene_takes_a_single_obstacle() -> None:
+    ball = Sphere("ball", radius=1.0)
+    assert Scene(ball) == Scene([ball])  # type: ignore[arg-type]
+
+
 def test_scene_is_empty_by_default() -> None:
     scene = Scene()
     assert scene.obstacles == ()
@@ -276,9 +281,8 @@ def test_obstacles_with_equal_names_are_rejected() -> None:
         (["a box"], "a scene holds obstacles .*, not str"),
         ([None], "a scene holds obstacles .*, not NoneType"),
         ("boxes", "a scene holds obstacles .*, not str"),
-        (None, "from a list of obstacles, not from a NoneType"),
-        (np.array(2.0), "from a list of obstacles, not from a ndarray"),
-        (Sphere("o", radius=1), "from a list of obstacles, not from a Sphere"),
+        (None, "a scene holds obstacles .*, not NoneType"),
+        (np.array(2.0), "a scene holds obstacles .*, not ndarray"),
     ],
 )
 def test_wrong_content_of_a_scene_is_rejected(content: object, message: str) -> None:

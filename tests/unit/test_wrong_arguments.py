@@ -132,10 +132,10 @@ def test_cache_in_an_unknown_home_folder_is_taken_literally(
         (lambda: tm.Trajectory(5, [0, 1], 0, 0, 0), "joint_names is 5"),
         (lambda: tm.load_robot("planar3r", armature=10**400), "armature: got 10000"),
         (lambda: tm.load_robot("planar3r", damping="0.1"), "damping: got '0.1'"),
-        (lambda: tm.load_robot("planar3r", gravity=10**400), "gravity: got 10000"),
+        (lambda: tm.load_robot("planar3r", gravity=10**400), "gravity is 10000"),
         (
             lambda: tm.load_robot("planar3r", locked_joints={"joint1": 10**400}),
-            "joint joint1 got 10000",
+            "joint joint1 is 10000",
         ),
         (lambda: tm.load_robot("planar3r", locked_joints=[]), "locked_joints"),
         (lambda: tm.Options(slack=1e300), "slack is 1e.300, expected .* at most 10"),

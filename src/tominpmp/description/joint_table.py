@@ -11,11 +11,13 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, Record, array_or_nan
+from tominpmp.arrays import Array, Record, array_or_nan, frozen_array
 from tominpmp.checks import (
     FARTHEST,
     FLAG,
+    JOINTS,
     TINY,
+    array,
     by_joint,
     in_order,
     instance,
@@ -256,10 +258,8 @@ class JointLimits(Record):
     def __post_init__(self) -> None:
         """Check the arrays and make them read-only."""
         for name, value in vars(self).items():
-            row = array_or_nan(value)
-            if row.ndim != 1:
-                raise wrong(value, name, "a row of numbers")
-            self._keep(**{name: row})
+            row = array(value, name, (None,), JOINTS)
+            self._keep(**{name: frozen_array(row)})
         sizes = {name: row.size for name, row in vars(self).items()}
         if len(set(sizes.values())) > 1:
             raise ProblemError(f"limits: lengths differ: {sizes}", "limits")

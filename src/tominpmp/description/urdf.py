@@ -439,13 +439,11 @@ class _UrdfReader:
         ends = joint.parent, joint.child, frozen_array(joint.origin)
         if kind == "fixed":
             return JointDescription(joint.name, kind, *ends)
-        if kind in ("floating", "planar"):
-            context.fail(
-                f"{where} is {kind}; only revolute and prismatic joints can be "
-                "planned for: make it fixed"
-            )
         if kind not in ("revolute", "continuous", "prismatic"):
-            context.fail(f"{where} has the unknown type {brief(kind)}")
+            context.fail(
+                f"{where} has the type {brief(kind)}; only revolute, continuous and "
+                "prismatic joints can be planned for: make it fixed"
+            )
         norm = np.linalg.norm(joint.axis)
         if norm < 1e-6:
             axis = tuple(joint.axis.tolist())

@@ -23,7 +23,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array
-from tominpmp.checks import instance
+from tominpmp.checks import instance, wrong
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.description.fields import Field
 from tominpmp.description.files import missing_resource, resolve_resource
@@ -272,11 +272,8 @@ def _refuse_attached(state: Field) -> None:
     """
     attached = state.get("attached_collision_objects")
     if attached.given:
-        names = [item.get("object").get("id").value for item in attached.items()]
-        attached.fail(
-            "objects attached to the robot are not read: "
-            f"{', '.join(str(name) for name in names)}"
-        )
+        names = [str(item.get("object").get("id").value) for item in attached.items()]
+        attached.fail(f"objects attached to the robot are not read: {', '.join(names)}")
 
 
 def _unread_precautions(message: Field) -> Iterator[str]:
@@ -649,17 +646,14 @@ def _grouped_robot(
         more = {"locked_joints": _locks(request, start, source), "kinematic": kinematic}
         return load_limited_robot(joint_limits, source, **more)
     if joint_limits is not None:
-        raise ProblemError(
-            "joint_limits is given, expected None for a robot that is loaded: "
-            "load_joint_limits reads them for load_robot and motion_limits",
-            "joint_limits",
+        expected = (
+            "None for a robot that is loaded: load_joint_limits reads them for "
+            "load_robot and motion_limits"
         )
+        raise wrong(joint_limits, "joint_limits", expected)
     if kinematic and not robot.kinematic:
-        raise ProblemError(
-            "kinematic is True, expected False or a robot that is kinematic: "
-            "load_robot(..., kinematic=True)",
-            "kinematic",
-        )
+        expected = "False or a robot that is kinematic: load_robot(..., kinematic=True)"
+        raise wrong(kinematic, "kinematic", expected)
     locks = _outside_group(request, start, robot.description, robot.srdf)
     further = {k: v for k, v in locks.items() if k in robot.joint_names}
     return robot.with_locked(further) if further else robot

@@ -103,9 +103,7 @@ def message_samples(
         ProblemError: If dt is not a positive number, or less than 100 ns.
     """
     if isinstance(dt, int | float) and 0.0 < dt * BILLION < MIN_STEP:
-        raise ProblemError(
-            f"dt is {dt} s, expected {MIN_STEP} ns at least for a ROS message", "dt"
-        )
+        raise wrong(dt, "dt", f"{MIN_STEP} ns at least for a ROS message")
     times = trajectory.t if dt is None else trajectory.sample(dt).t
     ticks = _times_of_points(times, trajectory.duration)
     q, v, a, u = (part.copy() for part in trajectory(ticks / BILLION))
@@ -317,11 +315,8 @@ def write_bag(samples: Samples, file: BinaryIO, message: str = MESSAGE) -> None:
         MissingDependency: If rosbags is not installed.
     """
     if message != MESSAGE:
-        raise ProblemError(
-            f"bags (.mcap) hold a JointTrajectory, which a topic carries, not "
-            f"{message}: write that as .yaml or .json",
-            "message",
-        )
+        expected = f"{MESSAGE} in bags (.mcap), as topics carry it, or .yaml or .json"
+        raise wrong(message, "message", expected)
     rosbag2, types = _rosbags()
     plugin = rosbag2.StoragePlugin.MCAP
     with tempfile.TemporaryDirectory(prefix="tominpmp-") as folder:

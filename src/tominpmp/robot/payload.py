@@ -151,11 +151,8 @@ def attach(
     instance(payload, Payload, "payload")
     names = [frame.name for frame in model.frames[1:]]
     if payload.name in names:
-        raise ProblemError(
-            f"payload.name is {brief(payload.name)}, which is a frame of the robot "
-            "already; expected another name",
-            "payload.name",
-        )
+        expected = "a name that no frame of the robot has"
+        raise wrong(payload.name, "payload.name", expected)
     link = description.carrying_link(payload.frame)
     if link is None:
         raise FrameNotFound(payload.frame, names)

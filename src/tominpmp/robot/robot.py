@@ -13,6 +13,7 @@ import os
 import pkgutil
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -705,19 +706,15 @@ def _find_files(source: object) -> tuple[RobotFiles, tuple[Path, ...], bytes | N
 
 def _imported_module(name: str) -> Any:
     """Import a module of robot_descriptions, which may download its files."""
-    try:
+    known: list[str] = []
+    with suppress(ImportError):
         package = importlib.import_module("robot_descriptions")
-    except ImportError as error:
-        raise RobotLoadError(
-            f"there is no robot {brief(name)}; names that end with {MODULE_ENDING!r} "
-            "are those of the package robot_descriptions: python -m pip install "
-            "robot_descriptions"
-        ) from error
-    known = [module.name for module in pkgutil.iter_modules(package.__path__)]
+        known = [module.name for module in pkgutil.iter_modules(package.__path__)]
     if name not in known:
         raise RobotLoadError(
-            f"the package robot_descriptions has no module {brief(name)}"
-            f"{closest(name, known)}"
+            f"there is no robot {brief(name)}{closest(name, known)}; names that end "
+            f"with {MODULE_ENDING!r} are those of the package robot_descriptions: "
+            "python -m pip install robot_descriptions"
         )
     try:
         return importlib.import_module(f"robot_descriptions.{name}")

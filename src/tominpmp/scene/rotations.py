@@ -40,17 +40,15 @@ def rotation_matrix(rotation: RotationLike | None, name: str = "rotation") -> Ar
     if rotation is None:
         return frozen_array(np.eye(3))
     value = array_or_nan(plain_rotation(rotation))
-    if value.shape not in ((3, 3), (4,)) or not np.all(np.isfinite(value)):
-        expected = "a 3x3 matrix or a quaternion (x, y, z, w) of finite numbers"
-        raise wrong(rotation, name, expected)
-    if value.size == 9:
-        if is_rotation(value):
-            return value
-        expected = "a rotation matrix (orthonormal columns, determinant 1)"
-        raise wrong(value.tolist(), name, expected)
-    largest = float(np.max(np.abs(value)))
-    if largest < 1e-9:
-        raise wrong(value.tolist(), name, "a quaternion (x, y, z, w) other than zero")
+    if value.shape == (3, 3) and is_rotation(value):
+        return value
+    largest = float(np.max(np.abs(value), initial=0.0))
+    if value.shape != (4,) or not 1e-9 <= largest < np.inf:
+        expected = (
+            "a rotation matrix (3x3, orthonormal columns, determinant 1) or a "
+            "quaternion (x, y, z, w) of finite numbers other than zero"
+        )
+        raise wrong(value.tolist() if value.ndim else rotation, name, expected)
     # Division by the largest component, so that no square overflows.
     return frozen_array(Rotation.from_quat(value / largest).as_matrix())
 

@@ -24,25 +24,21 @@ class Scene(Record):
     """The obstacles of a workspace.
 
     Attributes:
-        obstacles: The obstacles, with distinct names; stored as a tuple.
+        obstacles: The obstacles, with distinct names, or a single one; stored as a
+            tuple.
     """
 
     obstacles: Sequence[Obstacle] = ()
 
     def __post_init__(self) -> None:
         """Check the obstacles and their names."""
-        if not np.iterable(self.obstacles):
-            raise SceneError(
-                f"a scene is made from a list of obstacles, not from a "
-                f"{type(self.obstacles).__name__}"
-            )
         by_name: dict[str, Obstacle] = {}
-        for item in self.obstacles:
+        listed = np.iterable(self.obstacles)
+        for item in self.obstacles if listed else [self.obstacles]:
             if not isinstance(item, Obstacle):
                 raise SceneError(
                     "a scene holds obstacles (Sphere, Box, Cylinder, Capsule, Mesh, "
-                    "HeightField, OcTree), not "
-                    f"{type(item).__name__}"
+                    f"HeightField, OcTree), not {type(item).__name__}"
                 )
             if item.name in by_name:
                 raise SceneError(f"two obstacles are named {item.name!r}", item.name)
@@ -115,9 +111,8 @@ def as_scene(given: Any, name: str) -> Scene:
         return given
     if given is None:
         return Scene()
-    if isinstance(given, Obstacle):
-        return Scene((given,))
-    return Scene(of_kind(given, (list, tuple), name, "a Scene or a list of obstacles"))
+    kinds, expected = (Obstacle, list, tuple), "a Scene or a list of obstacles"
+    return Scene(of_kind(given, kinds, name, expected))
 
 
 SceneLike: TypeAlias = Annotated[
