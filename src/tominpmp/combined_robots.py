@@ -94,10 +94,9 @@ def _checked_parts(
         if not isinstance(part, Sequence) or len(part) != 3:
             raise wrong(f"robots: got {brief(part)}, expected (name, robot, base)")
         name, robot, base = part
-        if not isinstance(name, str) or not name or "/" in name:
-            raise wrong(f"robots: a name is {brief(name)}, expected a text without '/'")
-        if name in robots:
-            raise wrong(f"robots: two of them are named {brief(name)}")
+        if not isinstance(name, str) or not name or "/" in name or name in robots:
+            form = "a text without '/', another one for each robot"
+            raise wrong(f"robots: a name is {brief(name)}, expected {form}")
         of_kind(robot, Robot, f"robots: {brief(name)}", "a Robot", "robots")
         robots[name], bases[name] = robot, base_placement(name, base)
     return robots, bases
@@ -210,12 +209,10 @@ def _check_bases(robot: Robot, bases: Mapping[str, pin.SE3]) -> None:
     """Check that links fixed to the world of one robot do not penetrate another's."""
     for (one, here), (other, there) in combinations(bases.items(), 2):
         depth = _base_overlap(robot, f"{one}/", f"{other}/")
-        if depth is None:
-            apart = float(np.linalg.norm(here.translation - there.translation))
-            if apart > SAME_PLACE:
-                continue
+        apart = float(np.linalg.norm(here.translation - there.translation))
+        if depth is None and apart <= SAME_PLACE:
             fault = f"are at one place, {np.round(here.translation, 4).tolist()}"
-        elif depth > OVERLAP:
+        elif depth is not None and depth > OVERLAP:
             fault = f"overlap by {depth:.4g} m"
         else:
             continue

@@ -122,7 +122,7 @@ def at(point: int, field: str, value: object) -> Change:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda m: m.update(joint_names=[]), "joint_names: there are no joint names"),
+        (lambda m: m.update(joint_names=[]), "joint_names: are [], expected names"),
         (lambda m: m.update(points=[]), "points: there are no points"),
         (
             lambda m: m.update(joint_names=["joint1", "joint2", "joint1"]),

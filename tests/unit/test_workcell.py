@@ -236,7 +236,10 @@ def test_margin_holds_between_robots_and_obstacles(pair: Workcell) -> None:
 def test_wrong_robots_are_rejected(planar3r: Robot) -> None:
     here = (0.0, 0.0, 0.0)
     for robots, message in (
-        ([("a", planar3r, here), ("a", planar3r, (9, 0, 0))], "two of them are named"),
+        (
+            [("a", planar3r, here), ("a", planar3r, (9, 0, 0))],
+            "another one for each",
+        ),
         ({"a": (planar3r, here), "b": (planar3r, here)}, "the bases of 'a' and 'b'"),
         ({"a": planar3r}, "'a' is .*, expected a robot and its base"),
         ({"a/b": (planar3r, here)}, "expected a text without '/'"),

@@ -94,7 +94,7 @@ def constraint_tables(*constraints: str) -> str:
             LEVEL + 'payload = {mass = 1.0, frame = "tool0", geometry = [{type = '
             '"sphere", name = "ball", radius = 0.1, motion = {type = '
             '"constant_velocity", velocity = [1, 0, 0]}}]}',
-            ("segments[0].payload: ", "'ball' has a motion of its own"),
+            ("segments[0].payload: ", "without a motion of their own"),
         ),
     ],
 )

@@ -194,15 +194,12 @@ def check_folders(package_dirs: Sequence[str | os.PathLike[str]]) -> tuple[Path,
     Raises:
         RobotLoadError: If a folder does not exist.
     """
-    if isinstance(package_dirs, (str, os.PathLike)):
-        package_dirs = [package_dirs]
-    if not isinstance(package_dirs, Sequence) or isinstance(package_dirs, bytes):
-        raise RobotLoadError(
-            f"package_dirs is {brief(package_dirs)}, expected paths of folders"
-        )
+    several = isinstance(package_dirs, Sequence) and not isinstance(
+        package_dirs, str | bytes
+    )
     folders = tuple(
         checked_path(folder, "package_dirs", RobotLoadError).absolute()
-        for folder in package_dirs
+        for folder in (package_dirs if several else [package_dirs])
     )
     for folder in folders:
         if not folder.is_dir():

@@ -391,24 +391,21 @@ def _group_joints(
 ) -> Collection[str]:
     """Joints of a group by name, of a list of joints, or of a chain between links."""
     name = semantics.find_group(group) if isinstance(group, str) else None
-    if name is not None:
-        members = semantics.groups[name]
-        if not members.joints:
-            raise OptionsError(
-                f"group: the group {name!r} has no joint that the robot has", "group"
-            )
-        warn_of_group(name, members)
-        return members.joints
     moving = {joint.name for joint in description.joints}
     single = isinstance(group, str) or not isinstance(group, Sequence | set | frozenset)
     # A single link stands for the chain from the base to it.
     names: list[Any] = [description.root, group] if single else list(group)
     valid = all(isinstance(name, str) for name in names)
-    if names and valid and not single and moving.issuperset(names):
-        return names
-    if len(names) != 2 or not valid or not {*names} <= {*description.links}:
+    joints: Collection[str]
+    if name is not None:
+        joints = semantics.groups[name].joints
+        warn_of_group(name, semantics.groups[name])
+    elif names and valid and not single and moving.issuperset(names):
+        joints = names
+    elif len(names) == 2 and valid and {*names} <= {*description.links}:
+        joints = moving & description.joints_between(*names)
+    else:
         raise OptionsError(_no_group(list(semantics.groups), group), "group")
-    joints = moving & description.joints_between(*names)
     if not joints:
         raise OptionsError(f"group: no joint moves {brief(group)}", "group")
     return joints

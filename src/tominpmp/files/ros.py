@@ -496,12 +496,11 @@ def controller_refusals(
     if not isinstance(trajectory, Mapping):
         raise ProblemError("the message holds no JointTrajectory", "message")
     names, points = trajectory.get("joint_names"), trajectory.get("points")
-    if not isinstance(names, list) or not names:
-        return (Refusal("there are no joint names", "joint_names"),)
+    named = isinstance(names, list) and all(isinstance(name, str) for name in names)
+    if not named or not names:
+        return (Refusal(f"are {brief(names)}, expected names", "joint_names"),)
     if not isinstance(points, list) or not points:
         return (Refusal("there are no points", "points"),)
-    if not all(isinstance(name, str) for name in names):
-        return (Refusal(f"are {brief(names)}, expected names", "joint_names"),)
     points = [point if isinstance(point, Mapping) else {} for point in points]
     return (
         *_joints(names, joint_names, partial),

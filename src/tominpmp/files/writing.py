@@ -37,11 +37,10 @@ def write_file(path: str | Path, write: Callable[[BinaryIO], object]) -> Path:
     try:
         # A symbolic link is kept, and its target replaced, unless that is the link.
         target = Path(os.path.realpath(path))
-        if target.is_dir():
-            raise ScenarioError(f"{path} is a folder, expected a file to write", path)
         if target.exists() and not target.is_file():
             # Replacing a device by a regular file would damage the system.
-            raise ScenarioError(f"{path} is not a regular file", path)
+            kind = "a folder" if target.is_dir() else "not a regular file"
+            raise ScenarioError(f"{path} is {kind}, expected a file to write", path)
         draft = target.with_name(f".{target.name[:100]}.{secrets.token_hex(6)}.part")
         try:
             with draft.open("xb") as file:

@@ -71,18 +71,13 @@ def _checked_shapes(shapes: Any, name: str) -> tuple[Obstacle, ...]:
     """Check the shapes of a payload."""
     if isinstance(shapes, Obstacle):
         shapes = (shapes,)
-    expected = "a list of Box, Sphere, Cylinder, Capsule and Mesh (of a file)"
+    shown = "a list of Box, Sphere, Cylinder, Capsule and Mesh (of a file)"
+    expected = f"{shown}, which go with the frame, without a motion of their own"
     for item in instance(shapes, Sequence, name, expected):
         known = isinstance(item, (Box, Sphere, Cylinder, Capsule, Mesh))
-        if not known or (isinstance(item, Mesh) and item.path is None):
-            kind = type(item).__name__
-            raise ProblemError(f"{name} holds a {kind}, expected {expected}", name)
-        if item.motion is not None:
-            raise ProblemError(
-                f"{name}: {brief(item.name)} has a motion of its own, expected none: "
-                "it goes with the frame",
-                name,
-            )
+        without = known and isinstance(item, Mesh) and item.path is None
+        if not known or without or item.motion is not None:
+            raise ProblemError(f"{name} holds {brief(item)}, expected {expected}", name)
     return tuple(shapes)
 
 

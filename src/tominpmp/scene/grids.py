@@ -52,13 +52,12 @@ class HeightField(Obstacle):
     def _check_shape(self) -> None:
         """Check grid and extent."""
         heights, size = self.heights, self.size
-        if heights.ndim != 2 or min(heights.shape) < 2:
+        cells = np.array(heights.shape) - 1
+        if cells.size != 2 or min(cells) < 1 or np.prod(cells) > MAX_CELLS:
             raise ProblemError(
                 f"heights has shape {heights.shape}, expected (ny, nx) with at least "
-                "two rows and two columns"
+                f"two rows and two columns, and at most {MAX_CELLS} cells"
             )
-        if (heights.shape[0] - 1) * (heights.shape[1] - 1) > MAX_CELLS:
-            raise ProblemError(f"heights has more than {MAX_CELLS} cells")
         if size.shape != (2,) or not np.all(size > 0.0):
             expected = "two positive extents, along x and y [m]"
             raise wrong(size.tolist(), "size", expected)

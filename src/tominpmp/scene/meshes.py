@@ -73,17 +73,12 @@ class Mesh(Obstacle):
         given = self.vertices is not None, self.triangles is not None
         if given[0] != given[1] or (self.path is None and not given[0]):
             raise ProblemError("it needs a path, or vertices and triangles")
-        if not given[0]:
-            self._read()
+        if self.path is not None and not given[0]:
+            path = self.path.absolute()
+            with naming(f"the mesh {path} cannot be read"):
+                vertices, triangles = read_mesh(path)
+            self._keep(path=path, vertices=vertices, triangles=triangles)
         self._check_triangles()
-
-    def _read(self) -> None:
-        """Read vertices and triangles from the file."""
-        assert self.path is not None  # noqa: S101
-        path = self.path.absolute()
-        with naming(f"the mesh {path} cannot be read"):
-            vertices, triangles = read_mesh(path)
-        self._keep(path=path, vertices=vertices, triangles=triangles)
 
     def _check_triangles(self) -> None:
         """Check vertices and triangles."""
