@@ -145,7 +145,7 @@ def test_save_scenario_does_not_overwrite_robot_files_of_others(tmp_path: Path) 
     scenario.rename(tmp_path / "other.toml")
     urdf.write_bytes(urdf.read_bytes() + b"<!-- mine -->")
     before = urdf.read_bytes()
-    with pytest.raises(ScenarioError, match=r"cell_robot\.urdf would be") as caught:
+    with pytest.raises(ScenarioError, match=r"cell_robot\.urdf: would be") as caught:
         saved_and_loaded(problem.robot, tmp_path)
     assert caught.value.path == urdf
     assert urdf.read_bytes() == before

@@ -34,8 +34,8 @@ from tominpmp.description.tree import (
     solid,
     warn_of,
 )
-from tominpmp.description.xml_reader import MAX_NUMBER, limit_or_infinity
-from tominpmp.exceptions import RobotLoadError, brief
+from tominpmp.description.xml_reader import MAX_NUMBER, XmlContext, limit_or_infinity
+from tominpmp.exceptions import brief
 
 if TYPE_CHECKING:
     from trimesh import Trimesh
@@ -131,11 +131,10 @@ class _ModelReader:
         motion = np.asarray(data.S).reshape(6, -1)
         slides, turns = np.any(motion[:3]), np.any(motion[3:])
         if motion.shape[1] != 1 or slides == turns:
-            raise RobotLoadError(
-                f"{self.path}: joint {brief(name)} is a {joint.shortname()}; only "
-                "revolute and prismatic joints can be planned for: give a model with "
-                "it locked (pinocchio.buildReducedModel), or a file without it",
-                self.path,
+            XmlContext(self.path).fail(
+                f"joint {brief(name)} is a {joint.shortname()}; only revolute and "
+                "prismatic joints can be planned for: give a model with it locked "
+                "(pinocchio.buildReducedModel), or a file without it"
             )
         # The motion subspace of a mimic joint is scaled by its ratio.
         axis = motion[:3, 0] + motion[3:, 0]
@@ -192,11 +191,8 @@ class _ModelReader:
         links = {self.main[0]: LinkDescription(self.main[0])}
         for name, own in zip(self.main[1:], self.model.inertias[1:], strict=True):
             if not np.isfinite([own.mass, *own.lever, *own.inertia.ravel()]).all():
-                raise RobotLoadError(
-                    f"{self.path}: mass, centre or inertia of link {name} is not "
-                    "finite",
-                    self.path,
-                )
+                fault = f"mass, centre or inertia of link {name} is not finite"
+                XmlContext(self.path).fail(fault)
             com, inertia = frozen_array(own.lever), frozen_array(own.inertia)
             links[name] = LinkDescription(name, float(own.mass), com, inertia)
         of_frames = (joint.child for joint in self.fixed)
@@ -251,10 +247,9 @@ def _shape(item: pin.GeometryObject, placement: pin.SE3, path: Path) -> Shape | 
         return Shape("mesh", scale, place, str(file.absolute()))
     triangles = _triangles(body)
     if triangles is None:
-        raise RobotLoadError(
-            f"{path}: the shape {brief(item.name)} is a {kind}, expected a box, "
-            "sphere, cylinder, capsule, cone, ellipsoid, mesh or convex one",
-            path,
+        XmlContext(path).fail(
+            f"the shape {brief(item.name)} is a {kind}, expected a box, sphere, "
+            "cylinder, capsule, cone, ellipsoid, mesh or convex one"
         )
     corners, faces = frozen_array(triangles[0]), triangles[1]
     return Shape("mesh", (1.0, 1.0, 1.0), place, "", corners, faces)

@@ -184,7 +184,7 @@ def read_motion(
     try:
         content = read(read_bytes(path, MAX_MESSAGE if held else MAX_BYTES), path)
         whole = ros.read_message(Field(content, path)) if held else content
-        samples = _checked(whole, path)
+        samples = _checked(whole, Field(None, path))
     except ProblemError as error:  # the content is not valid samples
         raise ScenarioError(f"{path}: {error}", path, error.field) from error
     if interpolation is not None:
@@ -192,24 +192,21 @@ def read_motion(
     return samples, content if held else None
 
 
-def _checked(samples: Samples, path: Path) -> Samples:
+def _checked(samples: Samples, file: Field) -> Samples:
     """Check the values of samples from a file; names and shapes are checked already."""
     for key, (row, *joint) in _not_finite(samples):
         where = f"row {row + 1}"
         if joint:
             where += f", joint {samples.joint_names[joint[0]]!r}"
-        message = f"{path}: {key} is not a finite number in {where}"
-        raise ScenarioError(message, path, key)
+        file.get(key).fail(f"is not a finite number in {where}")
     if not samples.t.size:
-        raise ScenarioError(f"{path} holds 0 rows, expected 1 or more", path)
+        file.fail("holds 0 rows, expected 1 or more")
     back = np.flatnonzero(np.diff(samples.t) < TINY)
     if back.size:
         k = int(back[0])
-        raise ScenarioError(
-            f"{path}: the time must increase, but is {samples.t[k]} s in row {k + 1} "
-            f"and {samples.t[k + 1]} s in the next",
-            path,
-            "time",
+        file.get("time").fail(
+            f"must increase, but is {samples.t[k]} s in row {k + 1} and "
+            f"{samples.t[k + 1]} s in the next"
         )
     return samples
 

@@ -364,11 +364,8 @@ def parse_bag(content: bytes, path: Path) -> dict[str, Any]:
             why = " ".join(str(error).replace(str(copy), str(path)).split())[:300]
             raise ScenarioError(f"{path} is not an MCAP bag: {why}", path) from error
     if len(held) != 1:
-        raise ScenarioError(
-            f"{path} holds {len(rows)} messages {TYPE}, expected one",
-            path,
-            "points",
-        )
+        fault = f"holds {len(rows)} messages {TYPE}, expected one"
+        Field(None, path, "points").fail(fault)
     return asdict(held[0], dict_factory=_plain)
 
 

@@ -809,10 +809,9 @@ def save_scenario(
     for name in (key for key in files if f'"{key}"'.encode() not in former):
         file, new = path.parent / name, files[name]
         if file.exists() and read_bytes(file, max(len(new), MAX_BYTES)) != new:
-            raise ScenarioError(
-                f"{file} would be replaced by the robot of {path}, but belongs to "
-                "something else; expected another name of the scenario",
-                file,
+            Field(None, file).fail(
+                f"would be replaced by the robot of {path}, but belongs to something "
+                "else; expected another name of the scenario"
             )
     _write_files(path.parent, files)
     return write_bytes(path, content)

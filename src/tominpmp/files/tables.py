@@ -21,7 +21,8 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from tominpmp.arrays import Array, to_number
-from tominpmp.exceptions import ScenarioError, brief, shortened
+from tominpmp.description.fields import Field
+from tominpmp.exceptions import brief, shortened
 from tominpmp.motion.samples import Samples
 from tominpmp.problem.segments import MOST_SEGMENTS
 
@@ -81,20 +82,21 @@ def read_csv(content: bytes, path: Path) -> Samples:
         ScenarioError: If it is not a valid table; names the line and the column.
     """
     # Reading line by line: a whole table of texts takes ten times its memory.
-    file = io.TextIOWrapper(io.BytesIO(content), "utf-8-sig", newline="")
-    lines = csv.reader(_short_lines(file, path), strict=True)
+    text = io.TextIOWrapper(io.BytesIO(content), "utf-8-sig", newline="")
+    file = Field(None, path)
+    lines = csv.reader(_short_lines(text, file), strict=True)
     try:
         header = next(lines, [])
         numbered = header[-1:] == [SEGMENT]
-        joint_names, quantities = _header(header[:-1] if numbered else header, path)
-        table = _table(lines, header, path)
+        joint_names, quantities = _header(header[:-1] if numbered else header, file)
+        table = _table(lines, header, file)
     except (UnicodeDecodeError, csv.Error) as error:
-        raise ScenarioError(f"{path} is not a CSV file: {error}", path) from error
+        file.fail(f"is not a CSV file: {error}")
     n = len(joint_names)
     parts = {
         key: table[:, 1 + i * n : 1 + (i + 1) * n] for i, key in enumerate(quantities)
     }
-    ends = _segment_ends(table, path) if numbered and len(table) else None
+    ends = _segment_ends(table, file) if numbered and len(table) else None
     return filled_samples(joint_names, table[:, 0], parts, segment_ends=ends)
 
 
@@ -114,75 +116,61 @@ def filled_samples(
     return Samples(joint_names, t, q, v, a, u, **more)
 
 
-def _segment_ends(table: Array, path: Path) -> Array:
+def _segment_ends(table: Array, file: Field) -> Array:
     """Times of the first row of each segment but the first, and of the last row [s]."""
     # A segment that takes no time has no row of its own.
     step = np.diff(table[:, -1], prepend=1.0)
     wrong = np.flatnonzero(~((step >= 0.0) & (step < MOST_SEGMENTS) & (step % 1 == 0)))
     if wrong.size:
         row = int(wrong[0])
-        raise ScenarioError(
-            f"{path}, row {row + 1}: the segment is {table[row, -1]:g}, expected whole "
-            "numbers from 1 that do not decrease",
-            path,
-            SEGMENT,
+        file.get(SEGMENT).fail(
+            f"is {table[row, -1]:g} in row {row + 1}, expected whole numbers from 1 "
+            "that do not decrease"
         )
     return np.append(np.repeat(table[:, 0], step.astype(np.int64)), table[-1, 0])
 
 
-def _short_lines(file: io.TextIOWrapper, path: Path) -> Iterator[str]:
+def _short_lines(text: io.TextIOWrapper, file: Field) -> Iterator[str]:
     """Lines of a file; raises an error if they are too long or too many."""
     number = 0
-    while line := file.readline(LONGEST_LINE):
+    while line := text.readline(LONGEST_LINE):
         number += 1
         if len(line) == LONGEST_LINE or number > MAX_ROWS + 1:
-            raise ScenarioError(
-                f"{path}, line {number}: more than {LONGEST_LINE} characters in a "
-                f"line, or {MAX_ROWS} rows",
-                path,
-            )
+            most = f"{LONGEST_LINE} characters in a line, or {MAX_ROWS} rows"
+            file.fail(f"line {number}: more than {most}")
         yield line
 
 
-def _table(lines: Iterator[list[str]], header: list[str], path: Path) -> Array:
+def _table(lines: Iterator[list[str]], header: list[str], file: Field) -> Array:
     """Numbers below the header, one row per line, shape (N, columns)."""
     numbers = array("d")
     for number, line in enumerate(lines, start=2):
         if not line:
             continue
         if len(line) != len(header):
-            raise ScenarioError(
-                f"{path}, line {number}: {len(line)} values for {len(header)} columns",
-                path,
-            )
+            counts = f"{len(line)} values for {len(header)} columns"
+            file.fail(f"line {number}: {counts}")
         if len(numbers) + len(line) > MAX_NUMBERS:
-            raise ScenarioError(f"{path} holds more than {MAX_NUMBERS} numbers", path)
+            file.fail(f"holds more than {MAX_NUMBERS} numbers")
         for column, word in zip(header, line, strict=True):
             try:
                 numbers.append(to_number(word))
-            except ValueError as error:
-                raise ScenarioError(
-                    f"{path}, line {number}, column {column}: {brief(word)} is not "
-                    "a number",
-                    path,
-                    column,
-                ) from error
+            except ValueError:
+                file.get(column).fail(f"{brief(word)} in line {number} is not a number")
     return np.array(numbers).reshape(-1, len(header))
 
 
-def _header(header: list[str], path: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _header(header: list[str], file: Field) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Joint names and quantities of the columns."""
     names = tuple(column[2:] for column in header if column.startswith("q_"))
     kinds = tuple(key for key in QUANTITIES if names and f"{key}_{names[0]}" in header)
     if names and header == _columns(names, kinds):
         return names, kinds
-    raise ScenarioError(
-        f"{path}, line 1: expected the columns time, q_<joint>, ..., v_<joint>, "
-        "..., a_<joint>, ..., u_<joint>, ... (the last three kinds may be left out; a "
+    file.fail(
+        f"line 1: expected the columns time, q_<joint>, ..., v_<joint>, ..., "
+        "a_<joint>, ..., u_<joint>, ... (the last three kinds may be left out; a "
         f"column {SEGMENT} may follow), found: "
-        f"{shortened(repr(', '.join(header)), 200)}",
-        path,
-        "time" if header[:1] != ["time"] else None,
+        f"{shortened(repr(', '.join(header)), 200)}"
     )
 
 
@@ -192,7 +180,7 @@ def read_npz(content: bytes, path: Path) -> Samples:
     Raises:
         ScenarioError: If it is not a valid archive; names the array.
     """
-    keys = ("joint_names", "t", *QUANTITIES, "segment_ends")
+    keys, file = ("joint_names", "t", *QUANTITIES, "segment_ends"), Field(None, path)
     try:
         if content.count(b"PK\x01\x02") > MAX_MEMBERS:
             raise ValueError(f"it has more than {MAX_MEMBERS} members")
@@ -201,21 +189,16 @@ def read_npz(content: bytes, path: Path) -> Samples:
             arrays = {key: _array(archive, key) for key in keys if key in files}
             held = ", ".join(files)[:200] or "nothing"
     except Exception as error:  # a damaged archive may raise anything
-        why = shortened(str(error), 300)
-        raise ScenarioError(f"{path} is not an NPZ file: {why}", path) from error
-    missing = [key for key in ("joint_names", "t", "q") if key not in arrays]
-    if missing:
-        raise ScenarioError(
-            f"{path} lacks {', '.join(missing)}; it holds: {held}", path, missing[0]
-        )
+        file.fail(f"is not an NPZ file: {shortened(str(error), 300)}")
+    for key in ("joint_names", "t", "q"):
+        if key not in arrays:
+            file.get(key).fail(f"is missing; the file holds: {held}")
     names = arrays.pop("joint_names")
     if names.ndim != 1 or names.dtype.kind != "U":
-        raise ScenarioError(
-            f"{path}: joint_names is not a list of names", path, "joint_names"
-        )
+        file.get("joint_names").fail("is not a list of names")
     for key, values in arrays.items():
         if values.dtype.kind not in "fiu":
-            raise ScenarioError(f"{path}: {key} does not hold numbers", path, key)
+            file.get(key).fail("does not hold numbers")
     t, ends = arrays.pop("t"), arrays.pop("segment_ends", None)
     return filled_samples(tuple(names.tolist()), t, arrays, segment_ends=ends)
 
