@@ -191,7 +191,10 @@ WRONG = [
     (lambda: mover(lambda t: np.eye(3)), "placement at 0 s is array.*a 4x4 matrix"),
     (lambda: mover(lambda t: 2 * np.eye(4)), "placement at 0 s is .*a 4x4 matrix"),
     (lambda: mover(lambda t: np.diag([2, 2, 2, 1])), "at 0 s is .*orthonor"),
-    (lambda: mover(WAY, position=(1, 2, 3)), r"position is \[1.*motion begins at \[-2"),
+    (
+        lambda: mover(WAY, position=(1, 2, 3)),
+        r"position is \[1.*motion begins with \[-2",
+    ),
     (lambda: mover(WAY, rotation=(0, 0, 1, 1)), "rotation is .*begins with"),
 ]
 

@@ -76,13 +76,8 @@ def export(
     write = WRITERS[checked_ending(path, WRITERS, NOT_KEPT)]
     check_options(path, with_effort, message)
     samples = file_samples(trajectory, path, dt, with_effort=with_effort)
-    for key, (row, joint) in _not_finite(samples):
-        raise ProblemError(
-            f"the motion has {key} = {getattr(samples, key)[row, joint]} for joint "
-            f"{brief(samples.joint_names[joint])} at {samples.t[row]:.6g} s: "
-            "expected a finite number",
-            key,
-        )
+    for key, fault in _not_finite(samples):
+        raise ProblemError(f"{key} of the motion {fault}", key)
     which = [message or ros.MESSAGE] if is_message(path) else []
     return write_file(path, lambda file: write(samples, file, *which))
 
@@ -133,12 +128,17 @@ def check_options(path: str | Path, with_effort: bool, message: str | None) -> N
             )
 
 
-def _not_finite(samples: Samples) -> Iterator[tuple[str, list[int]]]:
-    """Quantities with values that are not finite, and row and joint of the first."""
+def _not_finite(samples: Samples) -> Iterator[tuple[str, str]]:
+    """Quantities with values that are not finite, and the first value, in a clause."""
     for key in ("t", *tables.known_quantities(samples)):
-        wrong = np.argwhere(~np.isfinite(getattr(samples, key)))
-        if len(wrong):
-            yield key, wrong[0].tolist()
+        values = getattr(samples, key)
+        wrong = np.argwhere(~np.isfinite(values)).tolist()
+        if wrong:
+            row, *joint = wrong[0]
+            place = f"in row {row + 1}, at {samples.t[row]:.6g} s"
+            place += "".join(f", joint {brief(samples.joint_names[i])}" for i in joint)
+            value = values[tuple(wrong[0])]
+            yield key, f"is {value} {place}: expected a finite number"
 
 
 def load_motion(
@@ -194,11 +194,8 @@ def read_motion(
 
 def _checked(samples: Samples, file: Field) -> Samples:
     """Check the values of samples from a file; names and shapes are checked already."""
-    for key, (row, *joint) in _not_finite(samples):
-        where = f"row {row + 1}"
-        if joint:
-            where += f", joint {samples.joint_names[joint[0]]!r}"
-        file.get(key).fail(f"is not a finite number in {where}")
+    for key, fault in _not_finite(samples):
+        file.get(key).fail(fault)
     if not samples.t.size:
         file.fail("holds 0 rows, expected 1 or more")
     back = np.flatnonzero(np.diff(samples.t) < TINY)

@@ -154,19 +154,17 @@ def _agreed_start(given: Placement, begins: Placement) -> Placement:
     Raises:
         SceneError: If the placements differ.
     """
-    if np.any(given.p) and float(np.linalg.norm(given.p - begins.p)) > SAME:
-        wrong = "position", given.p, "at", begins.p
-    elif not (
-        np.array_equal(given.R, np.eye(3)) or np.allclose(given.R, begins.R, atol=SAME)
+    for name, value, first, usual in (
+        ("position", given.p, begins.p, np.zeros(3)),
+        ("rotation", given.R, begins.R, np.eye(3)),
     ):
-        wrong = "rotation", given.R, "with", begins.R
-    else:
-        return begins
-    name, value, how, other = wrong
-    raise SceneError(
-        f"{name} is {value.tolist()}, and its motion begins {how} "
-        f"{other.tolist()}: expected the same, or no {name}"
-    )
+        free = np.array_equal(value, usual)
+        if not free and not np.allclose(value, first, atol=SAME):
+            raise SceneError(
+                f"{name} is {value.tolist()}, and its motion begins with "
+                f"{first.tolist()}: expected the same, or no {name}"
+            )
+    return begins
 
 
 def _checked_times(value: Array, name: str = "times") -> Array:
