@@ -97,7 +97,7 @@ def test_wrong_segment_numbers_in_a_file_are_rejected(solution, tmp_path, wrong)
     lines = path.read_text().splitlines()
     lines[1] = lines[1].rpartition(",")[0] + f",{wrong}"
     path.write_text("\n".join(lines))
-    with pytest.raises(tm.ScenarioError, match="segment is"):
+    with pytest.raises(tm.ScenarioError, match="segment: is"):
         tm.load_motion(path)
 
 

@@ -644,22 +644,17 @@ def _check_given_back(
     """
     # The warnings were shown when the robot was loaded.
     with tempfile.TemporaryDirectory() as name, quiet(Warning):
-        if not files:
-            if read_robot(Field(table, path, "robot")) != robot:
-                raise TypeError(
-                    "it differs from its files by more than the arguments of load_robot"
-                )
-            return
         # Paths of the table are relative to its folder, which is temporary here.
-        copy = Path(name) / path.name
-        table = robot_table(robot, copy, {})
+        copy = Path(name) / path.name if files else path
+        table = robot_table(robot, copy, {}) if files else table
         _write_files(copy.parent, files)
         restored = read_robot(Field(table, copy, "robot"))
         difference = difference_of(restored, robot)
-    if difference:
+    if difference or not (files or restored == robot):
         raise TypeError(
-            f"it was loaded from {robot.urdf_path}, and a URDF file of it would have "
-            f"other {difference}; expected one that was loaded from a file"
+            f"it was loaded from {robot.urdf_path}, and files of it would have other "
+            f"{difference or 'descriptions'}; expected one that differs from its file "
+            "by arguments of load_robot alone"
         )
 
 
