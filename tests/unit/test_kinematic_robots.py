@@ -244,9 +244,7 @@ def test_moveit_requests_need_acceleration_limits(tmp_path: Path) -> None:
     )
     problem = tm.load_moveit(URDF, *files, kinematic=True, joint_limits=limits)
     assert tm.plan(problem).T == pytest.approx(0.5**0.5, rel=1e-5)
-    with pytest.raises(
-        tm.ProblemError, match=r"joint_limits is given.*load_joint_limits"
-    ):
+    with pytest.raises(tm.ProblemError, match=r"joint_limits is .*load_joint_limits"):
         tm.load_moveit(arm(), *files, joint_limits=limits)
     with pytest.raises(tm.ProblemError, match="kinematic is True"):
         tm.load_moveit(tm.load_robot("planar3r"), *files, kinematic=True)

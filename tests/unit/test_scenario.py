@@ -659,7 +659,9 @@ def test_save_scenario_rejects_problems_that_no_file_can_hold(
     heavy = planar3r.model.copy()
     heavy.inertias[3] = heavy.inertias[3] + heavy.inertias[3]
     problem = problem_of(replace(planar3r, model=heavy))
-    with pytest.raises(ScenarioError, match="robot: cannot be saved: .*other inertias"):
+    with pytest.raises(
+        ScenarioError, match=r"robot: cannot be saved: .*other inertias"
+    ):
         save_scenario(tmp_path / "s.toml", problem)
     gate = Sphere("gate", radius=0.1, motion=lambda t: np.eye(4) * [1, 1, 1, 1])
     object.__setattr__(problem, "robot", planar3r)

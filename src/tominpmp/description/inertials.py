@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tominpmp.arrays import Array
 from tominpmp.description.joint_table import KINEMATIC, JointTable, example_values
 from tominpmp.description.tree import UrdfDescription
-from tominpmp.exceptions import RobotLoadError, enumerated, warn_caller
+from tominpmp.exceptions import enumerated, warn_caller
 
 # Moments below this share of the mass times 1 m^2 count as zero.
 POINT = 1e-9
@@ -148,7 +148,7 @@ def check_inertia(
         RobotLoadError: If joints move impossible bodies, or the mass matrix is
             singular; names the joints.
     """
-    path, names = description.path, table.joint_names
+    names = table.joint_names
     matrix = np.eye(len(names)) if matrix is None else matrix
     ratios, shift = np.abs(matrix), 0.0 if offset is None else offset
     no_rotor = ratios @ table["armature"] == 0.0
@@ -158,11 +158,10 @@ def check_inertia(
         leaders = np.unique([ratios[joint - 1].argmax() for joint in wrong])
         faults = [f"{_named_body(model, joint)} {wrong[joint]}" for joint in wrong]
         rotors = example_values([names[leader] for leader in leaders.tolist()])
-        raise RobotLoadError(
-            f"{path}: {listed(faults)}: correct the <inertial> elements, or "
-            f"give armature={rotors} [kg m^2 or kg] to plan with them nevertheless, or "
-            f"{KINEMATIC}",
-            path,
+        description.fail(
+            f"{listed(faults)}: correct the <inertial> elements, or give "
+            f"armature={rotors} [kg m^2 or kg] to plan with them nevertheless, or "
+            f"{KINEMATIC}"
         )
     rng = np.random.default_rng(0)
     low, high = np.clip(table.ends, -np.pi, np.pi)
@@ -182,13 +181,11 @@ def check_inertia(
             ]
             least = float(np.diag(mass)[singular].min())
             why = f"what the <inertial> elements give is {least:.2g} kg m^2 or kg"
-            raise RobotLoadError(
-                f"{path}: {' and '.join(joints)} can move without any inertia "
-                f"({', '.join(lacking) or why}), so that "
-                "any torque would accelerate them without bound: give "
-                f"armature={example_values(joints)} [kg m^2 or kg], correct the "
-                f"<inertial> elements, or give {KINEMATIC}",
-                path,
+            description.fail(
+                f"{' and '.join(joints)} can move without any inertia "
+                f"({', '.join(lacking) or why}), so that any torque would accelerate "
+                f"them without bound: give armature={example_values(joints)} [kg m^2 "
+                f"or kg], correct the <inertial> elements, or give {KINEMATIC}"
             )
 
 

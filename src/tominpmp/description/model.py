@@ -24,7 +24,7 @@ from tominpmp.description.tree import (
     Shape,
     UrdfDescription,
 )
-from tominpmp.exceptions import RobotLoadError, warn_caller
+from tominpmp.exceptions import warn_caller
 
 # Size beyond which a link must be in other units, for example millimetres [m].
 LARGE = 100.0
@@ -126,11 +126,10 @@ def build_geometry(
             try:
                 solid = _solid(shape, load)
             except Exception as error:  # mesh readers may raise anything
-                raise RobotLoadError(
-                    f"{description.path}: link {link.name}, {shape.file or shape.kind}:"
-                    f" the geometry cannot be read: {one_line(error)}",
-                    description.path,
-                ) from error
+                description.fail(
+                    f"link {link.name}, {shape.file or shape.kind}: the geometry "
+                    f"cannot be read: {one_line(error)}"
+                )
             item = pin.GeometryObject(
                 f"{link.name}_{number}",
                 int(frame.parentJoint),

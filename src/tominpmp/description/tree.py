@@ -12,13 +12,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, IntArray, Record, frozen_array
-from tominpmp.exceptions import enumerated, warn_caller
+from tominpmp.exceptions import RobotLoadError, enumerated, warn_caller
 
 # Link to which the bases of combined robots are fixed, and link below a robot whose
 # base was moved in the world.
@@ -177,6 +177,14 @@ class UrdfDescription(Record):
     order: tuple[str, ...] = ()
     mount: str = ""
     xacro_args: tuple[tuple[str, object], ...] = ()
+
+    def fail(self, message: str) -> NoReturn:
+        """Raise an error about the file.
+
+        Raises:
+            RobotLoadError: Always.
+        """
+        raise RobotLoadError(f"{self.path}: {message}", self.path)
 
     @property
     def links(self) -> tuple[str, ...]:

@@ -22,7 +22,7 @@ from xml.etree.ElementTree import Element
 from tominpmp.checks import wrong
 from tominpmp.description.files import find_package
 from tominpmp.description.paths import read_bytes
-from tominpmp.description.xml_reader import MAX_BYTES, parse_xml
+from tominpmp.description.xml_reader import MAX_BYTES, XmlContext, parse_xml
 from tominpmp.exceptions import (
     OptionsError,
     RobotLoadError,
@@ -174,9 +174,7 @@ def _guarded(path: Path, package_dirs: Sequence[Path]) -> Iterator[None]:
         for node in ast.walk(tree):
             name = getattr(node, "attr", getattr(node, "id", ""))
             if name.startswith("__") or name in FRAMES:
-                raise RobotLoadError(
-                    f"{path}: refused: {brief(name)} in {brief(source)}", path
-                )
+                XmlContext(path).fail(f"refused: {brief(name)} in {brief(source)}")
         dict.update(names, __builtins__={})
         return eval(compile(tree, "<expression>", "eval"), names, more)
 

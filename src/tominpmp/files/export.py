@@ -118,8 +118,7 @@ def check_options(path: str | Path, with_effort: bool, message: str | None) -> N
         ProblemError: If an option is unknown or does not apply.
     """
     flag(with_effort, "with_effort")
-    if message is not None:
-        choice(message, tuple(ros.MESSAGES), "message")
+    choice(message, (None, *ros.MESSAGES), "message")
     for name, value in (("with_effort", with_effort), ("message", message)):
         if value and not is_message(path):
             raise ProblemError(

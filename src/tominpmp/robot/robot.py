@@ -480,8 +480,7 @@ def assembled(
     plain = build_model(description, linkage.locked)
     joint_names, *ties = expansion(plain, linkage.followers, description.order)
     if not joint_names:
-        path = description.path
-        raise RobotLoadError(f"{path}: no joint is left that moves", path)
+        description.fail("no joint is left that moves")
     joints = table_for(joint_names)
     values |= {loss: joints[loss] for loss in LOSSES}
     return Robot(
