@@ -125,16 +125,11 @@ def base_placement(name: str, base: object, field: str = "robots") -> pin.SE3:
 
 
 def _common_gravity(robots: Mapping[str, Robot]) -> Array:
-    (first, robot), *others = robots.items()
-    for name, other in others:
-        if not np.array_equal(robot.gravity, other.gravity):
-            raise ProblemError(
-                f"robots: gravity is {robot.gravity.tolist()} for {first!r} and "
-                f"{other.gravity.tolist()} for {brief(name)}; expected the argument "
-                "gravity",
-                "gravity",
-            )
-    return robot.gravity
+    each = {name: tuple(robot.gravity.tolist()) for name, robot in robots.items()}
+    if len({*each.values()}) > 1:
+        fault = f"gravity differs, {each}; expected the argument gravity"
+        raise ProblemError(f"robots: {fault}", "gravity")
+    return next(iter(robots.values())).gravity
 
 
 def _all_kinematic(robots: Mapping[str, Robot]) -> bool:

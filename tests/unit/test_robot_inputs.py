@@ -345,7 +345,7 @@ def test_modules_of_robot_descriptions_are_read(
     with pytest.raises(tm.RobotLoadError, match=r"cannot be loaded: .*nowhere_at_all"):
         tm.load_robot("bad_description")
     with pytest.raises(
-        tm.RobotLoadError, match="none of the files URDF_PATH, XACRO_PATH"
+        tm.RobotLoadError, match=r"other_mj_description.* a URDF_PATH, XACRO_PATH"
     ):
         tm.load_robot(other)
 

@@ -17,7 +17,7 @@ from xml.etree.ElementTree import Element
 
 from tominpmp.arrays import Record
 from tominpmp.description.paths import checked_path
-from tominpmp.description.tree import JointDescription, UrdfDescription
+from tominpmp.description.tree import UNREAD, JointDescription, UrdfDescription, warn_of
 from tominpmp.description.xacro_files import Arguments, expanded_root
 from tominpmp.description.xml_reader import (
     XmlContext,
@@ -30,14 +30,14 @@ from tominpmp.exceptions import (
     RobotLoadError,
     brief,
     closest,
+    shortened,
     warn_caller,
 )
 
 # Usual names of group states with rest positions, in the order of preference.
 REST_STATES = ("default", "neutral", "home", "half_sitting")
-# Elements that are read, and those without effect on a motion: hands and tools, spheres
-# for other collision checkers, metrics of samplers, footprints.
-READ = {
+# Elements that are read, and those without effect on a motion.
+KNOWN = {
     "disable_collisions",
     "disable_default_collisions",
     "enable_collisions",
@@ -46,8 +46,8 @@ READ = {
     "passive_joint",
     "rotor_params",
     "virtual_joint",
-}
-WITHOUT_EFFECT = {
+    # Hands and tools, metrics of samplers, spheres for other collision checkers,
+    # footprints.
     "end_effector",
     "gripper",
     "joint_property",
@@ -198,10 +198,8 @@ def read_srdf(
     context = XmlContext(path)
     if root.tag != "robot":
         context.fail(f"is not an SRDF file: its root is <{root.tag}>, not <robot>")
-    unread = {element.tag for element in root} - READ - WITHOUT_EFFECT
-    if unread:
-        names = ", ".join(f"<{str(tag)[:80]}>" for tag in sorted(unread, key=str)[:10])
-        warn_caller(f"{path}: not read: {names}")
+    unread = {f"<{shortened(child.tag)}>" for child in root if child.tag not in KNOWN}
+    warn_of({UNREAD: sorted(unread)}, path)
     return _SrdfReader(root, context, description).read()
 
 

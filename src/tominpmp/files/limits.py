@@ -38,8 +38,9 @@ from tominpmp.arrays import Record, record
 from tominpmp.checks import flag, instance, names, number
 from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_path
+from tominpmp.description.tree import warn_of
 from tominpmp.description.yaml_reader import read_yaml
-from tominpmp.exceptions import JointNotFound, ScenarioError, brief, warn_caller
+from tominpmp.exceptions import JointNotFound, ScenarioError, brief
 from tominpmp.files.records import blaming, warn_of_keys
 from tominpmp.motion_limits import (
     EffortCurve,
@@ -181,7 +182,7 @@ def load_limited_robot(
 
 def _warn_of_joints(limits: MoveItLimits, robot: Robot) -> None:
     joints = {joint.name: joint for joint in robot.description.joints}
-    unknown = [brief(joint) for joint in limits.joints if joint not in joints][:20]
+    unknown = [brief(joint) for joint in limits.joints if joint not in joints]
     moving = [joint for joint in limits.joints if joint not in robot.locked_joints]
     led = [joint for joint in moving if joint in joints and joints[joint].mimic]
     scalings = limits.velocity_scaling, limits.acceleration_scaling
@@ -190,14 +191,12 @@ def _warn_of_joints(limits: MoveItLimits, robot: Robot) -> None:
         for key, value in zip(_SCALINGS, scalings, strict=True)
         if value < 1.0
     ]
-    notes = {
-        f"the robot has no joints {', '.join(unknown)}": unknown,
-        f"limits of joints that follow others are not used: {', '.join(led)}": led,
-        f"the limits are not scaled by {' and '.join(factors)}": factors,
+    remarks = {
+        "the robot has no joints {}": unknown,
+        "limits of joints that follow others are not used: {}": led,
+        "the limits are not scaled by {}": factors,
     }
-    warnings = [note for note, found in notes.items() if found]
-    if warnings:
-        warn_caller(f"{limits.path}: {'; '.join(warnings)}")
+    warn_of(remarks, limits.path)
 
 
 def load_joint_limits(path: str | Path) -> MoveItLimits:

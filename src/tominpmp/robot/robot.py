@@ -318,8 +318,7 @@ class Robot(Record):
         """
         states = self.group_states
         if not isinstance(name, str) or name not in states:
-            known = list(states)
-            message = unknown("group state", name, known, "the robot has")
+            message = unknown("group state", name, list(states), "the robot has")
             raise ProblemError(message, "name")
         lacking = [joint for joint in self.joint_names if joint not in states[name]]
         if lacking:
@@ -511,7 +510,8 @@ DATASHEET, URDF = "datasheet", "urdf"
 MODULE_ENDING = "_description"
 EXPECTED = (
     "the name of a robot, the path or the text of a URDF file, a pinocchio.Model, a "
-    "yourdfpy.URDF or a module of robot_descriptions"
+    "yourdfpy.URDF or a module of robot_descriptions with a URDF_PATH, XACRO_PATH or "
+    "MJCF_PATH"
 )
 
 
@@ -698,9 +698,14 @@ def _find_files(source: object) -> tuple[RobotFiles, tuple[Path, ...], bytes | N
         if not module or name in robot_names():
             return find_robot(source), (), None
         source = _imported_module(name)
-    elif not name.startswith("robot_descriptions") and not _paths(source, _PATHS):
+    paths = _paths(source, _PATHS)
+    if not paths:
         raise RobotLoadError(f"the robot is {brief(source)}, expected {EXPECTED}")
-    return *_module_files(source, name), None
+    folders = _paths(source, ("PACKAGE_PATH", "REPOSITORY_PATH"))
+    packages = {p for folder in folders for p in (folder, folder.parent) if p.is_dir()}
+    named = name.rpartition(".")[2] or None
+    files = RobotFiles(paths[0], find_srdf(paths[0]), named)
+    return files, tuple(sorted(packages)), None
 
 
 def _imported_module(name: str) -> Any:
@@ -721,18 +726,6 @@ def _imported_module(name: str) -> Any:
         raise RobotLoadError(
             f"robot_descriptions.{name} cannot be loaded: {brief(str(error), 200)}"
         ) from error
-
-
-def _module_files(module: Any, name: str) -> tuple[RobotFiles, tuple[Path, ...]]:
-    paths = _paths(module, _PATHS)
-    if not paths:
-        raise RobotLoadError(
-            f"the module {brief(name)} has none of the files {', '.join(_PATHS)}"
-        )
-    folders = _paths(module, ("PACKAGE_PATH", "REPOSITORY_PATH"))
-    packages = {p for folder in folders for p in (folder, folder.parent) if p.is_dir()}
-    named = name.rpartition(".")[2] or None
-    return RobotFiles(paths[0], find_srdf(paths[0]), named), tuple(sorted(packages))
 
 
 def _paths(module: object, names: Sequence[str]) -> list[Path]:
