@@ -191,6 +191,7 @@ WRONG = [
     (lambda: mover(lambda t: np.eye(3)), "placement at 0 s is array.*a 4x4 matrix"),
     (lambda: mover(lambda t: 2 * np.eye(4)), "placement at 0 s is .*a 4x4 matrix"),
     (lambda: mover(lambda t: np.diag([2, 2, 2, 1])), "at 0 s is .*orthonor"),
+    (lambda: mover(lambda t: np.eye(4) + np.eye(4, k=-3)), "at 0 s is .*a 4x4 matrix"),
     (
         lambda: mover(WAY, position=(1, 2, 3)),
         r"position is \[1.*motion begins with \[-2",
