@@ -87,8 +87,8 @@ COMMAND = """
 """
 ARGUMENTS = (
     "plan planar3r --start 0.5 1.7 -1.7 --goal-position tip 4 1 0 --processes 2 "
-    "--obstacle sphere:O:r=0.8:at=4,0,0 --starts 40 --intervals 20 --max-planning-time inf "
-    "-o motion.csv"
+    "--obstacle sphere:O:r=0.8:at=4,0,0 --starts 40 --intervals 20 "
+    "--max-planning-time inf -o motion.csv"
 ).split()
 
 
