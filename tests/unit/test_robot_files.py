@@ -99,7 +99,7 @@ def test_bundled_robots_of_the_wheel_precede_a_checkout(
 
 @pytest.mark.parametrize("value", ["", None, 3])
 def test_value_that_is_neither_name_nor_path_is_refused(value: object) -> None:
-    with pytest.raises(RobotLoadError, match="expected the path of a file"):
+    with pytest.raises(RobotLoadError, match="expected the name"):
         find_robot(value)  # type: ignore[arg-type]
 
 

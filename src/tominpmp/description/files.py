@@ -96,7 +96,8 @@ def find_robot(name_or_path: str | os.PathLike[str]) -> RobotFiles:
     known = _known_robots(_example_folder(), _bundled_folder())
     if isinstance(name_or_path, str) and name_or_path in known:
         return known[name_or_path]
-    path = checked_path(name_or_path, "the robot", RobotLoadError)
+    expected = "the name of a robot or the path of a file"
+    path = checked_path(name_or_path, "the robot", RobotLoadError, expected)
     if isinstance(name_or_path, str) and path.name == name_or_path and not path.suffix:
         raise RobotLoadError(_unknown_name(name_or_path, known))
     return RobotFiles(path.absolute(), find_srdf(path.absolute()))

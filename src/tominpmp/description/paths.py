@@ -39,6 +39,7 @@ def checked_path(
     path: object,
     name: str = "path",
     error: type[TominpmpError] = ProblemError,
+    expected: str = "the path of a file",
 ) -> Path:
     """Check a caller's path, and expand ``~`` to the home folder.
 
@@ -48,7 +49,6 @@ def checked_path(
     Raises:
         TominpmpError: If it is not a valid path of a file; of the given class.
     """
-    expected = "the path of a file"
     text = os.fspath(path) if isinstance(path, str | os.PathLike) else None
     if isinstance(text, str) and text and "\0" not in text:
         try:
