@@ -28,7 +28,7 @@ import tominpmp as tm
 from benchmarks.cell_cases import TOOLS
 from benchmarks.random_goals import load_arm, sample_problems
 from tominpmp.goals.frames import FrameGoal
-from tominpmp.initial_guess.inverse_kinematics import Target, find_configurations
+from tominpmp.initial_guess.inverse_kinematics import Target
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -78,7 +78,7 @@ def timed(problem: tm.Problem) -> tuple[str, float, float]:
 def best_of_all(problem: tm.Problem, seed: list[int]) -> tuple[float, float, int]:
     """T of the best joint goal [s], processor time of all [s], and their number."""
     system, rng = ProblemFunctions.of(problem), np.random.default_rng(seed)
-    found = find_configurations(Target(system, problem.goal), TRIED, rng).free
+    found = Target(system, problem.goal).configurations(TRIED, rng).free
     plans = [
         timed(tm.Problem(problem.robot, problem.q_start, tm.JointGoal(q)))
         for q in found[:TRIED]

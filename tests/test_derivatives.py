@@ -21,12 +21,11 @@ from tominpmp.motion_limits import EffortCurve, MotionLimits
 from tominpmp.transcription import bspline
 from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.base import Transcription
-from tominpmp.transcription.bspline import BSplineTranscription
+from tominpmp.transcription.bspline import BSplineTranscription, InverseTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.integrator import rollout, sweep_adjoint
-from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram, SampledRows
 
@@ -169,7 +168,8 @@ def on_spline(system, shares, rng):
     of = InverseTranscription(system, shares, 0.6)
     points = near(system, of.intervals, rng)
     end = points[-1] + 0.02 * rng.normal(size=system.n)
-    return of, of.pack(points, end, lengths(shares, 0.6, rng))
+    points = np.vstack([system.problem.q_start, points, end])
+    return of, of.unknowns(points, lengths(shares, 0.6, rng))
 
 
 def lifted(system, shares, rng):

@@ -18,18 +18,17 @@ from tominpmp.solvers.loop import Loop
 from tominpmp.solvers.objective import MinimumTime
 from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.adjoint import AdjointTranscription
-from tominpmp.transcription.distance_rows import times_of_rows, with_rows_at
+from tominpmp.transcription.base import Rows
+from tominpmp.transcription.exchange import times_of_rows, with_rows_at
 from tominpmp.transcription.grid import (
     delayed_shares,
     interval_shares,
     segmented_shares,
 )
-from tominpmp.transcription.halving import HALVED_SHARE
 from tominpmp.transcription.instants import Instants
-from tominpmp.transcription.layout import Layout, split_intervals
+from tominpmp.transcription.layout import HALVED_SHARE, Layout, split_intervals
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
-from tominpmp.transcription.rows import Rows
 
 START, GOAL = (0.5, 1.7, -1.7), (0.5, 1.0, 1.0)
 # T on a grid four times finer may be smaller by this share.

@@ -15,8 +15,7 @@ from two_link_cases import all_cases
 
 import tominpmp as tm
 from tests.schedules import carried_out
-from tominpmp.initial_guess.bumps import HEIGHT, bumped, bumps
-from tominpmp.initial_guess.guess import SAMPLED, straight_guess
+from tominpmp.initial_guess.guess import HEIGHT, SAMPLED, bumped, bumps, straight_guess
 from tominpmp.planner import coarse_search, thorough
 from tominpmp.planner.automatic_options import resolve_options
 from tominpmp.planner.coarse_search import CoarseSearch

@@ -10,9 +10,9 @@ from two_link_cases import CASES
 
 import tominpmp as tm
 from tominpmp.options import Tolerances
+from tominpmp.transcription.bspline import InverseTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.grid import interval_shares
-from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.layout import split_intervals
 from tominpmp.transcription.problem_functions import ProblemFunctions
 

@@ -11,9 +11,9 @@ import tominpmp as tm
 from tominpmp.exact.shooting import ArcProgram
 from tominpmp.exact.structure import Arcs
 from tominpmp.exact.switching_times import steps_of
+from tominpmp.transcription.bspline import InverseTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.grid import delayed_shares
-from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.layout import split_intervals
 from tominpmp.transcription.problem_functions import ProblemFunctions
 

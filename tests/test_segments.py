@@ -16,9 +16,8 @@ import tominpmp as tm
 from tests.reference_optima import rail_time
 from tests.sample_arms import make_arm, rod, slide
 from tominpmp.kinematics import RobotKinematics
-from tominpmp.transcription.bspline import BSplineTranscription
+from tominpmp.transcription.bspline import BSplineTranscription, InverseTranscription
 from tominpmp.transcription.grid import segmented_shares
-from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 

@@ -45,6 +45,8 @@ FEWEST_PERIODS = 4
 # Largest value of numbers without a smaller one: beyond any use, while its square is
 # still finite.
 LARGEST = 1e9
+# Longest period of a controller [s].
+LONGEST_PERIOD = 1.0
 
 
 def _number(
@@ -73,31 +75,29 @@ def _torques(value: Any, name: str) -> Array:
 
 _positive = partial(_number, expected="a positive number", above=0.0)
 _share = partial(_number, expected="a number >= 0, or None")
+_slack = partial(_share, most=10.0)
 _weight = partial(_number, expected="a number >= 0 [1/(N^2 m^2) or s/J]")
 _solver = partial(checks.text, expected="the name of a solver")
-# Longest period of a controller [s].
-LONGEST_PERIOD = 1.0
+_period = partial(_positive, expected="a positive number [s]", most=LONGEST_PERIOD)
+_starts = partial(checks.whole, least=1, most=10_000)
+_tolerance = partial(
+    checks.number, expected="a tolerance >= 0", least=0.0, infinite=True
+)
 # Types of the options with their checks. Larger values are taken for a mistake, before
 # they fill the memory or start too many processes.
 Intervals: TypeAlias = Annotated[int, partial(checks.whole, least=4, most=10_000)]
 Iterations: TypeAlias = Annotated[int, partial(checks.whole, least=1, most=1_000_000)]
 Processes: TypeAlias = Annotated[int, partial(checks.whole, least=1, most=256)]
 Seed: TypeAlias = Annotated[int, partial(checks.whole, most=2**63 - 1)]
-StartsOrNone: TypeAlias = Annotated[
-    int | None, checks.optional(partial(checks.whole, least=1, most=10_000))
-]
+StartsOrNone: TypeAlias = Annotated[int | None, checks.optional(_starts)]
 Positive: TypeAlias = Annotated[float, _positive]
 PositiveOrNone: TypeAlias = Annotated[float | None, checks.optional(_positive)]
 TimeOrNone: TypeAlias = Annotated[float | None, checks.optional(_time_limit)]
-_period = partial(_number, expected="a positive number [s]", above=0.0)
-PeriodOrNone: TypeAlias = Annotated[
-    float | None, checks.optional(partial(_period, most=LONGEST_PERIOD))
-]
+PeriodOrNone: TypeAlias = Annotated[float | None, checks.optional(_period)]
 ShareOrNone: TypeAlias = Annotated[float | None, checks.optional(_share)]
-SlackOrNone: TypeAlias = Annotated[
-    float | None, checks.optional(partial(_share, most=10.0))
-]
+SlackOrNone: TypeAlias = Annotated[float | None, checks.optional(_slack)]
 Weight: TypeAlias = Annotated[float, _weight]
+Tolerance: TypeAlias = Annotated[float, _tolerance]
 SolverName: TypeAlias = Annotated[str, _solver]
 TorquesOrNone: TypeAlias = Annotated[Array | None, checks.optional(_torques)]
 CallbackOrNone: TypeAlias = Annotated[
@@ -106,8 +106,8 @@ CallbackOrNone: TypeAlias = Annotated[
 ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Tolerances:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Tolerances(Record):
     """Largest deviations with which the replay of a motion still confirms it.
 
     Attributes:
@@ -118,18 +118,15 @@ class Tolerances:
         contact: Clearance that may be missing at a start or goal in contact [m].
     """
 
-    goal: float = 1e-3
-    speed: float = 1e-2
-    limits: float = 5e-3
-    contact: float = 1e-5
+    goal: Tolerance = 1e-3
+    speed: Tolerance = 1e-2
+    limits: Tolerance = 5e-3
+    contact: Tolerance = 1e-5
 
     def __post_init__(self) -> None:
         """Check every tolerance."""
         with checks.raised_as(OptionsError):
-            for item in fields(self):
-                given, expected = getattr(self, item.name), "a tolerance >= 0"
-                found = checks.number(given, item.name, expected, 0.0, infinite=True)
-                object.__setattr__(self, item.name, found)
+            super().__post_init__()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -16,7 +16,6 @@ from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import Status
 from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
-from tominpmp.transcription.controls import driving_torque
 from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NOT_INTEGRATED, NonlinearProgram
@@ -254,7 +253,7 @@ def test_tracking_torques_follow_the_states_without_drift():
     s = np.linspace(0.0, 1.0, 41)[:, None]
     q = start + (3 * s**2 - 2 * s**3) * way
     x = np.hstack([q, (6 * s - 6 * s**2) * way])
-    open_loop = driving_torque(nlp.system, q, x[:, 3:], np.full(40, 1 / 40))
+    open_loop = nlp.system.driving_torque(q, x[:, 3:], np.full(40, 1 / 40))
     drifting = nlp.trajectory(nlp.transcription.pack(open_loop, eta))
     tracking = nlp.trajectory(nlp.transcription.tracking(x, eta))
     assert np.abs(drifting.q - q).max() > 0.5

@@ -10,7 +10,7 @@ import pytest
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tests.schedules import carried_out, loop_with
-from tominpmp.initial_guess.guess import GuessRequest, initial_guesses, straight_guess
+from tominpmp.initial_guess.guess import GuessRequest, straight_guess
 from tominpmp.planner.automatic_options import resolve_options
 from tominpmp.planner.coarse_search import CoarseSearch
 from tominpmp.planner.plan_state import PlanState
@@ -69,7 +69,7 @@ def test_start_ends_if_it_will_not_beat_an_earlier_one(monkeypatch):
     options = resolve_options(problem, tm.Options())
     system, state = ProblemFunctions.of(problem), PlanState(problem, options)
     search = CoarseSearch(system, state, torques=True)
-    lines = list(initial_guesses(system, GuessRequest(2, np.random.default_rng(0))))
+    lines = list(GuessRequest(2, np.random.default_rng(0)).guesses(system))
     best = carried_out(state, search.solve_coarse(lines[0]))
     carried_out(state, search.solve_coarse(lines[1]))
     monkeypatch.setattr(search, "_is_known", lambda shape: False)

@@ -10,7 +10,7 @@ import pytest
 import tominpmp as tm
 from tests.sample_arms import make_arm, rod, slide
 from tominpmp.exceptions import ProblemError
-from tominpmp.initial_guess.inverse_kinematics import Target, find_configurations
+from tominpmp.initial_guess.inverse_kinematics import Target
 from tominpmp.status import Status
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification.diagnosis import explain
@@ -35,8 +35,8 @@ START = [0.8, -1.6, 0.8]
 def test_inverse_kinematics_satisfies_the_constraints():
     goal = tm.PositionGoal("tip", (2.2, 0.5, 0.0))
     problem = tm.Problem(arm(), START, goal, constraints=(level(),))
-    found = find_configurations(
-        Target(ProblemFunctions.of(problem), goal), 10, np.random.default_rng(0)
+    found = Target(ProblemFunctions.of(problem), goal).configurations(
+        10, np.random.default_rng(0)
     )
     assert found.free
     ready = problem.ready_constraints[0]

@@ -12,12 +12,12 @@ from tominpmp.constraints.base import States
 from tominpmp.linear_programs.choice import make_solver
 from tominpmp.linear_programs.program import LinearProgram
 from tominpmp.solvers.trust_region_step import first_weight
+from tominpmp.transcription.base import Rows
+from tominpmp.transcription.bspline import InverseTranscription
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.instants import Instants
-from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
-from tominpmp.transcription.rows import Rows
 
 TENSOR = np.diag([2e-3, 3e-3, 4e-3])
 SQUARE = [(-0.03, -0.02), (0.05, -0.02), (0.05, 0.04), (-0.03, 0.04)]

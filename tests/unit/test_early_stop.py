@@ -10,18 +10,14 @@ import pytest
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tests.schedules import carried_out
-from tominpmp.initial_guess.guess import Guess, GuessRequest, initial_guesses
+from tominpmp.initial_guess.guess import Guess, GuessRequest
 from tominpmp.planner.candidate import Candidate, Fallback, KeptIterate, as_candidate
 from tominpmp.planner.coarse_search import CoarseSearch
 from tominpmp.planner.descent import descent_work
 from tominpmp.planner.first_program import first_program
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.planning import _finish
-from tominpmp.planner.work import (
-    _scaled,
-    make_and_repair,
-    use_fallback,
-)
+from tominpmp.planner.work import _scaled, make_and_repair, use_fallback
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.stopping import Deadline, Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -48,7 +44,7 @@ def test_plan_interrupted_at_once_returns_a_verified_motion():
 def test_slowed_timed_guess_is_feasible(intervals):
     """Regression: short intervals at both ends needed thirty times the torque limit."""
     system = ProblemFunctions.of(planar())
-    guess = next(initial_guesses(system, GuessRequest(1, np.random.default_rng(0))))
+    guess = next(GuessRequest(1, np.random.default_rng(0)).guesses(system))
     assert guess.timed
     options = tm.Options(method="inverse", intervals=intervals, control="constant")
     program, z = first_program(system, options, guess)
@@ -89,7 +85,7 @@ def with_coarse_fallback() -> PlanState:
     """A plan whose only motion is on a coarse grid, without a replay."""
     problem = planar()
     system, options = ProblemFunctions.of(problem), tm.Options(**RESOLVED)
-    guess = next(initial_guesses(system, GuessRequest(1, np.random.default_rng(0))))
+    guess = next(GuessRequest(1, np.random.default_rng(0)).guesses(system))
     state = PlanState(problem, options)
     search = CoarseSearch(system, state, torques=True)
     assert carried_out(state, search.solve_coarse(guess)) is not None
@@ -188,7 +184,7 @@ def test_guess_is_not_slowed_after_the_end_of_the_planning_time():
     """Regression: twelve slower motions were tried after the end, in 0.06 s."""
     problem = planar()
     system, options = ProblemFunctions.of(problem), tm.Options(**RESOLVED)
-    guess = next(initial_guesses(system, GuessRequest(1, np.random.default_rng(0))))
+    guess = next(GuessRequest(1, np.random.default_rng(0)).guesses(system))
     program, z = first_program(system, options, guess)
     begun = KeptIterate(program, Iterate.of(program, z, 1.0), False)
     candidate = as_candidate("guess", begun, begun, tm.Status.TIME_LIMIT)
@@ -205,7 +201,7 @@ def test_planning_time_is_reserved_for_the_first_replay():
     """
     problem = planar()
     system, options = ProblemFunctions.of(problem), tm.Options(**RESOLVED)
-    guess = next(initial_guesses(system, GuessRequest(1, np.random.default_rng(0))))
+    guess = next(GuessRequest(1, np.random.default_rng(0)).guesses(system))
     program, z = first_program(system, options, guess)
     slow = Iterate.of(program, program.time_scale(z, 3.0), 1.0)
     state = PlanState(problem, options.changed({"max_planning_time": 2.0}))
@@ -246,7 +242,7 @@ def test_replay_may_use_the_time_reserved_for_it(monkeypatch):
 
     monkeypatch.setattr(Candidate, "verified", verified)
     system = ProblemFunctions.of(problem)
-    guess = next(initial_guesses(system, GuessRequest(1, np.random.default_rng(0))))
+    guess = next(GuessRequest(1, np.random.default_rng(0)).guesses(system))
     assert make_and_repair(
         state, descent_work(system, state.options, guess, state)
     ).confirmed
@@ -266,7 +262,7 @@ def test_repair_of_a_self_collision_starts_from_the_guess(monkeypatch, free):
         problem = tm.Problem(problem.robot, problem.q_start, goal)
     state = PlanState(problem, tm.Options(**RESOLVED))
     system = ProblemFunctions.of(problem)
-    guess = next(initial_guesses(system, GuessRequest(1, np.random.default_rng(0))))
+    guess = next(GuessRequest(1, np.random.default_rng(0)).guesses(system))
     work = descent_work(system, state.options, guess, state)
 
     def make(system, doublings, former):

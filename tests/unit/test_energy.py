@@ -16,10 +16,9 @@ from tominpmp.motion.measures import ENERGIES
 from tominpmp.planner import energy, smoothing
 from tominpmp.solvers.time_and_energy import Energy
 from tominpmp.stopping import Stop
-from tominpmp.transcription.bspline import BSplineTranscription
+from tominpmp.transcription.bspline import BSplineTranscription, InverseTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.grid import interval_shares
-from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 

@@ -10,12 +10,11 @@ import pytest
 
 import tominpmp as tm
 from tominpmp.exceptions import ProblemError
-from tominpmp.initial_guess.guess import GuessRequest, initial_guesses
+from tominpmp.initial_guess.guess import GuessRequest
 from tominpmp.initial_guess.inverse_kinematics import (
     REACHED,
     GoalSearch,
     Target,
-    find_configurations,
     isolated,
 )
 from tominpmp.initial_guess.rrt import is_free
@@ -54,7 +53,7 @@ def turning(
 def search_goal(problem: tm.Problem) -> tuple[ProblemFunctions, GoalSearch]:
     system = ProblemFunctions.of(problem)
     rng = np.random.default_rng(0)
-    return system, find_configurations(Target(system, problem.goal), 20, rng)
+    return system, Target(system, problem.goal).configurations(20, rng)
 
 
 @pytest.mark.parametrize("two", [True, False])
@@ -109,9 +108,7 @@ def test_jacobian_of_clear_target_matches_finite_differences() -> None:
 def test_guesses_that_end_in_collision_are_marked_as_blocked() -> None:
     def first(problem: tm.Problem) -> bool:
         system = ProblemFunctions.of(problem)
-        return next(
-            initial_guesses(system, GuessRequest(1, np.random.default_rng(0)))
-        ).blocked
+        return next(GuessRequest(1, np.random.default_rng(0)).guesses(system)).blocked
 
     assert first(turning(False, *RING))
     assert not first(turning(False))

@@ -12,12 +12,8 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tominpmp.initial_guess.guess import GuessRequest, initial_guesses
-from tominpmp.initial_guess.inverse_kinematics import (
-    REACHED,
-    Target,
-    find_configurations,
-)
+from tominpmp.initial_guess.guess import GuessRequest
+from tominpmp.initial_guess.inverse_kinematics import REACHED, Target
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -50,7 +46,7 @@ def test_guess_reaches_a_pose_within_a_narrow_cone(seed: int) -> None:
     )
     system = ProblemFunctions.of(problem)
     # The first guess stays at the start.
-    _, guess = initial_guesses(system, GuessRequest(2, np.random.default_rng(seed)))
+    _, guess = GuessRequest(2, np.random.default_rng(seed)).guesses(system)
     reached = system.kinematics.placement(guess.q[-1], FRAME)
     assert np.allclose(reached.translation, pose.translation, atol=1e-5)
 
@@ -70,7 +66,7 @@ def test_goals_far_from_a_start_next_to_the_limits_are_reached() -> None:
     goal = tm.PoseGoal("tip", pose)
     problem = tm.Problem(robot, [2.76, 2.61, 2.61], goal, self_collision=False)
     target = Target(ProblemFunctions.of(problem), goal)
-    found = find_configurations(target, 20, np.random.default_rng(0))
+    found = target.configurations(20, np.random.default_rng(0))
     assert np.any([np.allclose(q, end, atol=1e-5) for q in found.free])
 
 
@@ -94,9 +90,7 @@ def test_search_finds_the_configurations_that_are_reached_soonest() -> None:
         system = ProblemFunctions.of(
             tm.Problem(robot, start, goal, self_collision=False)
         )
-        few = find_configurations(
-            Target(system, goal), 20, np.random.default_rng(0)
-        ).free
+        few = Target(system, goal).configurations(20, np.random.default_rng(0)).free
         wide = list[np.ndarray]()
         for _ in range(60):
             q = rng.uniform(limits.position_lower, limits.position_upper)

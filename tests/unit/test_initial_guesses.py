@@ -12,13 +12,8 @@ from scipy.optimize import brentq
 
 import tominpmp as tm
 from tominpmp.initial_guess import rrt as sampling
-from tominpmp.initial_guess.guess import GuessRequest, initial_guesses, sampled_guesses
-from tominpmp.initial_guess.inverse_kinematics import (
-    REACHED,
-    SPREAD,
-    Target,
-    find_configurations,
-)
+from tominpmp.initial_guess.guess import GuessRequest, sampled_guesses
+from tominpmp.initial_guess.inverse_kinematics import REACHED, SPREAD, Target
 from tominpmp.initial_guess.path import RoundedPath
 from tominpmp.initial_guess.rrt import is_free
 from tominpmp.initial_guess.segments import segmented_guesses
@@ -108,9 +103,7 @@ def test_inverse_kinematics_finds_several_distinct_configurations():
     robot = tm.load_robot("planar3r")
     problem = tm.Problem(robot, (0.5, 1.7, -1.7), tm.PositionGoal("tip", (4, 1, 0)))
     system = ProblemFunctions.of(problem)
-    search = find_configurations(
-        Target(system, problem.goal), 20, np.random.default_rng(0)
-    )
+    search = Target(system, problem.goal).configurations(20, np.random.default_rng(0))
     found = search.best
     assert len(found) >= 5
     assert search.least == 0.0
@@ -125,8 +118,8 @@ def test_guesses_are_reproducible_and_end_at_the_goal():
     robot = tm.load_robot("planar3r")
     problem = tm.Problem(robot, (0.5, 1.7, -1.7), tm.JointGoal((1.0, 0.5, 0.5)))
     system = ProblemFunctions.of(problem)
-    one = list(initial_guesses(system, GuessRequest(4, np.random.default_rng(5))))
-    two = list(initial_guesses(system, GuessRequest(4, np.random.default_rng(5))))
+    one = list(GuessRequest(4, np.random.default_rng(5)).guesses(system))
+    two = list(GuessRequest(4, np.random.default_rng(5)).guesses(system))
     assert len(one) == 4
     for a, b in zip(one, two, strict=True):
         np.testing.assert_array_equal(a.q, b.q)
@@ -138,7 +131,7 @@ def test_guesses_for_a_frame_goal_are_lines_then_a_guess_at_rest():
     robot = tm.load_robot("planar3r")
     problem = tm.Problem(robot, (0.5, 1.7, -1.7), tm.PositionGoal("tip", (4, 1, 0)))
     system = ProblemFunctions.of(problem)
-    *lines, last = initial_guesses(system, GuessRequest(4, np.random.default_rng(5)))
+    *lines, last = GuessRequest(4, np.random.default_rng(5)).guesses(system)
     np.testing.assert_array_equal(last.q, np.tile(problem.q_start, (2, 1)))
     assert len(lines) == 3
     for guess in lines:
@@ -159,7 +152,7 @@ def test_guess_along_a_half_circle_follows_it_at_the_tool_speed():
     goal = tm.PositionGoal("tool0", arc.at(np.pi))
     along = arc, tm.ToolSpeed("tool0", 0.25)
     system = ProblemFunctions.of(tm.Problem(robot, start, goal, constraints=along))
-    guess = next(initial_guesses(system, GuessRequest(1, np.random.default_rng(0))))
+    guess = next(GuessRequest(1, np.random.default_rng(0)).guesses(system))
     t = np.linspace(0.0, guess.duration, 400)
     q, empty = guess.position(t), np.zeros((t.size, 0))
     assert np.max(arc.on(robot).measure_rows(q, empty, empty)) < arc.radius
@@ -188,8 +181,8 @@ def planar_system(scene=None, goal=(4, 1, 0)):
 def test_configurations_are_split_into_free_and_blocked():
     open_system, system = planar_system(), planar_system(tm.Scene([BALL]))
     goal = system.problem.goal
-    every = find_configurations(Target(open_system, goal), 20, np.random.default_rng(0))
-    search = find_configurations(Target(system, goal), 20, np.random.default_rng(0))
+    every = Target(open_system, goal).configurations(20, np.random.default_rng(0))
+    search = Target(system, goal).configurations(20, np.random.default_rng(0))
     assert not every.blocked and search.free and search.blocked
     assert len(search.free) + len(search.blocked) == len(every.free)
     assert all(is_free(system, q) for q in search.free)
@@ -206,7 +199,7 @@ def test_configurations_in_collision_are_used_if_all_collide():
     ]
     system = planar_system(tm.Scene(balls))
     goal = system.problem.goal
-    search = find_configurations(Target(system, goal), 5, np.random.default_rng(0))
+    search = Target(system, goal).configurations(5, np.random.default_rng(0))
     assert not search.free and search.blocked
     np.testing.assert_array_equal(search.best, search.blocked)
     assert search.least == 0.0
@@ -214,8 +207,8 @@ def test_configurations_in_collision_are_used_if_all_collide():
 
 def test_configurations_far_apart_come_before_close_configurations():
     system = planar_system()
-    search = find_configurations(
-        Target(system, system.problem.goal), 30, np.random.default_rng(0)
+    search = Target(system, system.problem.goal).configurations(
+        30, np.random.default_rng(0)
     )
     q = np.array(search.free)
     apart = np.abs(q[:, None] - q).max(axis=2) + np.eye(len(q)) * 10
@@ -228,8 +221,8 @@ def test_configurations_far_apart_come_before_close_configurations():
 
 def test_search_for_an_unreachable_goal_returns_its_least_error():
     system = planar_system(goal=(-3.0, -4.9, 0.0))  # joint 1 stays above the ground
-    search = find_configurations(
-        Target(system, system.problem.goal), 5, np.random.default_rng(0)
+    search = Target(system, system.problem.goal).configurations(
+        5, np.random.default_rng(0)
     )
     assert not search.free and not search.blocked
     assert search.least > 100 * REACHED
@@ -237,7 +230,7 @@ def test_search_for_an_unreachable_goal_returns_its_least_error():
 
 def test_guesses_among_obstacles_are_a_line_then_sampled_paths(tmp_path):
     system = maze(tmp_path, wall("block", 0.0, -0.8, 0.8))
-    guesses = list(initial_guesses(system, GuessRequest(6, np.random.default_rng(0))))
+    guesses = list(GuessRequest(6, np.random.default_rng(0)).guesses(system))
     names = [guess.name for guess in guesses]
     assert names[0] == "straight line" and names[-1] == "via point"
     sampled = [guess for guess in guesses if guess.name == "sampled path"]
@@ -266,7 +259,7 @@ def sampled_paths(monkeypatch):
 def test_paths_are_sampled_only_when_the_next_guess_is_taken(tmp_path, sampled_paths):
     calls = sampled_paths
     system = maze(tmp_path, wall("block", 0.0, -0.8, 0.8))
-    guesses = initial_guesses(system, GuessRequest(3, np.random.default_rng(0)))
+    guesses = GuessRequest(3, np.random.default_rng(0)).guesses(system)
     assert next(guesses).name == "straight line" and not calls
     assert next(guesses).name == "sampled path" and calls
 
@@ -301,13 +294,13 @@ def test_first_path_that_is_fast_enough_is_not_compared_with_others(
 
 def test_no_path_is_sampled_where_the_straight_line_is_free(tmp_path):
     system = maze(tmp_path, wall("aside", 0.0, 1.0, 1.4))
-    guesses = initial_guesses(system, GuessRequest(3, np.random.default_rng(0)))
+    guesses = GuessRequest(3, np.random.default_rng(0)).guesses(system)
     assert [g.name for g in guesses] == ["straight line", "via point", "via point"]
 
 
 def test_guesses_for_a_frame_among_obstacles_end_in_several_configurations():
     system = planar_system(tm.Scene([BALL]))
-    guesses = list(initial_guesses(system, GuessRequest(5, np.random.default_rng(0))))
+    guesses = list(GuessRequest(5, np.random.default_rng(0)).guesses(system))
     names = [guess.name for guess in guesses]
     assert names[:3] == ["straight line", "at rest", "sampled path"]
     ends = [g.q[-1] for g in guesses if g.name == "sampled path"]

@@ -10,6 +10,7 @@ import pytest
 
 import tominpmp as tm
 from tominpmp.transcription.blocks import SampledRows
+from tominpmp.transcription.bspline import InverseTranscription
 from tominpmp.transcription.exchange import (
     MOST_NUMBERS,
     MOST_SAMPLES,
@@ -21,7 +22,6 @@ from tominpmp.transcription.exchange import (
 )
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.instants import Instants
-from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification import polynomials as pieces

@@ -8,12 +8,7 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tominpmp.initial_guess.guess import (
-    MOVING,
-    GuessRequest,
-    end_velocity,
-    initial_guesses,
-)
+from tominpmp.initial_guess.guess import MOVING, GuessRequest, end_velocity
 from tominpmp.initial_guess.inverse_kinematics import GoalVelocity
 from tominpmp.initial_guess.segments import segmented_guesses
 from tominpmp.initial_guess.timing import between_velocities
@@ -45,7 +40,7 @@ def moving_on(share: float, **changes) -> tm.Problem:
 
 def first_guess(problem: tm.Problem):
     system = ProblemFunctions.of(problem)
-    return next(initial_guesses(system, GuessRequest(1, np.random.default_rng(0))))
+    return next(GuessRequest(1, np.random.default_rng(0)).guesses(system))
 
 
 def via_points(*, given: tuple[float | None, ...]) -> tm.Problem:
@@ -113,7 +108,7 @@ def test_moving_guess_has_the_given_velocities_at_both_ends(share):
 def test_motion_at_rest_at_both_ends_has_no_moving_guess():
     problem = tm.Problem(UR5, START, tm.JointGoal(START + 0.2 * ALONG))
     system = ProblemFunctions.of(problem)
-    guesses = list(initial_guesses(system, GuessRequest(3, np.random.default_rng(0))))
+    guesses = list(GuessRequest(3, np.random.default_rng(0)).guesses(system))
     assert MOVING not in {guess.name for guess in guesses}
 
 

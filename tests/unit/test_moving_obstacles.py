@@ -12,11 +12,10 @@ from scipy.spatial.transform import Rotation
 
 import tominpmp as tm
 from tominpmp.transcription.adjoint import AdjointTranscription
-from tominpmp.transcription.bspline import BSplineTranscription
+from tominpmp.transcription.bspline import BSplineTranscription, InverseTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.instants import Instants
-from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram, SampledRows
 
@@ -258,7 +257,7 @@ def build(kind: str, problem: tm.Problem, seed: int):
         nlp = InverseTranscription(system, lengths, 1.1)
         eta = rng.uniform(0.1, 0.2, INTERVALS) if free else T
         program = with_clearances(NonlinearProgram.of(nlp), more)
-        return program, nlp.pack(q[:-1], q[-2], eta)
+        return program, nlp.unknowns(np.vstack([q[:1], q[:-1], q[-2:-1]]), eta)
     if kind == "collocation":
         nlp = CollocationTranscription(system, shares, 1.1)
         v = 0.3 * rng.normal(size=q.shape)

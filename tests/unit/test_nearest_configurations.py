@@ -7,16 +7,8 @@ import pinocchio as pin
 
 import tominpmp as tm
 from tests.sample_arms import make_arm, rod
-from tominpmp.initial_guess.guess import (
-    GuessRequest,
-    initial_guesses,
-    straight_guess,
-)
-from tominpmp.initial_guess.inverse_kinematics import (
-    Target,
-    find_configurations,
-    moved_nearer,
-)
+from tominpmp.initial_guess.guess import GuessRequest, straight_guess
+from tominpmp.initial_guess.inverse_kinematics import Target, moved_nearer
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -52,9 +44,7 @@ def test_search_finds_a_configuration_that_random_starts_miss():
     goal = tm.PositionGoal("tool0", (0.1144, 0.1252, 0.0941))
     problem = tm.Problem(robot, start, goal)
     system = ProblemFunctions.of(problem)
-    found = find_configurations(
-        Target(system, problem.goal), 20, np.random.default_rng(0)
-    )
+    found = Target(system, problem.goal).configurations(20, np.random.default_rng(0))
     assert min(straight_guess(system, q).duration for q in found.free[:10]) < 0.85
 
 
@@ -67,5 +57,5 @@ def test_fastest_line_comes_first_under_acceleration_limits():
         tm.PoseGoal("tool0", pin.SE3(down, np.array([0.7, 0.5, 0.381]))),
     )
     system, rng = ProblemFunctions.of(problem), np.random.default_rng(0)
-    lines = list(initial_guesses(system, GuessRequest(3, rng)))
+    lines = list(GuessRequest(3, rng).guesses(system))
     assert lines[0].duration == min(line.duration for line in lines) < 0.6

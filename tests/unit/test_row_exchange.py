@@ -12,13 +12,8 @@ from test_slp import Program, least_time
 
 from tominpmp.linear_programs.piqp import USUAL_TERMINATION, PiqpSolver, Termination
 from tominpmp.options import Options
-from tominpmp.solvers.exchange import (
-    ITERATIONS,
-    LEAST_RADIUS,
-    SETTLED,
-    RowExchange,
-)
-from tominpmp.solvers.iterate import GROWTH
+from tominpmp.solvers.exchange import ITERATIONS, LEAST_RADIUS, SETTLED, RowExchange
+from tominpmp.solvers.trust_region_step import GROWTH
 from tominpmp.status import Status
 
 

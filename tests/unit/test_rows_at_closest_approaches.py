@@ -11,8 +11,8 @@ import tominpmp as tm
 from tominpmp.arrays import Array
 from tominpmp.planner.candidate import Candidate
 from tominpmp.status import Status
+from tominpmp.transcription.bspline import InverseTranscription
 from tominpmp.transcription.exchange import exchanged
-from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 

@@ -12,19 +12,17 @@ from tominpmp.linear_programs.choice import make_solver
 from tominpmp.linear_programs.highs import HighsSolver
 from tominpmp.options import Options
 from tominpmp.solvers import trust_region_step
-from tominpmp.solvers.iterate import LARGEST_RADIUS, Iterate, next_radius
-from tominpmp.solvers.loop import solve
+from tominpmp.solvers.iterate import Iterate
+from tominpmp.solvers.loop import first_of, iterations, solve
 from tominpmp.solvers.objective import MinimumTime, Model
-from tominpmp.solvers.stop import first_of, iterations
 from tominpmp.solvers.subproblem import LEAST_ROOM, build_subproblem
-from tominpmp.solvers.trust_region_step import trust_regions
-from tominpmp.status import Status
-from tominpmp.transcription.base import (
-    Linearization,
-    StepBounds,
-    Variation,
+from tominpmp.solvers.trust_region_step import (
+    LARGEST_RADIUS,
+    next_radius,
+    trust_regions,
 )
-from tominpmp.transcription.rows import Rows
+from tominpmp.status import Status
+from tominpmp.transcription.base import Linearization, Rows, StepBounds, Variation
 
 
 class Program:

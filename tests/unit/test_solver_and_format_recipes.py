@@ -22,8 +22,8 @@ from tominpmp.linear_programs.solver import LpSolver
 from tominpmp.solvers.loop import solve
 from tominpmp.solvers.objective import MinimumTime
 from tominpmp.solvers.trust_region_step import trust_regions
+from tominpmp.transcription.bspline import InverseTranscription
 from tominpmp.transcription.grid import interval_shares
-from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tominpmp.linear_programs.sparse import rows_of_table
+from tominpmp.transcription.curve import rows_of_table
 
 
 def test_rows_of_table_drops_zeros_and_entries_without_a_column() -> None:

@@ -12,8 +12,8 @@ from tests.sample_arms import make_arm, slide
 from tominpmp.cli.problem import constraint
 from tominpmp.constraints.base import States
 from tominpmp.exceptions import ProblemError
+from tominpmp.transcription.bspline import InverseTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
-from tominpmp.transcription.inverse import InverseTranscription
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 

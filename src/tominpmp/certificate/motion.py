@@ -24,10 +24,9 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.constraints.base import Partials, States
-from tominpmp.linear_programs.sparse import rows_of_table
 from tominpmp.motion.measures import accelerations_continue
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.transcription.controls import driven_joints
+from tominpmp.transcription.curve import rows_of_table
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification.replay import subdivided
@@ -249,7 +248,7 @@ class GridMotion:
     @property
     def driven(self) -> IntArray:
         """Indices of the joints with a motor."""
-        return driven_joints(self.system)
+        return self.system.driven_joints
 
     # -- states ------------------------------------------------------------------------
 

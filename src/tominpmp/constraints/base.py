@@ -75,27 +75,27 @@ class Partials(NamedTuple):
         by_q, by_v, by_a, by_u = by_x
         return Partials(self.at, by_q, by_v, by_a, by_u, by_t, self.row)
 
+    @staticmethod
+    def both_instants(pairs: IntArray) -> IntArray:
+        """Indices of the first instants of pairs, followed by the second instants."""
+        return np.concatenate([2 * pairs, 2 * pairs + 1])
 
-def both_instants(pairs: IntArray) -> IntArray:
-    """Indices of the first instants of pairs, followed by the second instants."""
-    return np.concatenate([2 * pairs, 2 * pairs + 1])
+    def slopes(self, t: Array, pairs: IntArray, slope: Array) -> Partials:
+        """Partial derivatives of slopes in time between the two instants of pairs.
 
+        These are the partial derivatives of the k quantities at the first instants of
+        their pairs, followed by the second instants.
 
-def slope_partials(by: Partials, t: Array, pairs: IntArray, slope: Array) -> Partials:
-    """Partial derivatives of slopes in time between the two instants of pairs.
-
-    Args:
-        by: Partial derivatives of k quantities at the first instants of their pairs,
-            followed by the second instants.
-        t: Times of all instants [s], shape (m,).
-        pairs: Index of the pair of each quantity, shape (k,).
-        slope: Slope of each quantity, shape (k,).
-    """
-    span = np.tile(np.diff(t)[::2][pairs], 2)
-    sides = np.repeat([-1.0, 1.0], pairs.size)
-    by_t = -sides * np.tile(slope, 2) / span
-    row = np.tile(np.arange(pairs.size), 2)
-    return by.times((sides / span)[:, None])._replace(by_t=by_t, row=row)
+        Args:
+            t: Times of all instants [s], shape (m,).
+            pairs: Index of the pair of each quantity, shape (k,).
+            slope: Slope of each quantity, shape (k,).
+        """
+        span = np.tile(np.diff(t)[::2][pairs], 2)
+        sides = np.repeat([-1.0, 1.0], pairs.size)
+        by_t = -sides * np.tile(slope, 2) / span
+        row = np.tile(np.arange(pairs.size), 2)
+        return self.times((sides / span)[:, None])._replace(by_t=by_t, row=row)
 
 
 class Constraint(ABC):

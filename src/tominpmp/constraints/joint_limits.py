@@ -7,14 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray, Record
-from tominpmp.constraints.base import (
-    USABLE,
-    Constraint,
-    Partials,
-    States,
-    both_instants,
-    slope_partials,
-)
+from tominpmp.constraints.base import USABLE, Constraint, Partials, States
 from tominpmp.motion_limits import ACCELERATION, LimitKind
 
 # Zero acceleration at a dwell is not a limit of the user, so it has no quantity.
@@ -94,11 +87,11 @@ class JointLimit(Record, Constraint):
         """Unit vectors, divided by the scale; for jerks, at both instants of a pair."""
         place, column = at, which
         if self.order > 2:
-            place, column = both_instants(at), np.tile(which, 2)
+            place, column = Partials.both_instants(at), np.tile(which, 2)
         by = np.zeros((place.size, states.q.shape[1]))
         by[np.arange(place.size), self.of_joints[column]] = 1.0 / self.scale[column]
         by_q, by_v, by_a = (by if k == min(self.order, 2) else None for k in range(3))
         found = Partials(place, by_q, by_v, by_a)
         if self.order <= 2:
             return found
-        return slope_partials(found, states.t, at, self.evaluate(states)[at, which])
+        return found.slopes(states.t, at, self.evaluate(states)[at, which])

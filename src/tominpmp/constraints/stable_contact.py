@@ -8,15 +8,7 @@ from typing import Annotated, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import (
-    Array,
-    Converted,
-    array_or_nan,
-    default,
-    frozen_array,
-    is_single,
-    record,
-)
+from tominpmp.arrays import Array, Converted, array_or_nan, default, is_single, record
 from tominpmp.checks import Point, number, optional, positive, wrong
 from tominpmp.constraints.held_load import Coefficient, HeldLoad, Kilograms
 from tominpmp.constraints.path import Linear, curvature_root
@@ -34,7 +26,7 @@ _ACROSS, _ABOUT, _PRESSING = np.eye(6)[:2], np.eye(6)[3:5], np.eye(6)[2]
 def _checked_support(value: ArrayLike, name: str) -> float | Array:
     if is_single(value):
         return positive(value, name, "m")
-    return frozen_array(_polygon(value))
+    return _polygon(value)
 
 
 SupportOrNone: TypeAlias = Annotated[
@@ -233,6 +225,6 @@ def _polygon(given: object) -> Array:
         # The edges of a star turn to one side, too, but more than once in all.
         angles = np.arctan2(turns, np.sum(along * after, axis=1))
         if np.all(turns * turns[0] > 0.0) and abs(angles.sum()) < 3.0 * np.pi:
-            return corners[:: int(np.sign(turns[0]))].copy()
+            return corners[:: int(np.sign(turns[0]))]  # read-only as the corners
     expected = "three or more corners (x, y) of a convex polygon, in order [m]"
     raise wrong(given, "support", expected)

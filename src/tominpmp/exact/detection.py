@@ -7,7 +7,6 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.exact.structure import Arcs, read_arcs
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.transcription.controls import driven_joints
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Torques at the ends of an interval, where they may jump, are sampled at this distance
@@ -26,7 +25,7 @@ def arcs_of(system: ProblemFunctions, trajectory: Trajectory) -> Arcs:
     ends = [trajectory(t[:-1] + INSIDE * h).u, trajectory(t[1:] - INSIDE * h).u]
     first, last = ((u - system.effort_middle) / system.effort_half for u in ends)
     shares = np.where(np.abs(first) >= np.abs(last), first, last)
-    driven = np.isin(np.arange(system.n), driven_joints(system))
+    driven = np.isin(np.arange(system.n), system.driven_joints)
     speeds = trajectory.v / system.problem.robot.limits.velocity
     return read_arcs(h, np.clip(shares, -1.0, 1.0), speeds, driven)
 

@@ -20,10 +20,9 @@ from tominpmp.exact.radau import NODES, STAGES, IntegratedArcs, integrate
 from tominpmp.exact.structure import Arcs
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.stopping import check
-from tominpmp.transcription.base import NOT_INTEGRATED
+from tominpmp.transcription.base import NOT_INTEGRATED, Rows
 from tominpmp.transcription.controls import scale_of_goal
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.transcription.rows import Rows
 
 # Limits become rows where the margin of a motion is smaller than this: in scaled units,
 # mostly shares of the limit, and for clearances in shares of the reach.

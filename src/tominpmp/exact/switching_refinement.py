@@ -17,9 +17,8 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.exact.detection import arcs_of, constant_signs
 from tominpmp.exact.switching_times import OptimisedArcs, refine_arcs, sharpen
-from tominpmp.initial_guess.bumps import bumps
-from tominpmp.initial_guess.guess import Guess, straight_guess
-from tominpmp.initial_guess.inverse_kinematics import Target, find_configurations
+from tominpmp.initial_guess.guess import Guess, bumps, straight_guess
+from tominpmp.initial_guess.inverse_kinematics import Target
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate
@@ -31,7 +30,6 @@ from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import EVALUATIONS, Budget
 from tominpmp.transcription.collocation import CollocationTranscription
-from tominpmp.transcription.controls import driven_joints
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
@@ -135,7 +133,7 @@ class Search:
 
     def run(self, plan: Trajectory) -> None:
         """Optimise arcs of the plan, of other guesses, and of finer grids."""
-        small = driven_joints(self.system).size <= EXPLORED_MOTORS
+        small = self.system.driven_joints.size <= EXPLORED_MOTORS
         options = self.state.options
         near = self.optimise(plan, EVALUATIONS)
         # No multi-start for options with a single start, nor with assumed velocity
@@ -174,7 +172,7 @@ class Search:
         problem, ends = self.system.problem, [plan.q[-1]]
         if problem.goal.configuration is None:
             target = Target(self.system, problem.goal)
-            ends += find_configurations(target, ENDS, rng).best[:ENDS]
+            ends += target.configurations(ENDS, rng).best[:ENDS]
         lines = [straight_guess(self.system, end) for end in ends]
         yield from lines
         each = (bumps(self.system, line, rng) for line in lines)
@@ -218,7 +216,7 @@ def exact_switches(
         # Arcs are found in torques less dry friction.
         smooth = replace(system, signs=signs)
         plan = plan.with_torques(smooth.dynamics.inverse)
-    few = driven_joints(system).size <= EXPLORED_MOTORS
+    few = system.driven_joints.size <= EXPLORED_MOTORS
     budget = Budget(np.inf, PATIENCE if few else PATIENCE_OF_MANY)
     limit = np.inf
     if best.feasible:

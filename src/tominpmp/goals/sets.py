@@ -230,13 +230,10 @@ class AnyGoal(GoalSet):
     def residual(self, kinematics: RobotKinematics, q: Array, v: Array) -> GoalResidual:
         """Excess of the nearest goal over its bounds; its length may vary by goal."""
         goal = self.nearest(kinematics, q, v)
-        value, by_q, by_v = goal.residual(kinematics, q, v)
-        lower, upper = goal.bounds(kinematics)
-        excess = value - np.clip(value, lower, upper)
-        outside = ((excess != 0.0) | (lower == upper))[:, None]
-        return GoalResidual(
-            excess, np.where(outside, by_q, 0.0), np.where(outside, by_v, 0.0)
-        )
+        value, *by_state = goal.residual(kinematics, q, v)
+        bounds = goal.bounds(kinematics)
+        excess, slope = Place(value, np.hstack(by_state), *bounds, ()).residual()
+        return GoalResidual(excess, *np.hsplit(slope, 2))
 
     @property
     def fixes_velocity(self) -> bool:

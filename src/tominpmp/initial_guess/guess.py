@@ -1,4 +1,11 @@
-"""Initial guesses: paths over time, which must be feasible only at their ends."""
+r"""Initial guesses: paths over time, which must be feasible only at their ends.
+
+Detours from a guess lead to other local optima: a motion that takes another way around
+an obstacle, swings or flips its elbow differs from a given one by large arcs in some
+joints. A bump is such an arc: :math:`16\,\tau^2 (1 - \tau)^2`, which is 1 halfway and
+vanishes at both ends with its derivative, times the cosine of :math:`k \pi \tau`, which
+divides it into two or three arcs.
+"""
 
 from __future__ import annotations
 
@@ -13,17 +20,11 @@ from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 from tominpmp.arrays import Array
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.dynamics import directions
-from tominpmp.initial_guess.constrained import CLOSE, feasible_path
-from tominpmp.initial_guess.inverse_kinematics import (
-    GoalVelocity,
-    Target,
-    all_unusable,
-    find_configurations,
-)
-from tominpmp.initial_guess.pace import load_time_scale, time_scale
+from tominpmp.initial_guess.constrained import feasible_path
+from tominpmp.initial_guess.inverse_kinematics import GoalVelocity, Target
 from tominpmp.initial_guess.path import RoundedPath
 from tominpmp.initial_guess.rrt import PathSearches, is_free, is_free_line, sample_paths
-from tominpmp.initial_guess.timing import between_velocities, largest_excess, time_path
+from tominpmp.initial_guess.timing import fastest_between, slowdown, time_path
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -63,6 +64,17 @@ VIA_GUESSES = 4
 # A sampled path is not compared with others if its duration exceeds the duration of the
 # straight line by at most this share.
 NEAR = 0.2
+# Height of a bump in a single joint [rad]: smaller ones lead back to the same optimum,
+# see benchmarks/known_optima.py.
+HEIGHT = 2.0
+# Standard deviations of the heights of random bumps in all joints, in turn [rad], and
+# their factors by the number of arcs.
+SPREADS = (0.8, 1.6, 0.3, 2.4)
+ARCS = (1.0, 0.6, 0.4)
+# Detours that are too fast by a larger factor are slowed down to it: far too fast ones
+# take a hundred programs. Slower ones lead back to the straight line, although an arm
+# that swings is faster.
+TOO_FAST = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,6 +174,52 @@ class GuessRequest:
     onward: Callable[[Array], float] | None = None
     searches: PathSearches = field(default_factory=PathSearches)
 
+    def guesses(self, system: ProblemFunctions) -> Iterator[Guess]:
+        """Initial guesses for a problem, the most promising first.
+
+        The generator is lazy. The first guesses may collide: in most cases the
+        optimiser moves them out of the obstacles faster than a path around these is
+        found. Sampled paths follow if there are obstacles, or if the arm collides with
+        itself on the fastest line; then paths through random via points. While no path
+        is known, longer searches for one come between these.
+
+        Args:
+            system: Functions of the problem.
+
+        Yields:
+            At most ``count`` guesses; no guess if inverse kinematics did not
+            reach the goal, or reached it only in collisions that cannot be resolved, or
+            where the arm cannot rest.
+
+        Raises:
+            ProblemError: If no limit keeps a joint from moving arbitrarily fast.
+        """
+        ends, blocked = self.final_configurations(system)
+        if ends:
+            guesses = _guesses(system, ends, self)
+            for guess in itertools.islice(guesses, self.count):
+                yield replace(guess, blocked=True) if blocked else guess
+
+    def final_configurations(
+        self, system: ProblemFunctions
+    ) -> tuple[list[Array], bool]:
+        """Configurations that reach the goal, and whether all of them are in collision.
+
+        That of a goal which gives a configuration was checked with the problem.
+        """
+        goal = system.problem.goal
+        if goal.configuration is not None:
+            return [goal.configuration], False
+        target = Target(system, goal, beyond=self.beyond)
+        found, lost = list[Array](), False
+        for count in (KINEMATIC_STARTS, MORE_STARTS):
+            search = target.configurations(count, self.rng)
+            found = search.best or found
+            lost = target.none_usable(found, passes=self.passes)
+            if search.free and not lost:
+                break
+        return [] if lost else found[:STRAIGHT_LINES], not search.free
+
 
 class CachedGuesses:
     """Guesses that can be iterated over repeatedly.
@@ -206,31 +264,12 @@ def _pace(guess: Guess) -> float:
 def _moving_guess(system: ProblemFunctions, q_end: Array) -> Guess | None:
     """Motion with the velocities of both ends, in the least feasible duration found.
 
-    Feasible durations of motions that begin or end moving are separate intervals: the
-    motion leads to its goal directly, or it has to overshoot it or take a run-up. They
-    are judged by samples. As faster motions exist than those tried, a minimum of the
-    excess below 100 % counts as an interval; without one, the duration of least excess
-    is taken. None if both ends rest, or the motion hits an obstacle.
+    None if both ends rest, or the motion hits an obstacle.
     """
     problem, v_end = system.problem, end_velocity(system, q_end)
-    q, v, top = problem.q_start, problem.v_start, problem.robot.limits.velocity
-    if not (np.any(v) or np.any(v_end)):
+    if not (np.any(problem.v_start) or np.any(v_end)):
         return None
-    ends, way, mean = (q, v, q_end, v_end), q_end - q, 0.5 * (v + v_end)
-    least = max(float(np.max(np.abs(way) / top)), 1e-3)
-    # The short intervals are near the durations of constant accelerations.
-    direct = np.divide(way, mean, out=np.zeros_like(way), where=mean != 0.0)
-    durations = least * np.geomspace(1.001, 1e7, SAMPLES)
-    durations = np.sort(np.append(durations, direct[direct > durations[0]]))
-    shares = np.linspace(1e-9, 1.0 - 1e-9, 17)  # accelerations begin and end in jumps
-    best = np.inf, 0.0
-    for T in durations.tolist():
-        at = between_velocities(ends, top, T, T * shares)
-        excess = largest_excess(system, T, at)
-        best = min(best, (excess, T))
-        if best[0] <= CLOSE or best[0] < min(excess, 1.0):
-            break
-    at = between_velocities(ends, top, best[1], np.linspace(0.0, best[1], SAMPLES))
+    at = fastest_between(system, q_end, v_end, SAMPLES)
     clear = system.in_free_space or is_free(system, at.q[::10])
     return Guess(MOVING, at.t, at.q, True, solved=True) if clear else None
 
@@ -275,9 +314,7 @@ def _paced(
     system: ProblemFunctions, times: Array, q: Array, name: str, *, timed: bool
 ) -> Guess:
     """A path over time, slowed down for limits of accelerations, jerks and loads."""
-    factor = time_scale(system, q, float(times[-1]))
-    slower = load_time_scale(system, factor * times, q)
-    return Guess(name, slower * factor * times, q, timed)
+    return Guess(name, slowdown(system, times, q) * times, q, timed)
 
 
 def _via_guess(system: ProblemFunctions, via: Array, q_end: Array) -> Guess:
@@ -329,61 +366,12 @@ def least_time(system: ProblemFunctions, q: Array) -> float:
     return max(speed, float(np.sqrt(ratio)), 1e-3)
 
 
-def initial_guesses(system: ProblemFunctions, request: GuessRequest) -> Iterator[Guess]:
-    """Initial guesses for a problem, the most promising first.
-
-    The generator is lazy. The first guesses may collide: in most cases the optimiser
-    moves them out of the obstacles faster than a path around these is found. Sampled
-    paths follow if there are obstacles, or if the arm collides with itself on the
-    fastest line; then paths through random via points. While no path is known, longer
-    searches for one come between these.
-
-    Args:
-        system: Functions of the problem.
-        request: Number of guesses, random numbers and further constraints.
-
-    Yields:
-        At most ``request.count`` guesses; no guess if inverse kinematics did not
-        reach the goal, or reached it only in collisions that cannot be resolved, or
-        where the arm cannot rest.
-
-    Raises:
-        ProblemError: If no limit keeps a joint from moving arbitrarily fast.
-    """
-    ends, blocked = final_configurations(system, request)
-    if ends:
-        guesses = _guesses(system, ends, request)
-        for guess in itertools.islice(guesses, request.count):
-            yield replace(guess, blocked=True) if blocked else guess
-
-
-def final_configurations(
-    system: ProblemFunctions, request: GuessRequest
-) -> tuple[list[Array], bool]:
-    """Configurations that reach the goal, and whether all of them are in collision.
-
-    That of a goal which gives a configuration was checked with the problem.
-    """
-    goal = system.problem.goal
-    if goal.configuration is not None:
-        return [goal.configuration], False
-    target = Target(system, goal, beyond=request.beyond)
-    found, lost = list[Array](), False
-    for count in (KINEMATIC_STARTS, MORE_STARTS):
-        search = find_configurations(target, count, request.rng)
-        found = search.best or found
-        lost = all_unusable(target, found, passes=request.passes)
-        if search.free and not lost:
-            break
-    return [] if lost else found[:STRAIGHT_LINES], not search.free
-
-
 def _guesses(
     system: ProblemFunctions,
     ends: Sequence[Array],
     request: GuessRequest,
 ) -> Iterator[Guess]:
-    """Guesses to given final configurations, without end; see initial_guesses."""
+    """Guesses to given final configurations, without end."""
     system = system.passing(np.stack(ends))
     problem, rng = system.problem, request.rng
     final = problem.goal.configuration
@@ -461,3 +449,55 @@ def sampled_guesses(
         guesses = itertools.chain([first], guesses)
     while batch := list(itertools.islice(guesses, BATCH)):
         yield from sorted(batch, key=lambda guess: (not guess.timed, guess.duration))
+
+
+def bumps(
+    system: ProblemFunctions,
+    guess: Guess,
+    rng: np.random.Generator,
+    *,
+    from_base: bool = False,
+) -> Iterator[Guess]:
+    """Detours from a guess: of single joints in both directions, then random ones.
+
+    Args:
+        system: Functions of the problem, whose position limits are kept.
+        guess: The guess to which the bumps are added.
+        rng: Random numbers.
+        from_base: Whether the joint nearest to the base comes first, as detours of a
+            wrist hardly matter; otherwise the last joint does.
+
+    Yields:
+        Guesses, without end.
+    """
+    order = range(system.n) if from_base else range(system.n)[::-1]
+    for arcs in range(len(ARCS)):
+        for joint in order:
+            for height in (-HEIGHT, HEIGHT):
+                heights = np.zeros((len(ARCS), system.n))
+                heights[arcs, joint] = height
+                yield bumped(system, guess, heights)
+    while True:
+        for spread in SPREADS:
+            heights = rng.normal(size=(len(ARCS), system.n))
+            yield bumped(system, guess, spread * np.array(ARCS)[:, None] * heights)
+
+
+def bumped(system: ProblemFunctions, guess: Guess, heights: Array) -> Guess:
+    """A guess with bumps, slowed down if it is far too fast with them.
+
+    Args:
+        system: Functions of the problem.
+        guess: The guess, at instants spaced evenly in time.
+        heights: Heights by number of arcs and joint, shape (k, n), in rad, or in shares
+            of the reach for prismatic joints.
+    """
+    tau = guess.t / guess.duration
+    arc = 16.0 * tau**2 * (1.0 - tau) ** 2
+    waves = np.cos(np.pi * np.arange(len(heights)) * tau[:, None])
+    limits = system.problem.robot.limits
+    q = guess.q + (arc[:, None] * waves) @ (heights * system.step_scale)
+    q = np.clip(q, limits.position_lower, limits.position_upper)
+    too_fast = least_time(system, q) / guess.duration
+    slower = max(1.0, too_fast / TOO_FAST)
+    return Guess("detour", slower * guess.t, q, False)

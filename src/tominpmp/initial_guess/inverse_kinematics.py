@@ -212,6 +212,73 @@ class Target:
         parts = np.split(lack[at, near], every), np.split(slopes, every)
         return padded(zip(*parts, strict=True))
 
+    def configurations(self, count: int, rng: np.random.Generator) -> GoalSearch:
+        """Distinct configurations that reach a goal, from twice ``count`` starts.
+
+        The configurations that the arm can reach soonest at its speed limits come
+        first, unless they are close to a former one. If all of them are in collision,
+        they are moved out of collision as far as the goal leaves the arm any freedom.
+
+        Returns:
+            The configurations; without any, the violation at the nearest one found.
+        """
+        system, problem = self.system, self.system.problem
+        limits = problem.robot.limits
+        # A joint that moves at the start may reach the goal several turns away.
+        turns = np.round((self.goal.positions(problem.robot) - problem.q_start) / TURN)
+        lower, upper = limits.position_lower, limits.position_upper
+        centre = np.clip(problem.q_start + TURN * np.nan_to_num(turns), lower, upper)
+        around = AROUND * self.scales.joints
+        # Next to a limit the box is shifted, to hold all angles that a joint can reach.
+        middle = np.clip(centre, lower + around, upper - around)
+        low, high = (
+            np.maximum(lower, middle - around),
+            np.minimum(upper, middle + around),
+        )
+        wide = [rng.uniform(low, high) for _ in range(count)]
+        near = [centre + NEARER * (q - centre) for q in wide]
+        solutions, nearest = _solutions(self, [centre, *wide, *near])
+        if not self.goal_only:
+            movable = [q for q in solutions if not isolated(self, q)]
+            solutions += _solutions(self, moved_nearer(self, movable), solutions)[0]
+        turned = nearest_turns(problem.robot, solutions, problem.q_start)
+        if len(turned) > len(solutions):
+            # With a mimic joint or a constraint, full turns of a joint may differ.
+            solutions = [q for q in turned if self.violation(q) < REACHED] or solutions
+        weights = speed_weights(limits.velocity)
+        solutions.sort(
+            key=lambda q: float(np.max(np.abs(q - problem.q_start) * weights))
+        )
+        clear = np.array([is_free(system, q) for q in solutions], dtype=bool)
+        free = _spread(self, compress(solutions, clear))
+        blocked = _spread(self, compress(solutions, ~clear))
+        if not free and system.clearance is not None:
+            movable = [q for q in blocked[:MOST_RESOLVED] if not isolated(self, q)]
+            both = replace(self, keep_clear=True)
+            free = [q for q in _solutions(both, movable)[0] if is_free(system, q)]
+            # A goal may be closer to an obstacle than the padding beyond the margin.
+            free = free or [q for q in blocked if _keeps_margins(system, q)]
+        return GoalSearch(free, blocked, 0.0 if solutions else self.violation(nearest))
+
+    def none_usable(self, found: Sequence[Array], *, passes: bool) -> bool:
+        """Whether the arm reaches the goal only in collision, or where it cannot rest.
+
+        This holds if no self-motion is possible at any of the configurations, and all
+        of them violate the margins themselves, not only the padding beyond these, or
+        need torques beyond the limits at rest.
+
+        Args:
+            found: Configurations that reach the goal, each of shape (n,).
+            passes: Whether the arm may pass the goal.
+        """
+        system, problem = self.system, self.system.problem
+
+        def usable(q: Array) -> bool:
+            held = passes or not self.rests or not unheld(problem.robot, q)
+            return held and (problem.checker.moving or _keeps_margins(system, q))
+
+        return bool(found) and all(isolated(self, q) and not usable(q) for q in found)
+
 
 class GoalSearch(NamedTuple):
     """Configurations that reach a goal.
@@ -246,52 +313,6 @@ def _descend(target: Target, q: Array) -> tuple[Array, Array]:
         reached=TOLERANCE,
         steps=STEPS,
     )
-
-
-def find_configurations(
-    target: Target, count: int, rng: np.random.Generator
-) -> GoalSearch:
-    """Distinct configurations that reach a goal, from twice ``count`` starts.
-
-    The configurations that the arm can reach soonest at its speed limits come first,
-    unless they are close to a former one. If all of them are in collision, they are
-    moved out of collision as far as the goal leaves the arm any freedom.
-
-    Returns:
-        The configurations; without any, the violation at the nearest one found.
-    """
-    system, problem = target.system, target.system.problem
-    limits = problem.robot.limits
-    # A joint that moves at the start may reach the goal several turns away from there.
-    turns = np.round((target.goal.positions(problem.robot) - problem.q_start) / TURN)
-    lower, upper = limits.position_lower, limits.position_upper
-    centre = np.clip(problem.q_start + TURN * np.nan_to_num(turns), lower, upper)
-    around = AROUND * target.scales.joints
-    # Next to a limit the box is shifted, to hold all angles that a joint can reach.
-    middle = np.clip(centre, lower + around, upper - around)
-    low, high = np.maximum(lower, middle - around), np.minimum(upper, middle + around)
-    wide = [rng.uniform(low, high) for _ in range(count)]
-    near = [centre + NEARER * (q - centre) for q in wide]
-    solutions, nearest = _solutions(target, [centre, *wide, *near])
-    if not target.goal_only:
-        movable = [q for q in solutions if not isolated(target, q)]
-        solutions += _solutions(target, moved_nearer(target, movable), solutions)[0]
-    turned = nearest_turns(problem.robot, solutions, problem.q_start)
-    if len(turned) > len(solutions):
-        # With a mimic joint or a constraint, full turns of a joint may differ.
-        solutions = [q for q in turned if target.violation(q) < REACHED] or solutions
-    weights = speed_weights(limits.velocity)
-    solutions.sort(key=lambda q: float(np.max(np.abs(q - problem.q_start) * weights)))
-    clear = np.array([is_free(system, q) for q in solutions], dtype=bool)
-    free = _spread(target, compress(solutions, clear))
-    blocked = _spread(target, compress(solutions, ~clear))
-    if not free and system.clearance is not None:
-        movable = [q for q in blocked[:MOST_RESOLVED] if not isolated(target, q)]
-        both = replace(target, keep_clear=True)
-        free = [q for q in _solutions(both, movable)[0] if is_free(system, q)]
-        # A goal may be closer to an obstacle than the padding beyond the margin.
-        free = free or [q for q in blocked if _keeps_margins(system, q)]
-    return GoalSearch(free, blocked, 0.0 if solutions else target.violation(nearest))
 
 
 def _solutions(
@@ -374,27 +395,6 @@ def isolated(target: Target, q: Array) -> bool:
     _, by_q = target.goal.place_residual(target.system.kinematics, q)
     values = np.linalg.svd(by_q * target.scales.joints, compute_uv=False)
     return values.size == q.size and bool(values[-1] > RANK * values[0])
-
-
-def all_unusable(target: Target, found: Sequence[Array], *, passes: bool) -> bool:
-    """Whether the arm can be at the goal only in collision, or where gravity moves it.
-
-    This holds if no self-motion is possible at any of the configurations, and all of
-    them violate the margins themselves, not only the padding beyond these, or need
-    torques beyond the limits at rest.
-
-    Args:
-        target: Conditions on the configurations.
-        found: Configurations that reach the goal, each of shape (n,).
-        passes: Whether the arm may pass the goal.
-    """
-    system, problem = target.system, target.system.problem
-
-    def usable(q: Array) -> bool:
-        held = passes or not target.rests or not unheld(problem.robot, q)
-        return held and (problem.checker.moving or _keeps_margins(system, q))
-
-    return bool(found) and all(isolated(target, q) and not usable(q) for q in found)
 
 
 def _keeps_margins(system: ProblemFunctions, q: Array) -> bool:

@@ -19,13 +19,7 @@ import numpy as np
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.collision.checker import CollisionChecker
 from tominpmp.constraints.path import PathConstraint, Window
-from tominpmp.initial_guess.guess import (
-    SAMPLED,
-    VIA_POINT,
-    Guess,
-    GuessRequest,
-    initial_guesses,
-)
+from tominpmp.initial_guess.guess import SAMPLED, VIA_POINT, Guess, GuessRequest
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Number of places on the path, and the shortest time step between two places [s].
@@ -69,7 +63,7 @@ def waiting_guesses(system: ProblemFunctions, request: GuessRequest) -> Iterator
     further guesses without moving obstacles. ``request.count`` limits the paths for
     each scene.
     """
-    static = initial_guesses(system.resting(), request)
+    static = request.guesses(system.resting())
     first: Guess | None = None
     for guess in itertools.islice(static, WITHOUT_MOVING):
         if guess.name == VIA_POINT:
@@ -81,7 +75,7 @@ def waiting_guesses(system: ProblemFunctions, request: GuessRequest) -> Iterator
         return
     for share in MOMENTS if system.problem.scene.moving else ():
         still = system.resting(share * first.duration)
-        for guess in initial_guesses(still, request):
+        for guess in request.guesses(still):
             if guess.name == VIA_POINT:
                 break
             if guess.name == SAMPLED:  # the straight lines are those from above

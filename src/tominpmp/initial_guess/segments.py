@@ -23,7 +23,6 @@ from tominpmp.initial_guess.guess import (
     Guess,
     GuessRequest,
     end_velocity,
-    final_configurations,
 )
 from tominpmp.initial_guess.path import speed_weights
 from tominpmp.initial_guess.path_velocity import waiting_guesses
@@ -114,7 +113,7 @@ def _times_onward(
     for place, part in enumerate(system.parts):
         single = _alone(part, q, np.zeros_like(q)).passing(np.array([q]))
         own = replace(request, beyond=_constraints_after(system, place))
-        ends, _ = final_configurations(single, own)
+        ends, _ = own.final_configurations(single)
         if not ends:
             return times
         layers.append(np.stack(ends))

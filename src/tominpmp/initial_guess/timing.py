@@ -1,4 +1,4 @@
-r"""Time-optimal timing of paths in joint space.
+r"""Time-optimal timing of paths in joint space, and the pace of other guesses.
 
 On q(s) the torque is m(s) s'' + b(s) s'^2 + d(s) s' + g(s). With x = s'^2 the largest
 controllable x is computed backwards from the end, and a forward pass follows it
@@ -10,6 +10,11 @@ path.
 A motion that begins or ends moving does not follow a path that is at rest there: each
 joint then has a timing of its own, and all have the same duration. It is judged by its
 largest excess over all limits.
+
+Paths are timed only by limits of speeds and torques. Limits of accelerations, jerks or
+torque rates matter the more, the shorter a motion is. If they dominate, programs that
+begin with the timed duration are badly scaled: the guess is then scaled to the duration
+that these limits allow.
 """
 
 from __future__ import annotations
@@ -22,8 +27,11 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.constraints.base import States
 from tominpmp.constraints.path import PathConstraint
+from tominpmp.exceptions import ProblemError
+from tominpmp.initial_guess.constrained import CLOSE
 from tominpmp.initial_guess.path import RoundedPath
-from tominpmp.problem.controls import effort_range
+from tominpmp.kinematics import units_of
+from tominpmp.problem.controls import control_bounds, control_kind, effort_range
 from tominpmp.problem.joint_limits import joint_limits
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -36,6 +44,12 @@ LINE_POINTS, LINE_SPEEDS = 64, 96
 # Bisections for the speed at which a constraint becomes active that is not proportional
 # to the speed.
 BISECTIONS = 30
+# A joint with a larger mean speed is considered to have no effective limits [rad/s or
+# m/s].
+FASTEST = 2000.0
+# Largest time-scaling factor of a guess for held loads and accelerations of tools, and
+# bisections for the factor.
+SLOWEST, SCALINGS = 1000.0, 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,6 +207,42 @@ def _refine(last: int, table: Array, brake: Array, target: float, step: float) -
     return float(x0 + (x1 - x0) * (-f0) / (f1 - f0))
 
 
+def fastest_between(
+    system: ProblemFunctions, q_end: Array, v_end: Array, samples: int
+) -> States:
+    """Motion with the velocities of both ends, in the least feasible duration found.
+
+    Feasible durations of motions that begin or end moving are separate intervals: the
+    motion leads to its goal directly, or it has to overshoot it or take a run-up. They
+    are judged by samples. As faster motions exist than those tried, a minimum of the
+    excess below 100 % counts as an interval; without one, the duration of least excess
+    is taken.
+
+    Args:
+        system: Functions of the problem.
+        q_end: Configuration at the end, shape (n,) [rad or m].
+        v_end: Velocity at the end, shape (n,) [rad/s or m/s].
+        samples: Number of durations that are tried, and of states of the result.
+    """
+    problem = system.problem
+    q, v, top = problem.q_start, problem.v_start, problem.robot.limits.velocity
+    ends, way, mean = (q, v, q_end, v_end), q_end - q, 0.5 * (v + v_end)
+    least = max(float(np.max(np.abs(way) / top)), 1e-3)
+    # The short intervals are near the durations of constant accelerations.
+    direct = np.divide(way, mean, out=np.zeros_like(way), where=mean != 0.0)
+    durations = least * np.geomspace(1.001, 1e7, samples)
+    durations = np.sort(np.append(durations, direct[direct > durations[0]]))
+    shares = np.linspace(1e-9, 1.0 - 1e-9, 17)  # accelerations begin and end in jumps
+    best = np.inf, 0.0
+    for T in durations.tolist():
+        at = between_velocities(ends, top, T, T * shares)
+        excess = largest_excess(system, T, at)
+        best = min(best, (excess, T))
+        if best[0] <= CLOSE or best[0] < min(excess, 1.0):
+            break
+    return between_velocities(ends, top, best[1], np.linspace(0.0, best[1], samples))
+
+
 def between_velocities(
     ends: Sequence[Array], top: Array, T: float, times: Array
 ) -> States:
@@ -312,3 +362,106 @@ def largest_excess(system: ProblemFunctions, T: float, at: States) -> float:
         value, (lower, upper) = each.evaluate(at), each.bounds(len(q))
         worst.append(float(np.max(np.maximum(lower - value, value - upper))))
     return max(worst)
+
+
+def least_duration(system: ProblemFunctions, q: Array) -> float:
+    """Estimate of the duration of a path under motion limits, from rest to rest [s].
+
+    The path is given by configurations, shape (m, n). The estimate tends to be too
+    short; it is 0 without limits of accelerations, jerks or torque rates.
+    """
+    span, zero = np.ptp(q, axis=0), np.zeros((1, q.shape[1]))
+    load = system.dynamics.inverse(q[:1], zero, span[None])
+    load = np.abs(load - system.dynamics.inverse(q[:1], zero, zero))[0]
+    change, times = {"a": span, "j": span, "du": load}, [0.0]
+    for item in joint_limits(system.problem):
+        if item.kind.quantity in change:
+            # Distance from rest to rest under a bang-bang derivative of this order.
+            order = item.kind.order
+            power = 4.0 * 8.0 ** (order - 2) * change[item.kind.quantity] / item.upper
+            times.append(float(np.max(power)) ** (1.0 / order))
+    return max(times)
+
+
+def slowdown(system: ProblemFunctions, t: Array, q: Array) -> float:
+    """Time-scaling factor of a guess for limits beyond speeds and torques.
+
+    Args:
+        system: Functions of the problem.
+        t: Times of the guess [s], shape (m,).
+        q: Configurations of the guess, shape (m, n).
+
+    Raises:
+        ProblemError: If no limit is effective for the motion.
+    """
+    factor = _joint_time_scale(system, q, float(t[-1]))
+    return _load_time_scale(system, factor * t, q) * factor
+
+
+def _joint_time_scale(system: ProblemFunctions, q: Array, duration: float) -> float:
+    """Time-scaling factor of a guess for limits of accelerations, jerks and so on.
+
+    Args:
+        system: Functions of the problem.
+        q: Configurations of the guess, shape (m, n).
+        duration: Duration of the guess under limits of speeds and torques [s].
+
+    Raises:
+        ProblemError: If no limit is effective for the motion.
+    """
+    factor = max(1.0, least_duration(system, q) / duration)
+    speed = np.ptp(q, axis=0) / (factor * duration)
+    joint = int(np.argmax(speed))
+    if speed[joint] > FASTEST:
+        robot = system.problem.robot
+        unit = units_of(robot)[joint]
+        bounds = control_bounds(robot, system.problem.motion_limits)
+        effort = max(abs(bound[joint]) for bound in bounds)
+        raise ProblemError(
+            f"robot: joint {robot.joint_names[joint]!r} would go "
+            f"{np.ptp(q[:, joint]):.3g} {unit} in {factor * duration:.1e} s, as its "
+            f"limits of velocity ({robot.limits.velocity[joint]:.3g} {unit}/s) and "
+            f"{control_kind(robot).name} ({effort:.3g}) hardly limit it: a "
+            "time-optimal motion needs limits. Expected those of the arm as velocity= "
+            "and effort= of load_robot, limits='datasheet', or an acceleration= of "
+            "MotionLimits",
+            "robot",
+        )
+    return factor
+
+
+def _load_time_scale(system: ProblemFunctions, t: Array, q: Array) -> float:
+    """Time-scaling factor of a guess for held loads and for accelerations of tools.
+
+    Args:
+        system: Functions of the problem.
+        t: Times of the guess [s], shape (m,).
+        q: Configurations of the guess, shape (m, n).
+
+    Returns:
+        The factor; 1 without such constraints, or if slowing down does not remove the
+        violation.
+    """
+    held = [
+        item
+        for item in system.problem.ready_constraints
+        if item.order == 2 and item.curable and item.window is None
+    ]
+    if not held or np.any(np.diff(t) <= 0.0):
+        return 1.0
+    v = np.gradient(q, t, axis=0)
+    a = np.gradient(v, t, axis=0)
+
+    def feasible(factor: float) -> bool:
+        return all(
+            np.max(item.value_rows(q, v / factor, a / factor**2)) <= 0.0
+            for item in held
+        )
+
+    low, high = 1.0, SLOWEST
+    if feasible(low) or not feasible(high):
+        return 1.0
+    for _ in range(SCALINGS):
+        middle = float(np.sqrt(low * high))
+        low, high = (low, middle) if feasible(middle) else (middle, high)
+    return high

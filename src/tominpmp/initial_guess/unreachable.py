@@ -13,13 +13,7 @@ from tominpmp.exceptions import ProblemError
 from tominpmp.goals.frames import PositionGoal
 from tominpmp.initial_guess.constrained import PLACES, position_constraints
 from tominpmp.initial_guess.guess import KINEMATIC_STARTS
-from tominpmp.initial_guess.inverse_kinematics import (
-    REACHED,
-    GoalSearch,
-    GoalVelocity,
-    Target,
-    find_configurations,
-)
+from tominpmp.initial_guess.inverse_kinematics import REACHED, GoalSearch, Target
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.state_checks import unheld
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -43,7 +37,7 @@ def unreachable(
         where: Prefix of the message: the segment.
     """
     target = Target(system, system.problem.goal, beyond=beyond)
-    ik = find_configurations(target, 2 * KINEMATIC_STARTS, rng)
+    ik = target.configurations(2 * KINEMATIC_STARTS, rng)
     if reason := _why_unusable(target, ik) or _against_constraints(target, rng):
         return ProblemError(f"{where}goal: {reason}", "goal")
     frame = target.goal.frame_name
@@ -84,7 +78,7 @@ def _hindrance(system: ProblemFunctions) -> str:
     if lost or goal.configuration is not None:
         return lost
     target = Target(system, goal)
-    ik = find_configurations(target, KINEMATIC_STARTS, np.random.default_rng(0))
+    ik = target.configurations(KINEMATIC_STARTS, np.random.default_rng(0))
     reason = _why_unusable(target, ik)
     return reason and f"goal: {reason}"
 
@@ -166,20 +160,16 @@ def _against_constraints(target: Target, rng: np.random.Generator) -> str:
     if not items:
         return ""
     goal_alone = replace(target, goal_only=True)
-    ik = find_configurations(goal_alone, 2 * KINEMATIC_STARTS, rng)
+    ik = goal_alone.configurations(2 * KINEMATIC_STARTS, rng)
     reached = [*ik.free, *ik.blocked]
     if not reached:
         return ""
 
-    def worst(q: Array) -> tuple[float, PathConstraint | GoalVelocity]:
-        each = [
-            (float(np.abs(item.excess_at_rest(q[None])[0]).max()), item)
-            for item in items
-        ]
-        return max(each, key=lambda pair: pair[0])
+    def sizes(q: Array) -> list[float]:
+        return [np.abs(item.excess_at_rest(q[None])[0]).max() for item in items]
 
-    q = min(reached, key=lambda q: worst(q)[0])
-    item, rest = worst(q)[1], np.zeros_like(q)
+    q = min(reached, key=lambda q: max(sizes(q)))
+    item, rest = items[int(np.argmax(sizes(q)))], np.zeros_like(q)
     # For loads this is the reason why they are not held.
     why = item.lack(q, rest, 0.0).removeprefix(f"the {item.name} ")
     return (

@@ -28,7 +28,6 @@ from tominpmp.problem.segments import spans_of
 from tominpmp.transcription.base import Transcription
 from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
-from tominpmp.transcription.controls import net_torque, torque_shares
 from tominpmp.transcription.curve import nodes_of
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.layout import QUADRATIC, SHORTEST, Layout
@@ -161,13 +160,13 @@ class WarmStart(Guess):
     def _net_torque(self, system: ProblemFunctions, times: Array) -> Array:
         """Torques without dry friction, shape (k, n)."""
         v = self.trajectory(self.entry + times).v
-        return net_torque(system, self.torque(times), v)
+        return system.net_torque(self.torque(times), v)
 
     def torque_iterate(self, system: ProblemFunctions, shares: Array) -> Array:
         """Initial iterate of the shooting methods: torques and duration."""
         ends = self.duration * nodes_of(shares[:, 0])
         u = self._net_torque(system, 0.5 * (ends[1:] + ends[:-1]))
-        z = torque_shares(system, u).ravel()
+        z = system.torque_shares(u).ravel()
         return np.concatenate([z, [self.duration / shares.sum()]])
 
 

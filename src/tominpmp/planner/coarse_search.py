@@ -22,8 +22,7 @@ from functools import partial
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.initial_guess.bumps import bumps
-from tominpmp.initial_guess.guess import SAMPLED, CachedGuesses, Guess
+from tominpmp.initial_guess.guess import SAMPLED, CachedGuesses, Guess, bumps
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Control, Options
 from tominpmp.planner.automatic_options import PROMISE
@@ -39,9 +38,8 @@ from tominpmp.planner.descent import (
 from tominpmp.planner.plan_state import PlanState, start_key
 from tominpmp.planner.torque_starts import FEW_JOINTS, torque_starts, torques_may_lead
 from tominpmp.planner.work import Schedule, Work
-from tominpmp.solvers.loop import Loop, Rule
+from tominpmp.solvers.loop import Loop, Rule, first_of
 from tominpmp.solvers.objective import RESTORABLE
-from tominpmp.solvers.stop import first_of
 from tominpmp.status import Status
 from tominpmp.transcription.problem_functions import ProblemFunctions
 

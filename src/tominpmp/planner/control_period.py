@@ -35,9 +35,8 @@ from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import Segment, Span, arrival_window, spans_of
 from tominpmp.solution import Solution
 from tominpmp.solvers.exchange import RowExchange
-from tominpmp.solvers.loop import Loop, Rule, solve
+from tominpmp.solvers.loop import Loop, Rule, first_of, solve
 from tominpmp.solvers.objective import RESTORABLE
-from tominpmp.solvers.stop import first_of
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Stop

@@ -18,8 +18,7 @@ from tominpmp.planner.finer_grid import on_finer_grids
 from tominpmp.planner.first_program import first_program
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import REPAIRS, Work
-from tominpmp.solvers.loop import Loop, Rule
-from tominpmp.solvers.stop import first_of
+from tominpmp.solvers.loop import Loop, Rule, first_of
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import Status
 from tominpmp.transcription.problem_functions import ProblemFunctions

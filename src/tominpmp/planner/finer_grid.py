@@ -23,13 +23,11 @@ from tominpmp.planner.automatic_options import (
     warm_start_options,
 )
 from tominpmp.solvers.iterate import SlpResult
-from tominpmp.solvers.loop import Loop, Rule
-from tominpmp.solvers.stop import first_of
+from tominpmp.solvers.loop import Loop, Rule, first_of
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import Status
-from tominpmp.transcription.distance_rows import times_of_rows, with_rows_at
-from tominpmp.transcription.halving import intervals_to_halve
-from tominpmp.transcription.layout import Gridded, split_intervals
+from tominpmp.transcription.exchange import times_of_rows, with_rows_at
+from tominpmp.transcription.layout import Gridded, intervals_to_halve, split_intervals
 from tominpmp.transcription.program import NonlinearProgram
 
 if TYPE_CHECKING:

@@ -17,12 +17,7 @@ from functools import partial
 import numpy as np
 
 from tominpmp.constraints.base import USABLE
-from tominpmp.initial_guess.guess import (
-    CachedGuesses,
-    Guess,
-    GuessRequest,
-    initial_guesses,
-)
+from tominpmp.initial_guess.guess import CachedGuesses, Guess, GuessRequest
 from tominpmp.initial_guess.parallel import (
     available_processes,
     ready,
@@ -50,8 +45,7 @@ from tominpmp.planner.torque_starts import (
 )
 from tominpmp.planner.work import Schedule, Work, run, single, use_fallback
 from tominpmp.problem.problem import Problem
-from tominpmp.solvers.loop import Loop
-from tominpmp.solvers.stop import first_of
+from tominpmp.solvers.loop import Loop, first_of
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Stop
 from tominpmp.transcription.grid import interval_shares
@@ -398,7 +392,7 @@ def _beatable(system: ProblemFunctions, state: PlanState) -> bool:
         return False
     rng = np.random.default_rng(state.options.seed)
     request = GuessRequest(1, rng, state.options.initial_duration)
-    guess = next(initial_guesses(system, request), None)
+    guess = next(request.guesses(system), None)
     if guess is None or not guess.timed:
         return False
     return bool(state.best_duration > BEATABLE * guess.duration)

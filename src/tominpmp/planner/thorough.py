@@ -17,8 +17,7 @@ from contextlib import suppress
 import numpy as np
 
 from tominpmp.exceptions import ProblemError
-from tominpmp.initial_guess.bumps import SPREADS, bumped, bumps
-from tominpmp.initial_guess.guess import Guess, GuessRequest
+from tominpmp.initial_guess.guess import SPREADS, Guess, GuessRequest, bumped, bumps
 from tominpmp.initial_guess.path_velocity import guesses_of
 from tominpmp.initial_guess.segments import segmented_guesses
 from tominpmp.planner.coarse_search import CoarseSearch, coarse_grids_apply

@@ -27,7 +27,6 @@ from tominpmp.solvers.penalty import penalty_rounds
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
-from tominpmp.transcription.controls import torque_shares
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
@@ -98,7 +97,7 @@ def _given_torques(system: ProblemFunctions, options: Options) -> Array:
     """Initial iterate: the torques and the duration of the options, or the default."""
     given, shape = options.initial_control, (options.intervals, system.n)
     control = np.zeros(shape) if given is None else np.broadcast_to(given, shape)
-    shares = torque_shares(system, control)
+    shares = system.torque_shares(control)
     return np.append(shares.ravel(), options.initial_duration or FIRST_DURATION)
 
 
@@ -151,7 +150,7 @@ def shooting_work(
         )
         program = NonlinearProgram.of(transcription, "exact" if paper else "near")
         initial = program.trajectory(z)
-        gradual = any(block.gradual for block in program.blocks)
+        gradual = program.system.clearance is not None
         method: tuple[Step, Rule]
         # Among obstacles, methods without a trust region get farther if they are
         # restarted.

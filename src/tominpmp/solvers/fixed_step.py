@@ -28,8 +28,7 @@ from tominpmp.linear_programs.program import LinearProgram
 from tominpmp.linear_programs.solver import LpSolver
 from tominpmp.options import Options
 from tominpmp.solvers.iterate import Iterate, StepOutcome, TrialPoint
-from tominpmp.solvers.loop import Loop, Rule
-from tominpmp.solvers.stop import collapsed, first_of, iterations
+from tominpmp.solvers.loop import Loop, Rule, collapsed, first_of, iterations
 from tominpmp.status import Status
 from tominpmp.stopping import check
 from tominpmp.transcription.adjoint import AdjointTranscription

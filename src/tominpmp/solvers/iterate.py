@@ -9,41 +9,12 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.status import IterationRecord, Status
-from tominpmp.transcription.base import ProgramInterface
-from tominpmp.transcription.rows import Rows
+from tominpmp.transcription.base import ProgramInterface, Rows
 
 # Penalty weights exceed the largest sum of multipliers of their groups by this factor.
 WEIGHT_MARGIN = 1.5
 # Violations below this need no elastic variable.
 NEGLIGIBLE = 1e-9
-# Least share of the predicted reduction for which a step is accepted (Fletcher, 1987).
-ACCEPT = 0.1
-# Ratio of actual to predicted reduction that the radius control aims for, and the
-# largest and smallest factor of the radius, tuned by benchmarks/random_goals.py. As the
-# error of a linearisation is quadratic in the radius, the radius settles where half of
-# the predicted reduction is lost.
-AIM = 0.5
-GROWTH = 2.5
-SHRINK = 0.5
-# Largest radius, and the radius below which the iteration has stalled, as shares of the
-# initial one.
-LARGEST_RADIUS, SMALLEST_RADIUS = 5.0, 1e-6
-
-
-def next_radius(radius: float, ratio: float, damping: float) -> float:
-    """Radius of the trust region for the next iteration.
-
-    Args:
-        radius: The present radius, as a share of the initial one.
-        ratio: Actual reduction divided by the predicted one, for the full step.
-        damping: Share of the step that was taken after a line search.
-    """
-    if damping < 1.0:
-        factor = max(damping, 0.3)
-    else:
-        # The loss 1 - ratio is proportional to the radius.
-        factor = min(max(AIM / max(1.0 - ratio, 1e-3), SHRINK), GROWTH)
-    return min(radius * factor, LARGEST_RADIUS)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,8 @@ nonlinear program. Objective, step and stop rule are values, and can be exchange
   (:mod:`~tominpmp.solvers.trust_region_step`), is the fixed step of the paper
   (:mod:`~tominpmp.solvers.fixed_step`), or a round of the penalty method
   (:mod:`~tominpmp.solvers.penalty`),
-- stop rules are combined (:mod:`~tominpmp.solvers.stop`).
+- stop rules (:func:`until_settled` and others) are evaluated after each step, and are
+  combined by :func:`first_of`.
 
 During the iteration and at its end, constraints that are violated between the rows
 become rows of the program (:mod:`~tominpmp.solvers.exchange`).
@@ -45,6 +46,8 @@ Rule = Callable[["Loop"], Status | None]
 # Least trust-region radius to which a settled loop is limited, as a share of its first
 # one.
 SETTLED_RADIUS = 0.01
+# Radius below which a loop has stalled, as a share of its first one.
+SMALLEST_RADIUS = 1e-6
 # Time for slowing a motion down once a stop was requested [s].
 RESTORATION_TIME = 0.2
 
@@ -212,3 +215,55 @@ class Loop:
         """Hand the best iterate to ``keep``, or the present one if none is feasible."""
         if self.keep is not None:
             self.keep(self.program, self.best or self.state)
+
+
+def first_of(*rules: Rule | None) -> Rule:
+    """Combine stop rules, if any: the first one that applies determines the status."""
+
+    def rule(loop: Loop) -> Status | None:
+        verdicts = (each(loop) for each in filter(None, rules))
+        return next((status for status in verdicts if status is not None), None)
+
+    return rule
+
+
+def collapsed(loop: Loop) -> Status | None:
+    """STALLED if the trust region has collapsed; a failure if no program was solved."""
+    if loop.state.radius >= SMALLEST_RADIUS:
+        return None
+    return Status.NUMERICAL_FAILURE if loop.outcome is None else Status.STALLED
+
+
+def until_settled(heaviest: float, most: int) -> Rule:
+    """Stop rule of iterations that adapt their weights, up to a number of iterations.
+
+    It is CONVERGED if no more progress is made, and slowing down removes violations,
+    and INFEASIBLE once violations cost too much for any multiplier: the weight of a
+    violation is raised until it exceeds the multiplier of the constraint. If violations
+    remain with a weight far above all multipliers, no small change removes them.
+
+    Args:
+        heaviest: Largest weight of a violation of 100 %, in multiples of the objective.
+        most: Largest number of iterations.
+    """
+
+    def settled(loop: Loop) -> Status | None:
+        if loop.outcome is not None and loop.outcome.settled:
+            return Status.CONVERGED
+        state = loop.state
+        value = loop.objective.value(loop.program, state.z, state.values)
+        heavy = np.max(state.weights, initial=0.0) > heaviest * value
+        return Status.INFEASIBLE if heavy else None
+
+    return first_of(settled, collapsed, iterations(most))
+
+
+def iterations(most: int) -> Rule:
+    """Stop rule: ITERATION_LIMIT at the limit, which row exchanges may extend."""
+
+    def rule(loop: Loop) -> Status | None:
+        limit = max(most, loop.extended_limit)
+        over = loop.outcome is not None and len(loop.history) >= limit
+        return Status.ITERATION_LIMIT if over else None
+
+    return rule

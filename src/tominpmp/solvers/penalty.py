@@ -20,8 +20,7 @@ from scipy.optimize import minimize
 from tominpmp.arrays import Array
 from tominpmp.options import Options
 from tominpmp.solvers.iterate import StepOutcome, TrialPoint
-from tominpmp.solvers.loop import Loop, Rule
-from tominpmp.solvers.stop import first_of, iterations, settled, weights_exceed
+from tominpmp.solvers.loop import Loop, Rule, until_settled
 from tominpmp.stopping import check
 from tominpmp.transcription.adjoint import AdjointTranscription
 
@@ -51,8 +50,7 @@ def penalty_rounds(options: Options, z: Array) -> tuple[PenaltyRound, Rule]:
         z: The initial iterate.
     """
     most = ITERATION_FACTOR * options.max_iterations
-    stop = first_of(settled, weights_exceed(LARGEST_WEIGHT), iterations(most))
-    return PenaltyRound(z, most), stop
+    return PenaltyRound(z, most), until_settled(LARGEST_WEIGHT, most)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,14 +17,9 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.base import Partials
-from tominpmp.constraints.friction import Signs
+from tominpmp.constraints.torque import Signs
 from tominpmp.transcription.base import StepBounds
-from tominpmp.transcription.controls import (
-    TorqueTranscription,
-    driving_torque,
-    scale_of_goal,
-    torque_shares,
-)
+from tominpmp.transcription.controls import TorqueTranscription, scale_of_goal
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.integrator import SteppedMotion, rollout, sweep_adjoint
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -81,7 +76,7 @@ class AdjointTranscription(TorqueTranscription):
                 their limits.
             eta: Lengths, shape (m,).
         """
-        return np.concatenate([torque_shares(self.system, u).ravel(), eta])
+        return np.concatenate([self.system.torque_shares(u).ravel(), eta])
 
     def tracking(self, x: Array, eta: Array) -> Array:
         """Iterate whose torques, within their limits, keep the motion near states.
@@ -95,14 +90,14 @@ class AdjointTranscription(TorqueTranscription):
         """
         system, n, h = self.system, self._n, np.asarray(self.shares @ eta)
         wanted, rate = np.diff(x[:, n:], axis=0) / h[:, None], TRACKING / h.max()
-        u, state = driving_torque(system, x[:, :n], x[:, n:], h), x[0]
+        u, state = system.driving_torque(x[:, :n], x[:, n:], h), x[0]
         for k in range(self.intervals):
             off = x[k] - state
             a = wanted[k] + rate * (rate * off[:n] + 2.0 * off[n:])
             q = state[:n] + 0.5 * h[k] * state[n:]
             v = state[n:] + 0.5 * h[k] * a
             torque = system.dynamics.inverse(q[None], v[None], a[None])
-            share = torque_shares(system, torque)
+            share = system.torque_shares(torque)
             held = system.effort_middle + system.effort_half * share
             moved = rollout(system.dynamics, state, held, h[k : k + 1], self.substeps)
             if not moved.finite:
@@ -231,5 +226,5 @@ class AdjointTranscription(TorqueTranscription):
         """Torques that pass approximately the same configurations more slowly."""
         x, n = self.motion(z).x, self._n
         eta = z[-self._m :] * factor
-        u = driving_torque(self.system, x[:, :n], x[:, n:] / factor, self.shares @ eta)
+        u = self.system.driving_torque(x[:, :n], x[:, n:] / factor, self.shares @ eta)
         return self.pack(u, eta)

@@ -12,20 +12,19 @@ from __future__ import annotations
 
 import itertools
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar, Generic, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 import scipy.sparse as sp
 
-from tominpmp.arrays import Array, IntArray
+from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.constraints.base import Partials, States
 from tominpmp.constraints.joint_limits import JointLimit
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.instants import Instants
-from tominpmp.transcription.rows import Rows
 
 if TYPE_CHECKING:
     from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -87,6 +86,107 @@ class Variation(NamedTuple):
         return float(np.sum(self.at(z) ** 2))
 
 
+@dataclass(frozen=True)
+class Rows:
+    """Bounds, kinds and groups of the rows of a program.
+
+    Attributes:
+        lower: Lower bounds, shape (m,).
+        upper: Upper bounds, shape (m,); equal to the lower ones for equations.
+        kind: Index of each row's kind in ``kinds``, shape (m,).
+        group: Index of each row's group, whose rows share an elastic variable, (m,).
+        kinds: Names of the kinds, for reports.
+        curable: Whether a slower motion along the same path violates rows of each kind
+            less, shape (kinds,).
+    """
+
+    lower: Array
+    upper: Array
+    kind: IntArray
+    group: IntArray
+    kinds: tuple[str, ...]
+    curable: BoolArray
+
+    @property
+    def size(self) -> int:
+        """Number of rows."""
+        return self.lower.size
+
+    @cached_property
+    def group_count(self) -> int:
+        """Number of groups."""
+        return int(self.group.max()) + 1 if self.size else 0
+
+    def violation(self, values: Array) -> Array:
+        """Violation of each row, >= 0, shape (m,)."""
+        excess, below = values - self.upper, self.lower - values
+        np.maximum(excess, below, out=excess)
+        return np.maximum(excess, 0.0, out=excess)
+
+    def largest_violation(self, values: Array) -> float:
+        """Largest violation of any row; 0 without rows."""
+        return float(np.max(self.violation(values), initial=0.0))
+
+    def group_violation(self, values: Array) -> Array:
+        """Largest violation in each group, shape (number of groups,)."""
+        excess, out = self.violation(values), np.zeros(self.group_count)
+        over = np.flatnonzero(excess)  # few of the rows, most of which are clearances
+        np.maximum.at(out, self.group[over], excess[over])
+        return out
+
+    @cached_property
+    def group_kind(self) -> IntArray:
+        """Kind of each group, shape (number of groups,)."""
+        out = np.zeros(self.group_count, dtype=np.int64)
+        out[self.group] = self.kind
+        return out
+
+    def carried(self, former: Rows, values: Array) -> Array:
+        """Transfer values of former rows to these rows; zero for rows that joined.
+
+        Args:
+            former: Rows of the program before an exchange: within each kind, rows that
+                joined come last.
+            values: Value of each former row.
+        """
+        out = np.zeros(self.size)
+        for index, kind in enumerate(self.kinds):
+            if kind in former.kinds:
+                mine = np.flatnonzero(self.kind == index)
+                known = values[former.kind == former.kinds.index(kind)]
+                count = min(mine.size, known.size)
+                out[mine[:count]] = known[:count]
+        return out
+
+    @staticmethod
+    def stack(
+        parts: list[tuple[str, Array, Array, IntArray]],
+        curable: Collection[str] = frozenset(),
+    ) -> Rows:
+        """Join blocks of rows.
+
+        Args:
+            parts: For each block, the name of its kind, the lower and upper bounds, and
+                the groups, counted from 0 within the block.
+            curable: Names of the kinds of rows that a slower motion violates less.
+
+        Returns:
+            The rows of all blocks, in order.
+        """
+        kinds, lower, upper, groups = zip(*parts, strict=True)
+        sizes = [group.size for group in groups]
+        counts = [int(group.max(initial=-1)) + 1 for group in groups]
+        first = np.cumsum([0, *counts[:-1]])
+        return Rows(
+            np.concatenate(lower),
+            np.concatenate(upper),
+            np.repeat(np.arange(len(kinds)), sizes),
+            np.concatenate(groups) + np.repeat(first, sizes),
+            kinds,
+            np.array([kind in curable for kind in kinds], dtype=bool),
+        )
+
+
 class ProgramInterface(Protocol):
     """Interface of a nonlinear program for records of its iterates and solutions."""
 
@@ -143,7 +243,6 @@ class HullRows(Generic[M]):
         of_motion: Function from a motion to the row values, shape (m,).
         by_unknowns: Function from a motion to their Jacobian, shape (m, size).
         curable: Whether a slower motion violates them less.
-        gradual: Whether rows far below their bounds may be left out.
     """
 
     name: str
@@ -152,7 +251,6 @@ class HullRows(Generic[M]):
     of_motion: Callable[[M], Array]
     by_unknowns: Callable[[M], sp.csr_matrix]
     curable: bool = False
-    gradual: ClassVar[bool] = False
 
     def groups(self, by_component: bool) -> IntArray:
         """Group of each row: all rows are in one group, shape (m,)."""

@@ -51,11 +51,6 @@ class SampledRows:
         return self.constraint.name + self.suffix
 
     @property
-    def gradual(self) -> bool:
-        """Whether rows far below their bounds may be left out."""
-        return self.constraint.gradual
-
-    @property
     def curable(self) -> bool:
         """Whether a slower motion violates the rows less."""
         return self.constraint.curable

@@ -19,17 +19,10 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.base import Partials
-from tominpmp.constraints.friction import Signs
-from tominpmp.linear_programs.sparse import rows_of_table
+from tominpmp.constraints.torque import Signs
 from tominpmp.transcription.base import NOT_INTEGRATED, HullRows, StepBounds
-from tominpmp.transcription.controls import (
-    SPEED_FACTOR,
-    TorqueTranscription,
-    driving_torque,
-    first_signs,
-    torque_shares,
-)
-from tominpmp.transcription.curve import PositionFunction, nodes_of
+from tominpmp.transcription.controls import SPEED_FACTOR, TorqueTranscription
+from tominpmp.transcription.curve import PositionFunction, nodes_of, rows_of_table
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.integrator import NODES, SteppedMotion
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -91,10 +84,10 @@ class CollocationTranscription(TorqueTranscription):
         Returns:
             z, with the torques as shares of their limits.
         """
-        free, shares = np.isnan(self._given), torque_shares(self.system, u)
+        free, shares = np.isnan(self._given), self.system.torque_shares(u)
         x = np.where(free, np.clip(x, self._low, self._high), self._given)
         if self.system.friction is not None:
-            signs = self.signs or first_signs(self.system, x[:, self._n :])
+            signs = self.signs or self.first_signs(x[:, self._n :])
             shares = np.clip(shares, signs.lower, signs.upper)
         return np.concatenate([x.ravel(), shares.ravel(), eta])
 
@@ -119,7 +112,7 @@ class CollocationTranscription(TorqueTranscription):
         end = system.final_velocity
         last = 2.0 * slope[-1] - inner[-1] if end is None else end
         v = np.concatenate([system.problem.v_start[None], inner, last[None]])
-        return self.pack(np.hstack([q, v]), driving_torque(system, q, v, lengths), eta)
+        return self.pack(np.hstack([q, v]), system.driving_torque(q, v, lengths), eta)
 
     def split(self, z: Array) -> tuple[Array, Array, Array]:
         """States, torques without dry friction and lengths [s] of an iterate.
@@ -151,7 +144,7 @@ class CollocationTranscription(TorqueTranscription):
         if self.system.friction is None or self.signs is not None:
             return self
         v = self.split(z)[0][:, self._n :]
-        return self.with_signs(self.duration, first_signs(self.system, v))
+        return self.with_signs(self.duration, self.first_signs(v))
 
     # -- states ------------------------------------------------------------------------
 
@@ -247,5 +240,5 @@ class CollocationTranscription(TorqueTranscription):
         x, _, _ = self.split(z)
         n, eta = self._n, z[-self._m :] * factor
         q, v = x[:, :n], x[:, n:] / factor
-        u = driving_torque(self.system, q, v, self.shares @ eta)
+        u = self.system.driving_torque(q, v, self.shares @ eta)
         return self.pack(np.hstack([q, v]), u, eta)

@@ -14,10 +14,8 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.base import Partials, States
-from tominpmp.constraints.friction import EFFORT_TOLERANCE, Signs, interval_signs
-from tominpmp.dynamics import directions
+from tominpmp.constraints.torque import EFFORT_TOLERANCE, Signs, interval_signs
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.problem.controls import effort_range
 from tominpmp.transcription.base import Transcription, Variation
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.integrator import SteppedMotion, stage_weights
@@ -95,7 +93,7 @@ class TorqueTranscription(Transcription[SteppedMotion]):
             largest: Largest step of each joint, in shares, shape (n,).
         """
         shares, (low, high) = self.shares_at(z), self.torque_bounds
-        driven, most = driven_joints(self.system), np.zeros(self._n)
+        driven, most = self.system.driven_joints, np.zeros(self._n)
         most[driven] = largest[driven]
         return np.clip(low - shares, -most, 0.0), np.clip(high - shares, 0.0, most)
 
@@ -109,12 +107,20 @@ class TorqueTranscription(Transcription[SteppedMotion]):
             return None
         known, v, shares = self.signs, motion.x[:, self._n :], self.shares_at(z)
         # Friction is left out until signs are known.
-        signs = _new_signs(known, v, shares) if known else first_signs(self.system, v)
+        signs = _new_signs(known, v, shares) if known else self.first_signs(v)
         if signs is None:
             return None
         out = z.copy()
         out[self._torques] = np.clip(shares, signs.lower, signs.upper).ravel()
         return self.with_signs(float(self.cost @ z), signs), out
+
+    def first_signs(self, v: Array) -> Signs:
+        """Signs on N intervals from velocities at their nodes, shape (N + 1, n)."""
+        friction = self.system.friction
+        assert friction is not None  # noqa: S101
+        sign, change = interval_signs(v)
+        signs = Signs.of(friction, sign)
+        return replace(signs, both=change & (friction > 0.0))
 
     def instants(self, order: int, field: str) -> Instants:
         """Nodes; both ends of the intervals for accelerations, which jump there."""
@@ -166,7 +172,7 @@ class TorqueTranscription(Transcription[SteppedMotion]):
     def variation(self, z: Array) -> Variation:
         """Jumps of the torques between intervals, in full ranges."""
         unknown = np.arange(self.size)[self._torques].reshape(self.intervals, self._n)
-        driven = unknown[:, driven_joints(self.system)]
+        driven = unknown[:, self.system.driven_joints]
         unit = sp.identity(self.size, format="csr")
         jumps = 0.5 * (unit[driven[1:].ravel()] - unit[driven[:-1].ravel()])
         return Variation(jumps, np.zeros(jumps.shape[0]))
@@ -215,53 +221,6 @@ def scale_of_goal(system: ProblemFunctions, duration: float) -> Array:
     else:
         scale[-system.n :] = speed * system.step_scale
     return scale
-
-
-def driven_joints(system: ProblemFunctions) -> IntArray:
-    """Indices of the joints with a motor: those with a nonempty torque range."""
-    limits = system.problem.robot.limits
-    return np.flatnonzero(limits.effort_upper > limits.effort_lower)
-
-
-def torque_shares(system: ProblemFunctions, u: Array) -> Array:
-    """Torques as shares of their limits, clipped to them, shape (N, n)."""
-    _, most = effort_range(system.problem.robot, system.motion_limits)
-    if system.friction is not None:
-        most = most + system.problem.robot.friction
-    most = most / system.effort_half
-    return np.clip((u - system.effort_middle) / system.effort_half, -most, most)
-
-
-def net_torque(system: ProblemFunctions, u: Array, v: Array) -> Array:
-    """Motor torques less dry friction, shape (N, n) [N m or N]."""
-    if system.friction is None:
-        return u
-    return np.asarray(u - system.problem.robot.friction * directions(v, 0.0 * v))
-
-
-def driving_torque(system: ProblemFunctions, q: Array, v: Array, h: Array) -> Array:
-    """Torques that drive a motion, in the middle of its intervals, shape (N, n).
-
-    The torques are not clipped to their limits.
-
-    Args:
-        system: The functions of the problem.
-        q: Positions at the nodes, shape (N + 1, n).
-        v: Velocities at the nodes, shape (N + 1, n).
-        h: Lengths of the intervals [s], shape (N,).
-    """
-    step = h[:, None]
-    middle = 0.5 * (q[:-1] + q[1:])
-    speed, acceleration = np.diff(q, axis=0) / step, np.diff(v, axis=0) / step
-    return system.dynamics.inverse(middle, speed, acceleration)
-
-
-def first_signs(system: ProblemFunctions, v: Array) -> Signs:
-    """Signs on N intervals from velocities at their nodes, shape (N + 1, n)."""
-    assert system.friction is not None  # noqa: S101
-    sign, change = interval_signs(v)
-    signs = Signs.of(system.friction, sign)
-    return replace(signs, both=change & (system.friction > 0.0))
 
 
 def _new_signs(signs: Signs, v: Array, shares: Array) -> Signs | None:

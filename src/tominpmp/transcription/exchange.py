@@ -10,10 +10,16 @@ Quantities that may jump at the nodes, as torques do, are inspected at a few ins
 each interval. Different joints violate their limits at different instants, and rows of
 all joints at each of these instants would double the size of the programs of thirty
 joints: values with a margin are left out of the rows, until they violate their limits.
+
+A motion depends on the clearance rows that joined its program. Without them, a program
+on another grid would let the motion pass through obstacles between the nodes, appear
+faster than is feasible, and have to exchange the same rows again: these rows are
+transferred to it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
 
@@ -21,9 +27,8 @@ import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.constraints.base import Constraint
-from tominpmp.constraints.friction import EFFORT_TOLERANCE
 from tominpmp.constraints.path import PathConstraint
-from tominpmp.constraints.torque import MotorLimit
+from tominpmp.constraints.torque import EFFORT_TOLERANCE, MotorLimit
 from tominpmp.motion.extrema import between_samples
 from tominpmp.transcription.base import Motion
 from tominpmp.transcription.blocks import Block, SampledRows
@@ -68,6 +73,8 @@ RATES_INSPECTED = tuple(
 REVERSAL_STEPS = 8
 # Torques are inspected at this distance from a reversal, in shares of the interval.
 REVERSAL_OFFSET = 0.005
+# Rows closer than this share of the duration count as one.
+SAME_TIME = 1e-4
 
 
 def exchanged(
@@ -332,3 +339,46 @@ def _samples(h: Array, most: int = MOST_SAMPLES) -> Instants:
     first = np.repeat(np.cumsum(counts) - counts, counts)
     step = np.arange(interval.size) - first
     return Instants(interval, (step + 0.5) / counts[interval])
+
+
+def times_of_rows(program: NonlinearProgram, z: Array) -> dict[str, Array]:
+    """Times of the clearance rows of a program [s], by the name of the block.
+
+    Args:
+        program: The program.
+        z: Iterate of the program.
+    """
+    of = program.transcription
+    h = of.motion(z).h
+    return {
+        block.name: block.fixed.times(h) + of.delays[block.fixed.interval]
+        for block in program.blocks
+        if isinstance(block, SampledRows) and block.constraint.gradual
+    }
+
+
+def with_rows_at(
+    program: NonlinearProgram, z: Array, times: Mapping[str, Array]
+) -> NonlinearProgram:
+    """The program with clearance rows added at times that have no row yet.
+
+    Args:
+        program: The program.
+        z: Iterate of the program, the motion whose rows they are.
+        times: Times of the rows [s], by the name of the block.
+    """
+    of, blocks = program.transcription, list(program.blocks)
+    h = of.motion(z).h
+    own = times_of_rows(program, z)
+    for index, block in enumerate(blocks):
+        if not isinstance(block, SampledRows) or block.name not in own:
+            continue
+        added = times.get(block.name, np.zeros(0))
+        away = np.abs(added[:, None] - own[block.name])
+        apart = np.min(away, axis=1, initial=np.inf)
+        more = np.unique(added[apart > SAME_TIME * float(h.sum())])
+        if more.size:
+            at = Instants.at_times(more, h, of.delays)
+            at = at if block.within is None else at.within(*block.within)
+            blocks[index] = replace(block, fixed=block.fixed.joined(at))
+    return replace(program, blocks=tuple(blocks))

@@ -419,20 +419,11 @@ def sweep_adjoint(
     A, B, c = sensitivities
     count, _, n = B.shape
     number = int(functionals.max(initial=-1)) + 1
-    last = np.zeros(number, dtype=np.int64)
-    np.maximum.at(last, functionals, nodes)
-    order = np.argsort(-last, kind="stable")
-    live = np.searchsorted(-last[order], -np.arange(count + 1), side="right")
-    row = np.empty_like(order)
-    row[order] = np.arange(number)
     by_control, by_length = np.zeros((number, count, n)), np.zeros((number, count))
     costate = np.zeros((number, A.shape[1]))
     for j in range(count - 1, -1, -1):
         here = nodes == j + 1
-        np.add.at(costate, row[functionals[here]], seeds[here])
-        # Functionals that depend on states after step j.
-        rows = costate[: live[j + 1]]
-        by_control[: live[j + 1], j] = rows @ B[j]
-        by_length[: live[j + 1], j] = rows @ c[j]
-        costate[: live[j + 1]] = rows @ A[j]
-    return by_control[row], by_length[row]
+        np.add.at(costate, functionals[here], seeds[here])
+        by_control[:, j], by_length[:, j] = costate @ B[j], costate @ c[j]
+        costate = costate @ A[j]
+    return by_control, by_length

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, IntArray
 from tominpmp.collision.query import ROUNDING
 from tominpmp.constraints.base import Constraint
 from tominpmp.constraints.clearance import ClearanceConstraint
 from tominpmp.constraints.joint_limits import JointLimit
 from tominpmp.constraints.torque import Motors, TorqueLimit, TorqueOverSpeed, TorqueRate
-from tominpmp.dynamics import Dynamics, RobotDynamics
+from tominpmp.dynamics import Dynamics, RobotDynamics, directions
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.motion_limits import SIDES, MotionLimits
 from tominpmp.problem.controls import effort_range
@@ -335,3 +335,38 @@ class ProblemFunctions:
         """Motor torques as shares of their limits, feasible in [-1, 1], (m, n)."""
         tau = self.motor_dynamics.inverse(q, v, a)
         return (tau - self.effort_middle) / self.effort_half
+
+    @cached_property
+    def driven_joints(self) -> IntArray:
+        """Indices of the joints with a motor: those with a nonempty torque range."""
+        limits = self.problem.robot.limits
+        return np.flatnonzero(limits.effort_upper > limits.effort_lower)
+
+    def torque_shares(self, u: Array) -> Array:
+        """Torques as shares of their limits, clipped to them, shape (N, n)."""
+        _, most = effort_range(self.problem.robot, self.motion_limits)
+        if self.friction is not None:
+            most = most + self.problem.robot.friction
+        most = most / self.effort_half
+        return np.clip((u - self.effort_middle) / self.effort_half, -most, most)
+
+    def net_torque(self, u: Array, v: Array) -> Array:
+        """Motor torques less dry friction, shape (N, n) [N m or N]."""
+        if self.friction is None:
+            return u
+        return np.asarray(u - self.problem.robot.friction * directions(v, 0.0 * v))
+
+    def driving_torque(self, q: Array, v: Array, h: Array) -> Array:
+        """Torques that drive a motion, in the middle of its intervals, shape (N, n).
+
+        The torques are not clipped to their limits.
+
+        Args:
+            q: Positions at the nodes, shape (N + 1, n).
+            v: Velocities at the nodes, shape (N + 1, n).
+            h: Lengths of the intervals [s], shape (N,).
+        """
+        step = h[:, None]
+        middle = 0.5 * (q[:-1] + q[1:])
+        speed, acceleration = np.diff(q, axis=0) / step, np.diff(v, axis=0) / step
+        return self.dynamics.inverse(middle, speed, acceleration)

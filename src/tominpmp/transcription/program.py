@@ -22,6 +22,7 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.base import (
     NOT_INTEGRATED,
     Linearization,
+    Rows,
     StepBounds,
     Transcription,
     Variation,
@@ -29,7 +30,6 @@ from tominpmp.transcription.base import (
 from tominpmp.transcription.blocks import Block, SampledRows, blocks_of
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.transcription.rows import Rows
 
 # An instant counts as attaining the maximum of a constraint if its value is this close.
 ATTAINED = 1e-4
@@ -221,9 +221,9 @@ class NonlinearProgram:
             return np.flatnonzero(~path | self._attained(values))
         chosen = np.ones(rows.size, dtype=bool)
         for index, block in enumerate(self.blocks):
-            if block.gradual:
+            if isinstance(block, SampledRows) and block.constraint.gradual:
                 radius = self.transcription.attention(steps)
-                if isinstance(block, SampledRows) and block.constraint.moving:
+                if block.constraint.moving:
                     radius = max(radius, self.transcription.moving_attention)
                 mine = rows.kind == index
                 chosen[mine] = values[mine] > rows.upper[mine] - radius
