@@ -224,18 +224,6 @@ class FrameMotions:
         """Accelerations of its origin in the world, shape (m, 3) [m/s^2]."""
         return self._of_origin(pin.getFrameClassicalAcceleration, q, v=v, a=a)
 
-    def acceleration_slopes(
-        self, q: Array, v: Array, a: Array
-    ) -> tuple[Array, Array, Array, Array]:
-        """Accelerations of its origin in the world, and their derivatives.
-
-        Returns:
-            Accelerations, shape (m, 3), and derivatives by q, v and a, shape (m, 3, n)
-            each.
-        """
-        _, by_q, by_v, by_a = self.slopes(q, v, a)
-        return self.accelerations(q, v, a), by_q, by_v, by_a
-
     def _of_origin(
         self, quantity: Callable[..., pin.Motion], q: Array, **rates: Array
     ) -> Array:

@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_args
+from typing import Annotated, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
 import tominpmp.checks as checks
 from tominpmp.arrays import Array, Record, array_or_nan, number_or_nan
 from tominpmp.exceptions import OptionsError, unknown
-
-if TYPE_CHECKING:
-    from tominpmp.status import IterationRecord
+from tominpmp.status import IterationRecord
 
 Method = Literal["auto", "inverse", "collocation", "adjoint", "penalty"]
 Control = Literal["auto", "constant", "linear", "spline"]

@@ -107,7 +107,7 @@ def test_program_curvature_is_the_weighted_curvature_of_its_rows(during):
     if during is not None:
         blocks = list(program.blocks)
         ready = blocks[index].constraint.with_times(np.array([0.4, 1.7, 3.0]))
-        blocks[index] = type(blocks[index])(of, ready, Instants.none())
+        blocks[index] = type(blocks[index])(of, ready, Instants.of_pairs(()))
         program = NonlinearProgram(of, tuple(blocks))
     mine = program.rows.kind == index
     assert mine.sum() >= 3

@@ -106,7 +106,7 @@ def test_only_the_worst_instants_are_refined(
         return excess(self, at, *rest)
 
     monkeypatch.setattr(Inspection, "excess", counted)
-    rows = SampledRows(program, system.clearance, Instants.none())
+    rows = SampledRows(program, system.clearance, Instants.of_pairs(()))
     Inspection(rows, spline).worst_instants()
     most = most_instants(system.clearance.count)
     assert len(looked) > 1 and max(looked[1:]) <= most

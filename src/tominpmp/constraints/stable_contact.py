@@ -23,10 +23,22 @@ TIP = 3e-3
 _ACROSS, _ABOUT, _PRESSING = np.eye(6)[:2], np.eye(6)[3:5], np.eye(6)[2]
 
 
-def _checked_support(value: ArrayLike, name: str) -> float | Array:
-    if is_single(value):
-        return positive(value, name, "m")
-    return _polygon(value)
+def _checked_support(given: ArrayLike, name: str) -> float | Array:
+    """Check a radius, or the corners of a convex polygon; these counter-clockwise."""
+    if is_single(given):
+        return positive(given, name, "m")
+    corners = array_or_nan(given)
+    shaped = corners.ndim == 2 and corners.shape[0] > 2 and corners.shape[1] == 2
+    if shaped and np.all(np.isfinite(corners)):
+        along = np.roll(corners, -1, axis=0) - corners
+        after = np.roll(along, -1, axis=0)
+        turns = along[:, 0] * after[:, 1] - along[:, 1] * after[:, 0]
+        # The edges of a star turn to one side, too, but more than once in all.
+        angles = np.arctan2(turns, np.sum(along * after, axis=1))
+        if np.all(turns * turns[0] > 0.0) and abs(angles.sum()) < 3.0 * np.pi:
+            return corners[:: int(np.sign(turns[0]))]  # read-only as the corners
+    expected = "three or more corners (x, y) of a convex polygon, in order [m]"
+    raise wrong(given, name, expected)
 
 
 SupportOrNone: TypeAlias = Annotated[
@@ -212,19 +224,3 @@ def _cone(y: Array, rows: Array, tip: float) -> tuple[Array, Array]:
     size = np.sqrt(2.0 * np.sum(y**2, axis=1) + tip**2)[:, None]
     slope = 2.0 * (y / np.maximum(size, 1e-300)) @ rows - 2.0 * rows[2]
     return size - 2.0 * y[:, 2:], slope[:, None, :]
-
-
-def _polygon(given: object) -> Array:
-    """Check the corners of a convex polygon; ordered counter-clockwise, (k, 2)."""
-    corners = array_or_nan(given)
-    shaped = corners.ndim == 2 and corners.shape[0] > 2 and corners.shape[1] == 2
-    if shaped and np.all(np.isfinite(corners)):
-        along = np.roll(corners, -1, axis=0) - corners
-        after = np.roll(along, -1, axis=0)
-        turns = along[:, 0] * after[:, 1] - along[:, 1] * after[:, 0]
-        # The edges of a star turn to one side, too, but more than once in all.
-        angles = np.arctan2(turns, np.sum(along * after, axis=1))
-        if np.all(turns * turns[0] > 0.0) and abs(angles.sum()) < 3.0 * np.pi:
-            return corners[:: int(np.sign(turns[0]))]  # read-only as the corners
-    expected = "three or more corners (x, y) of a convex polygon, in order [m]"
-    raise wrong(given, "support", expected)

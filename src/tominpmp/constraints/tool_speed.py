@@ -76,4 +76,5 @@ class ToolAcceleration(FrameRows):
 
     def vector_rows(self, q: Array, v: Array, a: Array) -> Linear:
         """Accelerations [m/s^2]."""
-        return self.motions.acceleration_slopes(q, v, a)
+        _, by_q, by_v, by_a = self.motions.slopes(q, v, a)
+        return self.motions.accelerations(q, v, a), by_q, by_v, by_a

@@ -299,19 +299,16 @@ class JointRegionGoal(GoalOnJoints):
     def __post_init__(self) -> None:
         """Check and copy the values."""
         super().__post_init__()
-        self._keep(tolerance=self._checked_tolerance())
-
-    def _checked_tolerance(self) -> float | Array:
-        """Check the tolerance: one number, or one for each joint of the goal."""
         name = "goal.tolerance"
         row = self._in_order(self.tolerance, name)
         if is_single(row):
-            return goal_tolerance(row, name, "rad or m")
+            self._keep(tolerance=goal_tolerance(row, name, "rad or m"))
+            return
         expected = "numbers >= 0, one for each joint of the goal [rad or m]"
         row = vector(row, name, expected, self.q.size)
         if np.any(row < 0.0):
             raise wrong(row.tolist(), name, expected)
-        return row
+        self._keep(tolerance=row)
 
     def validate(self, robot: Robot) -> None:
         """Check the names of joints and the length of the positions."""

@@ -6,8 +6,7 @@ therefore shifted, as little as possible, until the constraints on positions hol
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -16,9 +15,6 @@ from tominpmp.constraints.path import PathConstraint
 from tominpmp.kinematics import FrameMotions
 from tominpmp.least_squares import least_squares
 from tominpmp.transcription.problem_functions import ProblemFunctions
-
-if TYPE_CHECKING:
-    from tominpmp.problem.problem import Problem
 
 # Number of intervals of a path whose inner configurations are shifted, and of
 # least-squares steps.
@@ -33,10 +29,12 @@ INSIDE = 0.02
 STEP, JUMP = 0.3, 1.2
 
 
-def position_constraints(problem: Problem) -> list[PathConstraint]:
-    """Constraints on positions that apply during the whole motion."""
-    constraints = problem.ready_constraints
-    return [item for item in constraints if item.order == 0 and item.window is None]
+def constraints_of(
+    system: ProblemFunctions, order: int, *, timed: bool = False
+) -> list[PathConstraint]:
+    """Constraints of an order that hold during the whole motion, or a time window."""
+    known = [item for item in system.problem.ready_constraints if item.order == order]
+    return [item for item in known if (item.window is not None) == timed]
 
 
 def feasible_path(system: ProblemFunctions, q_end: Array) -> tuple[bool, Array | None]:
@@ -51,36 +49,27 @@ def feasible_path(system: ProblemFunctions, q_end: Array) -> tuple[bool, Array |
         the path, shape (m, n); None if no path was found, or if the straight line
         satisfies these constraints and no frame has to follow a curve.
     """
-    held, empty = position_constraints(system.problem), np.zeros((PLACES + 1, 0))
+    held, empty = constraints_of(system, 0), np.zeros((PLACES + 1, 0))
     line = np.linspace(system.problem.q_start, q_end, PLACES + 1)
     keeps = all(
         item.measure_rows(line, empty, empty).max() <= item.largest + CLOSE * item.scale
         for item in held
     )
-    guided = _guided(system, line, held)
-    moves = bool(guided) or not keeps
-    return keeps, _shifted(system, line, guided, held) if moves else None
-
-
-def _guided(
-    system: ProblemFunctions, line: Array, held: Sequence[PathConstraint]
-) -> dict[str, Array]:
-    """Points along the curves that frames have to follow, by frame, (m, 3) [m]."""
-    points: dict[str, Array] = {}
+    guided: dict[str, tuple[FrameMotions, Array]] = {}
     for item in held:
-        if item.guide is None:
-            continue
-        frame, between = item.guide
-        places = [system.kinematics.placement(q, frame) for q in (line[0], line[-1])]
-        first, last = (np.array(place.translation) for place in places)
-        points[frame] = between(first, last, len(line))
-    return points
+        if item.guide is not None:
+            frame, between = item.guide
+            motions = FrameMotions(system.problem.robot, frame)
+            first, last = motions.placements(line[[0, -1]]).origin
+            guided[frame] = motions, between(first, last, len(line))
+    moves = bool(guided) or not keeps
+    return keeps, _shifted(system, line, guided.values(), held) if moves else None
 
 
 def _shifted(
     system: ProblemFunctions,
     line: Array,
-    points: Mapping[str, Array],
+    guided: Collection[tuple[FrameMotions, Array]],
     held: Sequence[PathConstraint],
 ) -> Array | None:
     """A line whose configurations are shifted to points and into constraints.
@@ -88,7 +77,8 @@ def _shifted(
     Args:
         system: Functions of the problem.
         line: The configurations, shape (m, n).
-        points: Desired points of frames along the path, by frame, shape (m, 3) [m].
+        guided: Motions of frames that have to follow curves, and points along these,
+            shape (m, 3) [m].
         held: Constraints on positions to be satisfied.
 
     Returns:
@@ -96,7 +86,6 @@ def _shifted(
         its neighbour.
     """
     robot, reach = system.problem.robot, system.reach
-    guided = [(FrameMotions(robot, frame), points[frame]) for frame in points]
     # The points keep the constraints that give their curves. Distances from an arc
     # would lead away from them: its chord may pass its centre, where they have a kink.
     others = [item for item in held if item.guide is None]

@@ -12,7 +12,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
@@ -398,14 +398,11 @@ def _guesses(
         yield from [direct[0], rest] if final is None else direct
     line = np.stack([problem.q_start, ends[0]])
     clear = system.clearance is None or is_free_line(system, *line)
-    sampled = partial(
-        sampled_guesses,
-        system,
-        ends,
-        request,
-        known=[line] if clear else [],
-        enough=(1.0 + NEAR) * straight[0].duration,
-    )
+
+    def sampled() -> Iterator[Guess]:
+        known, enough = [line] if clear else [], (1.0 + NEAR) * straight[0].duration
+        return sampled_guesses(system, ends, request, known=known, enough=enough)
+
     # In free space sampled paths are needed only if the arm collides with itself on the
     # straight line.
     if not (system.in_free_space and clear):

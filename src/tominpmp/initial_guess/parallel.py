@@ -69,8 +69,7 @@ def run_parallel(
             not depend on the process that makes them. Function and items must be
             picklable.
         items: Arguments of the function.
-        processes: Number of processes, at least 1; with 1 the function runs in this
-            process.
+        processes: Number of processes, at least 1.
         seconds: Time limit for results [s]; a function with a time limit of its own
             should end before.
 
@@ -82,12 +81,6 @@ def run_parallel(
         Stop: If it is time to stop this process.
     """
     deadline = time.perf_counter() + seconds
-    if processes == 1:
-        for number, item in enumerate(items):
-            if time.perf_counter() > deadline:
-                return
-            yield number, function(item)
-        return
     pool = _WorkerPool(processes, function)
     numbered = enumerate(items)
     try:

@@ -19,6 +19,7 @@ import numpy as np
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.collision.checker import CollisionChecker
 from tominpmp.constraints.path import PathConstraint, Window
+from tominpmp.initial_guess.constrained import constraints_of
 from tominpmp.initial_guess.guess import SAMPLED, VIA_POINT, Guess, GuessRequest
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -46,12 +47,6 @@ MOMENTS = (0.5, 0.25, 0.75, 1.0)
 def guesses_of(system: ProblemFunctions, request: GuessRequest) -> Iterator[Guess]:
     """Initial guesses for a problem, ``request.count`` of them in all."""
     return itertools.islice(waiting_guesses(system, request), request.count)
-
-
-def _windowed_constraints(system: ProblemFunctions) -> list[PathConstraint]:
-    """Constraints on positions that apply during a time window of the motion."""
-    constraints = system.problem.ready_constraints
-    return [item for item in constraints if item.order == 0 and item.window is not None]
 
 
 def waiting_guesses(system: ProblemFunctions, request: GuessRequest) -> Iterator[Guess]:
@@ -119,7 +114,7 @@ def _with_waiting(
         it need not wait, and None if no timing is free.
     """
     watched = system.clearance if system.problem.scene.moving else None
-    holding = _windowed_constraints(system)
+    holding = constraints_of(system, 0, timed=True)
     if watched is None and not holding:
         return guess
     count = min(PLACES, max(int(guess.duration / SHORTEST), 2))

@@ -16,7 +16,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.constraints.path import PathConstraint
-from tominpmp.initial_guess.constrained import position_constraints
+from tominpmp.initial_guess.constrained import constraints_of
 from tominpmp.initial_guess.guess import (
     REST_GUESS,
     CachedGuesses,
@@ -159,7 +159,7 @@ def _constraints_after(system: ProblemFunctions, place: int) -> list[PathConstra
     """
     if place + 1 >= len(system.parts):
         return []
-    return position_constraints(system.parts[place + 1].problem)
+    return constraints_of(system.parts[place + 1], 0)
 
 
 def _alone(part: ProblemFunctions, q: Array, v: Array) -> ProblemFunctions:

@@ -28,7 +28,7 @@ from tominpmp.arrays import Array
 from tominpmp.constraints.base import States
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError
-from tominpmp.initial_guess.constrained import CLOSE
+from tominpmp.initial_guess.constrained import CLOSE, constraints_of
 from tominpmp.initial_guess.path import RoundedPath
 from tominpmp.kinematics import units_of
 from tominpmp.problem.controls import control_bounds, control_kind, effort_range
@@ -97,7 +97,7 @@ def time_path(system: ProblemFunctions, path: RoundedPath) -> PathTiming | None:
         the path, or nothing limits the speed at some point.
     """
     limits = system.problem.robot.limits
-    torques = effort_range(system.problem.robot, system.motion_limits)
+    middle, half = effort_range(system.problem.robot, system.motion_limits)
     straight = path.s.size == 2
     points, speeds = (LINE_POINTS, LINE_SPEEDS) if straight else (POINTS, SPEEDS)
     s = path.grid(points, CORNER_POINTS)
@@ -111,48 +111,41 @@ def time_path(system: ProblemFunctions, path: RoundedPath) -> PathTiming | None:
     b, d = 0.5 * (fast + slow), 0.5 * (fast - slow)  # even and odd in the speed
     if system.friction is not None:
         g = g + system.problem.robot.friction * np.sign(first)
+    idle = np.abs(m) < 1e-12
+    inverse = 1.0 / np.where(idle, 1.0, m)
+
+    def acceleration_range(table: Array) -> tuple[Array, Array]:
+        """Smallest and largest feasible s'' on the table, shapes (points, speeds)."""
+        # Each joint bounds s'' to an interval around the s'' of its middle torque.
+        x = table[:, None, :]
+        need = (
+            ((middle - g) * inverse)[..., None]
+            - (b * inverse)[..., None] * x
+            - (d * inverse)[..., None] * np.sqrt(x)
+        )
+        room = (half * np.abs(inverse))[..., None]
+        # A joint that does not move leaves s'' free, or excludes every s'' if its
+        # torque does not suffice.
+        free = np.where(np.abs(need) > room, -np.inf, np.inf)
+        room = np.where(idle[..., None], free, room)
+        with np.errstate(invalid="ignore"):
+            return np.max(need - room, axis=1), np.min(need + room, axis=1)
 
     with np.errstate(divide="ignore"):
         top = np.min(limits.velocity / np.abs(first), axis=1)
-    top = np.minimum(top, _path_speeds(system, q, first))
+    for constraint in system.problem.ready_constraints:
+        if constraint.order == 1 and constraint.curable:
+            top = np.minimum(top, _speeds(constraint, q, first))
     # From rest on a path of length 1, x is at most twice the largest s'', which is
     # taken at rest.
-    _, push = _acceleration_range(m, b, d, g, np.zeros((s.size, 1)), torques)
+    _, push = acceleration_range(np.zeros((s.size, 1)))
     top = np.minimum(top, 2.0 * np.sqrt(max(float(push.max()), 0.0)))
     if not (np.all(top > 0.0) and np.all(np.isfinite(top))):
         return None
     # Quadratic spacing gives resolution where the motion begins and ends.
     table = top[:, None] ** 2 * np.linspace(0.0, 1.0, speeds) ** 2
-    lower, upper = _acceleration_range(m, b, d, g, table, torques)
+    lower, upper = acceleration_range(table)
     return _integrate(path, s, table, lower, upper)
-
-
-def _acceleration_range(
-    m: Array,
-    b: Array,
-    d: Array,
-    g: Array,
-    table: Array,
-    torques: tuple[Array, Array],
-) -> tuple[Array, Array]:
-    """Smallest and largest feasible s'' on the table, shapes (points, speeds)."""
-    middle, half = torques
-    idle = np.abs(m) < 1e-12
-    inverse = 1.0 / np.where(idle, 1.0, m)
-    # Each joint bounds s'' to an interval around the s'' of its middle torque.
-    x = table[:, None, :]
-    need = (
-        ((middle - g) * inverse)[..., None]
-        - (b * inverse)[..., None] * x
-        - (d * inverse)[..., None] * np.sqrt(x)
-    )
-    room = (half * np.abs(inverse))[..., None]
-    # A joint that does not move leaves s'' free, or excludes every s'' if its torque
-    # does not suffice.
-    free = np.where(np.abs(need) > room, -np.inf, np.inf)
-    room = np.where(idle[..., None], free, room)
-    with np.errstate(invalid="ignore"):
-        return np.max(need - room, axis=1), np.min(need + room, axis=1)
 
 
 def _integrate(
@@ -277,25 +270,6 @@ def between_velocities(
     return States(times, q + times[:, None] * v + second, v + once, now)
 
 
-def _path_speeds(system: ProblemFunctions, q: Array, first: Array) -> Array:
-    """Speeds along a path at which constraints on velocities become active.
-
-    Args:
-        system: Functions of the problem.
-        q: Configurations, shape (m, n).
-        first: Derivatives of the configurations by the path parameter, shape (m, n).
-
-    Returns:
-        Derivatives of the path parameter by time, shape (m,); infinite where no
-        constraint on velocities becomes active.
-    """
-    top = np.full(len(q), np.inf)
-    for constraint in system.problem.ready_constraints:
-        if constraint.order == 1 and constraint.curable:
-            top = np.minimum(top, _speeds(constraint, q, first))
-    return top
-
-
 def _speeds(constraint: PathConstraint, q: Array, first: Array) -> Array:
     """Speeds along a path at which a constraint becomes active, infinite elsewhere.
 
@@ -303,6 +277,9 @@ def _speeds(constraint: PathConstraint, q: Array, first: Array) -> Array:
         constraint: The constraint on velocities.
         q: Configurations, shape (m, n).
         first: Derivatives of the configurations by the path parameter, shape (m, n).
+
+    Returns:
+        Derivatives of the path parameter by time, shape (m,).
     """
     most, empty = constraint.largest, np.zeros((len(q), 0))
     unit = constraint.measure_rows(q, first, empty)
@@ -330,8 +307,8 @@ def speed_used(system: ProblemFunctions, q: Array, v: Array) -> Array:
     problem = system.problem
     used = np.max(np.abs(v) / problem.robot.limits.velocity, axis=1)
     empty = np.zeros((len(q), 0))
-    for item in problem.ready_constraints:
-        if item.order == 1 and item.curable and item.window is None:
+    for item in constraints_of(system, 1):
+        if item.curable:
             used = np.maximum(used, item.measure_rows(q, v, empty) / item.largest)
     return np.asarray(used)
 
@@ -442,11 +419,7 @@ def _load_time_scale(system: ProblemFunctions, t: Array, q: Array) -> float:
         The factor; 1 without such constraints, or if slowing down does not remove the
         violation.
     """
-    held = [
-        item
-        for item in system.problem.ready_constraints
-        if item.order == 2 and item.curable and item.window is None
-    ]
+    held = [item for item in constraints_of(system, 2) if item.curable]
     if not held or np.any(np.diff(t) <= 0.0):
         return 1.0
     v = np.gradient(q, t, axis=0)

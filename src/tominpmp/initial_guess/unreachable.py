@@ -11,7 +11,7 @@ from tominpmp.arrays import Array
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.frames import PositionGoal
-from tominpmp.initial_guess.constrained import PLACES, position_constraints
+from tominpmp.initial_guess.constrained import PLACES, constraints_of
 from tominpmp.initial_guess.guess import KINEMATIC_STARTS
 from tominpmp.initial_guess.inverse_kinematics import REACHED, GoalSearch, Target
 from tominpmp.problem.problem import Problem
@@ -103,7 +103,7 @@ def _lost_path(system: ProblemFunctions) -> str:
     or no frame has to follow a path.
     """
     problem, kinematics = system.problem, system.kinematics
-    for item in position_constraints(problem):
+    for item in constraints_of(system, 0):
         if item.guide is None:
             continue
         (frame, between), q = item.guide, problem.q_start

@@ -108,10 +108,6 @@ class QuietTorques(Objective):
         """Whether the iterate is feasible: as T is given, slowing down is no option."""
         return state.violation <= self.feasibility
 
-    def restored(self, program: NonlinearProgram, state: Iterate) -> Iterate:
-        """The motion unchanged, as T is given."""
-        return state
-
 
 def _differences(
     nlp: NonlinearProgram,

@@ -333,9 +333,8 @@ class Transcription(ABC, Generic[M]):
     @property
     def cost(self) -> Array:
         """Gradient of the duration, shape (size,)."""
-        columns = self.shares.shape[1]
         cost = np.zeros(self.size)
-        cost[-columns:] = self.shares.sum(axis=0)
+        cost[-self._m :] = self.shares.sum(axis=0)
         return cost
 
     @property
@@ -428,7 +427,7 @@ class Transcription(ABC, Generic[M]):
     def step_bounds(self, z: Array, radius: float) -> StepBounds:
         """Box of steps: the trust region of a radius [rad] within the bounds of z."""
         lower, upper = self.steps(z, radius)
-        length = min(LENGTH_STEP, radius) * z[-self.shares.shape[1] :]
+        length = min(LENGTH_STEP, radius) * z[-self._m :]
         return StepBounds(np.append(lower, -length), np.append(upper, length))
 
     @abstractmethod

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -169,29 +169,23 @@ class SampledRows:
             return partials
         rates = self.scheme.rates(motion, at)[partials.at]
         shift = np.einsum("kj,kj->k", partials.by_q, rates)
-        for part, rate in self._rates(motion, at, partials):
-            shift += np.einsum("kj,kj->k", part, rate[partials.at])
+        if partials.by_v is not None or partials.by_a is not None:
+            # Rates of v and a are slopes of the polynomials between nodes, which may
+            # have defects.
+            of, order = self.scheme, self.constraint.order
+            shares = [np.clip(at.share + aside, 0.0, 1.0) for aside in (-ASIDE, ASIDE)]
+            before, after = (
+                of.states(motion, Instants(at.interval, share), order)
+                for share in shares
+            )
+            span = ((shares[1] - shares[0]) * motion.h[at.interval])[:, None]
+            parts = partials.by_v, partials.by_a
+            changes = after.v - before.v, after.a - before.a
+            for part, change in zip(parts, changes, strict=True):
+                if part is not None:
+                    rate = (change / span)[partials.at]
+                    shift += np.einsum("kj,kj->k", part, rate)
         return partials._replace(by_t=np.where(pinned, -shift, partials.by_t))
-
-    def _rates(
-        self, motion: Motion, at: Instants, partials: Partials
-    ) -> Iterator[tuple[Array, Array]]:
-        """Partial derivatives by v and by a, each with the rate of v or a, (m, n).
-
-        The rates are slopes of the polynomials between nodes, which may have defects.
-        """
-        if partials.by_v is None and partials.by_a is None:
-            return
-        shares = [np.clip(at.share + shift, 0.0, 1.0) for shift in (-ASIDE, ASIDE)]
-        of, order = self.scheme, self.constraint.order
-        before, after = (
-            of.states(motion, Instants(at.interval, share), order) for share in shares
-        )
-        span = ((shares[1] - shares[0]) * motion.h[at.interval])[:, None]
-        if partials.by_v is not None:
-            yield partials.by_v, (after.v - before.v) / span
-        if partials.by_a is not None:
-            yield partials.by_a, (after.a - before.a) / span
 
     def informed(self, motion: Motion) -> SampledRows:
         """The block with the assumptions of its constraint taken from a motion."""
@@ -265,20 +259,14 @@ def block_of(
         if hull is not None:
             return hull
     if isinstance(constraint, PathConstraint) and constraint.window is not None:
-        return SampledRows(of, constraint, Instants.none())
+        return SampledRows(of, constraint, Instants.of_pairs(()))
     at = of.instants(constraint.order, constraint.field)
     if within is not None:
-        at = _on_segment(at.within(*within), constraint, within)
+        at = at.within(*within)
+        if constraint.order <= 2:  # instants for rates come in pairs
+            # The beginning and the end of the segment have rows, too.
+            first, end = within
+            known, ends = set(at.pairs), [(first, 0.0)] if first else []
+            missing = [pair for pair in (*ends, (end - 1, 1.0)) if pair not in known]
+            at = at.joined(Instants.of_pairs(missing))
     return SampledRows(of, constraint, at, within, suffix)
-
-
-def _on_segment(
-    at: Instants, constraint: Constraint, within: tuple[int, int]
-) -> Instants:
-    """Instants on a segment, completed by its beginning and its end."""
-    if constraint.order > 2:  # instants come in pairs, for rates
-        return at
-    first, end = within
-    known, ends = set(at.pairs), [(first, 0.0)] if first else []
-    missing = [pair for pair in (*ends, (end - 1, 1.0)) if pair not in known]
-    return at.joined(Instants.of_pairs(missing))

@@ -189,13 +189,6 @@ class BSplineTranscription(Transcription[SplineMotion]):
             columns, offset.ravel(), by_eta, bends, spans, moved == free, moving
         )
 
-    def _from_base(self, z: Array) -> Array:
-        """Control points relative to the start, shape (M, n)."""
-        mapping, moved = self.point_map, self.point_map.column >= 0
-        points = mapping.fixed(z[self.point_unknowns :])
-        points[moved] += z[mapping.column[moved]]
-        return np.asarray(points.reshape(-1, self._n))
-
     def by_unknowns(
         self,
         eta: Array,
@@ -288,8 +281,10 @@ class BSplineTranscription(Transcription[SplineMotion]):
     def motion(self, z: Array) -> SplineMotion:
         """Spline of an iterate."""
         eta = z[self.point_unknowns :]
-        knots = self._knots_for(eta)
-        points = self._from_base(z)
+        mapping, moved = self.point_map, self.point_map.column >= 0
+        coordinates = mapping.fixed(eta)
+        coordinates[moved] += z[mapping.column[moved]]
+        points, knots = coordinates.reshape(-1, self._n), self._knots_for(eta)
         return SplineMotion(points, self._base, eta, self.shares, knots, self.near)
 
     def _knots_for(self, eta: Array) -> KnotVector:

@@ -152,7 +152,7 @@ class Inspection:
     def _violated(self) -> Instants:
         """Instants between the rows at which the constraint is violated."""
         if self.constraint.usable is None:
-            return Instants.none()
+            return Instants.of_pairs(())
         if self.constraint.order >= 3:
             return self._violated_rates()
         if self.constraint.order >= 2:

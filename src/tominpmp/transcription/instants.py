@@ -24,11 +24,6 @@ class Instants:
     share: Array
 
     @classmethod
-    def none(cls) -> Instants:
-        """An empty set of instants."""
-        return cls(np.zeros(0, dtype=np.int64), np.zeros(0))
-
-    @classmethod
     def of_pairs(cls, pairs: Sequence[tuple[int, float]]) -> Instants:
         """Instants from pairs of the index of an interval and a share of it."""
         interval = np.array([k for k, _ in pairs], dtype=np.int64)
