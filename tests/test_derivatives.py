@@ -322,7 +322,8 @@ def test_gradient_is_the_transposed_jacobian(method: str, name: str) -> None:
 def evaluations(program: NonlinearProgram, z: Array) -> dict[str, Array]:
     """The results of all evaluations of a program at an iterate."""
     values, steps = program.evaluate(z), program.step_bounds(z, 0.3)
-    variation, motion = program.variation(z), program.trajectory(z)
+    variation = program.transcription.variation(z)
+    motion = program.trajectory(z)
     linear = program.linearize(z, values, steps)
     jacobian = np.zeros((program.rows.size, program.size))
     jacobian[linear.rows] = linear.matrix.toarray()

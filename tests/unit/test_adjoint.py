@@ -15,10 +15,11 @@ from tominpmp.solvers.objective import MinimumTime
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import Status
 from tominpmp.transcription.adjoint import AdjointTranscription
+from tominpmp.transcription.base import NOT_INTEGRATED
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.transcription.program import NOT_INTEGRATED, NonlinearProgram
+from tominpmp.transcription.program import NonlinearProgram
 
 INTERVALS = 10
 

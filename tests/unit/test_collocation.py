@@ -116,7 +116,7 @@ def test_passive_joint_keeps_a_torque_of_zero():
     np.testing.assert_array_equal(more[:, 1], 0.0)
     np.testing.assert_array_equal(less[:, 1], 0.0)
     assert np.all(more[:, [0, 2]] > less[:, [0, 2]])
-    assert nlp.variation(z).offset.size == 2 * (INTERVALS - 1)
+    assert nlp.transcription.variation(z).offset.size == 2 * (INTERVALS - 1)
 
 
 def test_initial_iterate_follows_the_path_of_the_guess():
@@ -160,7 +160,7 @@ def test_total_variation_is_in_ranges_of_the_torque():
     u = np.zeros((INTERVALS, 3))
     u[3:, 0], u[:5, 2] = limits[0], -limits[2]
     z = nlp.transcription.pack(np.zeros((INTERVALS + 1, 6)), u, np.array([1.0]))
-    assert nlp.variation(z).total(z) == pytest.approx(0.5 + 0.5)
+    assert nlp.transcription.variation(z).total(z) == pytest.approx(0.5 + 0.5)
 
 
 def test_time_scaling_keeps_the_path():

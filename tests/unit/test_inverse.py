@@ -143,7 +143,7 @@ def test_row_exchange_finds_small_clearances_between_rows():
 
 def test_variation_is_proportional_to_jumps_of_acceleration():
     nlp, z = build(PROBLEMS["joint goal"], np.random.default_rng(6))
-    variation = nlp.variation(z)
+    variation = nlp.transcription.variation(z)
     values = (variation.matrix @ z + variation.offset).reshape(-1, 3)
     jumps = np.diff(nlp.trajectory(z).a, axis=0)
     ratio = values / jumps

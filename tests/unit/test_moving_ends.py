@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tominpmp.initial_guess.guess import MOVING, GuessRequest, end_velocity
-from tominpmp.initial_guess.inverse_kinematics import GoalVelocity
+from tominpmp.initial_guess.guess import MOVING, GuessRequest
+from tominpmp.initial_guess.inverse_kinematics import GoalVelocity, end_velocity
 from tominpmp.initial_guess.segments import segmented_guesses
 from tominpmp.initial_guess.timing import between_velocities
 from tominpmp.kinematics import RobotKinematics

@@ -243,6 +243,10 @@ def test_unknowns_without_influence_on_the_duration_stay_in_place():
 class Chained(Program):
     """Two unknowns without influence on the duration, between controls -1 and 2."""
 
+    @property
+    def transcription(self):
+        return self
+
     def variation(self, z):
         matrix = np.array([[1.0, 0.0, 0.0], [-1.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
         return Variation(sp.csr_matrix(matrix), np.array([1.0, 0.0, 2.0]))

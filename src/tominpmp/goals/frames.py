@@ -11,15 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import (
-    Array,
-    Converted,
-    Record,
-    default,
-    frozen_array,
-    is_single,
-    record,
-)
+from tominpmp.arrays import Array, Converted, Record, default, is_single, record
 from tominpmp.checks import (
     Corner,
     Direction,
@@ -289,8 +281,8 @@ def _checked_angles(value: Any, name: str) -> float | Array:
     angles = vector(row, name, ANGLES, size, most=np.inf)
     if np.any(angles < 0.0):
         raise wrong(value, name, ANGLES)
-    angles = np.minimum(angles, np.pi)
-    return float(angles[0]) if single else frozen_array(angles)
+    angles = vector(np.minimum(angles, np.pi), name, ANGLES)
+    return float(angles[0]) if single else angles
 
 
 Angles: TypeAlias = Annotated[Converted[ArrayLike, float | Array], _checked_angles]

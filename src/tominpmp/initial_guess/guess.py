@@ -21,7 +21,7 @@ from tominpmp.arrays import Array
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.dynamics import directions
 from tominpmp.initial_guess.constrained import feasible_path
-from tominpmp.initial_guess.inverse_kinematics import GoalVelocity, Target
+from tominpmp.initial_guess.inverse_kinematics import Target, end_velocity
 from tominpmp.initial_guess.path import RoundedPath
 from tominpmp.initial_guess.rrt import PathSearches, is_free, is_free_line, sample_paths
 from tominpmp.initial_guess.timing import fastest_between, slowdown, time_path
@@ -272,19 +272,6 @@ def _moving_guess(system: ProblemFunctions, q_end: Array) -> Guess | None:
     at = fastest_between(system, q_end, v_end, SAMPLES)
     clear = system.in_free_space or is_free(system, at.q[::10])
     return Guess(MOVING, at.t, at.q, True, solved=True) if clear else None
-
-
-def end_velocity(system: ProblemFunctions, q_end: Array) -> Array:
-    """Velocity at the end that meets the goal, nearest to that at the start, (n,).
-
-    Args:
-        system: Functions of the problem.
-        q_end: Final configuration, shape (n,).
-    """
-    goal, fixed = system.problem.goal, system.final_velocity
-    if fixed is None and goal.speed_count(system.n):
-        return np.asarray(GoalVelocity(system, goal).nearest(q_end[None])[0][0])
-    return system.problem.v_start if fixed is None else fixed
 
 
 def along(

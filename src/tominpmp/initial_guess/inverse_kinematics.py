@@ -114,6 +114,19 @@ class GoalVelocity:
         return self.goal.motion_residual(self.system.kinematics, q, v)
 
 
+def end_velocity(system: ProblemFunctions, q_end: Array) -> Array:
+    """Velocity at the end that meets the goal, nearest to that at the start, (n,).
+
+    Args:
+        system: Functions of the problem.
+        q_end: Final configuration, shape (n,).
+    """
+    goal, fixed = system.problem.goal, system.final_velocity
+    if fixed is None and goal.speed_count(system.n):
+        return np.asarray(GoalVelocity(system, goal).nearest(q_end[None])[0][0])
+    return system.problem.v_start if fixed is None else fixed
+
+
 @dataclass(frozen=True, eq=False)
 class Target:
     """Conditions on the final configuration of a segment: goal and constraints.

@@ -17,13 +17,8 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.initial_guess.constrained import constraints_of
-from tominpmp.initial_guess.guess import (
-    REST_GUESS,
-    CachedGuesses,
-    Guess,
-    GuessRequest,
-    end_velocity,
-)
+from tominpmp.initial_guess.guess import REST_GUESS, CachedGuesses, Guess, GuessRequest
+from tominpmp.initial_guess.inverse_kinematics import end_velocity
 from tominpmp.initial_guess.path import speed_weights
 from tominpmp.initial_guess.path_velocity import waiting_guesses
 from tominpmp.initial_guess.rrt import PathSearches

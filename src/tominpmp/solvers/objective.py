@@ -222,7 +222,7 @@ class MinimumTime(Objective):
         (proximal points, Rockafellar, 1976).
         """
         cost, weight = program.cost, self.jump_weight
-        jumps = program.variation(state.z) if weight > 0.0 else None
+        jumps = program.transcription.variation(state.z) if weight > 0.0 else None
         if jumps is not None and not self.squared:
             return Model(
                 lambda z, _: float(cost @ z) + weight * jumps.total(z),

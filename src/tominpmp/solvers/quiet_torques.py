@@ -129,7 +129,7 @@ def _differences(
     weights = np.sqrt(np.diff(times).mean() / np.diff(times))
     sequence, n = nlp.transcription.torque_sequence, nlp.system.n
     if sequence is None:  # torques are unknowns
-        jumps = nlp.variation(z).matrix
+        jumps = nlp.transcription.variation(z).matrix
         each = np.repeat(weights, jumps.shape[0] // weights.size)
         matrix = sp.csr_matrix(sp.diags(each) @ jumps)
         return np.asarray(matrix @ z), matrix

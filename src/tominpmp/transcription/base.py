@@ -112,6 +112,11 @@ class Rows:
         """Number of rows."""
         return self.lower.size
 
+    @property
+    def not_integrated(self) -> Array:
+        """Values of all rows of a motion that could not be integrated to its end."""
+        return np.full(self.size, NOT_INTEGRATED)
+
     @cached_property
     def group_count(self) -> int:
         """Number of groups."""

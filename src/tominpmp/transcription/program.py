@@ -19,14 +19,7 @@ from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.constraints.final import Arrival, GoalReached
 from tominpmp.constraints.joint_limits import JointLimit
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.transcription.base import (
-    NOT_INTEGRATED,
-    Linearization,
-    Rows,
-    StepBounds,
-    Transcription,
-    Variation,
-)
+from tominpmp.transcription.base import Linearization, Rows, StepBounds, Transcription
 from tominpmp.transcription.blocks import Block, SampledRows, blocks_of
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -146,7 +139,7 @@ class NonlinearProgram:
         """Row values; see :meth:`ProgramInterface.evaluate` for ``attention``."""
         motion = self.transcription.motion(self.timed(z))
         if not motion.finite:
-            return np.full(self.rows.size, NOT_INTEGRATED)
+            return self.rows.not_integrated
         return np.concatenate(
             [block.values(motion, attention) for block in self.blocks]
         )
@@ -275,10 +268,6 @@ class NonlinearProgram:
         lower = bounds.lower.copy()
         lower[-1] = min(max(lower[-1], self.least_duration - z[-1]), 0.0)
         return bounds._replace(lower=lower)
-
-    def variation(self, z: Array) -> Variation:
-        """Differences of neighbouring controls."""
-        return self.transcription.variation(z)
 
     def time_scale(self, z: Array, factor: float) -> Array:
         """Iterate for the same path, slower by a factor."""
