@@ -371,21 +371,7 @@ def slowdown(system: ProblemFunctions, t: Array, q: Array) -> float:
     Raises:
         ProblemError: If no limit is effective for the motion.
     """
-    factor = _joint_time_scale(system, q, float(t[-1]))
-    return _load_time_scale(system, factor * t, q) * factor
-
-
-def _joint_time_scale(system: ProblemFunctions, q: Array, duration: float) -> float:
-    """Time-scaling factor of a guess for limits of accelerations, jerks and so on.
-
-    Args:
-        system: Functions of the problem.
-        q: Configurations of the guess, shape (m, n).
-        duration: Duration of the guess under limits of speeds and torques [s].
-
-    Raises:
-        ProblemError: If no limit is effective for the motion.
-    """
+    duration = float(t[-1])
     factor = max(1.0, least_duration(system, q) / duration)
     speed = np.ptp(q, axis=0) / (factor * duration)
     joint = int(np.argmax(speed))
@@ -404,7 +390,7 @@ def _joint_time_scale(system: ProblemFunctions, q: Array, duration: float) -> fl
             "MotionLimits",
             "robot",
         )
-    return factor
+    return _load_time_scale(system, factor * t, q) * factor
 
 
 def _load_time_scale(system: ProblemFunctions, t: Array, q: Array) -> float:

@@ -623,46 +623,43 @@ class InverseTranscription(BSplineTranscription):
     ) -> HullRows[SplineMotion] | None:
         """Bounds on control points for positions, on nodes for velocities."""
         if limit.order == 1:
-            return _speeds(self, limit, name)
+            return self._speeds(limit, name)
         return super().hull(limit, name) if limit.order == 0 else None
 
+    def _speeds(self, limit: JointLimit, name: str) -> HullRows[SplineMotion]:
+        """Speed limits at nodes with free velocities; speeds are linear between nodes.
 
-def _speeds(
-    of: InverseTranscription, limit: JointLimit, name: str
-) -> HullRows[SplineMotion]:
-    """Speed limits at the nodes with free velocities; speeds are linear between nodes.
+        |v_k| <= v_max, multiplied by h_{k-1} + h_k, is linear in control points and
+        lengths.
+        """
+        free_end, n = self.system.final_velocity is None, self.system.n
+        nodes = np.arange(1, self.intervals + 1 if free_end else self.intervals)
+        # Derivatives by the durations of twice the time between neighbouring points.
+        knots = self.knots_by_durations
+        apart = (knots[3:-1] - knots[1:-3])[nodes]
+        unit = 2.0 * self.duration / self.intervals
+        shape = 1, 2 * nodes.size * limit.count
 
-    |v_k| <= v_max, multiplied by h_{k-1} + h_k, is linear in control points and
-    lengths.
-    """
-    free_end, n = of.system.final_velocity is None, of.system.n
-    nodes = np.arange(1, of.intervals + 1 if free_end else of.intervals)
-    # Derivatives by the durations of twice the time between neighbouring points.
-    knots = of.knots_by_durations
-    apart = (knots[3:-1] - knots[1:-3])[nodes]
-    unit = 2.0 * of.duration / of.intervals
-    shape = 1, 2 * nodes.size * limit.count
+        def excess(motion: SplineMotion) -> Array:
+            """Excess of the speeds over their limits, in both directions."""
+            steps = np.diff(motion.points, axis=0)[nodes]
+            ratio = 2.0 * steps[:, limit.of_joints] / limit.upper
+            lasting = (apart @ motion.eta)[:, None]
+            return (np.stack([ratio - lasting, -ratio - lasting]) / unit).ravel()
 
-    def excess(motion: SplineMotion) -> Array:
-        """Excess of the speeds over their limits, in both directions."""
-        steps = np.diff(motion.points, axis=0)[nodes]
-        ratio = 2.0 * steps[:, limit.of_joints] / limit.upper
-        lasting = (apart @ motion.eta)[:, None]
-        return (np.stack([ratio - lasting, -ratio - lasting]) / unit).ravel()
+        def by_unknowns(motion: SplineMotion) -> sp.csr_matrix:
+            """Jacobian of the excess of the speeds."""
+            slope = np.tile(2.0 / (limit.upper * unit), nodes.size)
+            data = np.stack([-slope, slope], axis=1)
+            before = (nodes[:, None] * n + limit.of_joints).reshape(-1, 1)
+            places = np.tile(before + np.array([0, n]), (2, 1))
+            near = self.near[nodes]
+            by_durations = -np.take_along_axis(apart, near, axis=1) / unit
+            near = np.tile(np.repeat(near, limit.count, axis=0), (2, 1))
+            by_durations = np.repeat(by_durations, limit.count, axis=0)
+            by_durations = np.tile(by_durations, (2, 1))
+            signed = np.concatenate([data, -data])
+            return self.by_unknowns(motion.eta, signed, places, by_durations, near)
 
-    def by_unknowns(motion: SplineMotion) -> sp.csr_matrix:
-        """Jacobian of the excess of the speeds."""
-        slope = np.tile(2.0 / (limit.upper * unit), nodes.size)
-        data = np.stack([-slope, slope], axis=1)
-        before = (nodes[:, None] * n + limit.of_joints).reshape(-1, 1)
-        places = np.tile(before + np.array([0, n]), (2, 1))
-        near = of.near[nodes]
-        by_durations = -np.take_along_axis(apart, near, axis=1) / unit
-        near = np.tile(np.repeat(near, limit.count, axis=0), (2, 1))
-        by_durations = np.repeat(by_durations, limit.count, axis=0)
-        by_durations = np.tile(by_durations, (2, 1))
-        signed = np.concatenate([data, -data])
-        return of.by_unknowns(motion.eta, signed, places, by_durations, near)
-
-    lower, upper = np.full(shape, -np.inf), np.zeros(shape)
-    return HullRows(name, lower, upper, excess, by_unknowns, limit.curable)
+        lower, upper = np.full(shape, -np.inf), np.zeros(shape)
+        return HullRows(name, lower, upper, excess, by_unknowns, limit.curable)
