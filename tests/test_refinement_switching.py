@@ -295,10 +295,9 @@ def test_derivatives_of_shooting_match_finite_differences(
             z[column] += sign * step
             other = program.shoot(z)
             assert other is not None
-            ends.append(np.concatenate([other.equal, other.margin]))
+            ends.append(other.rows.value)
         slope = (ends[0] - ends[1]) / (2.0 * step)
-        found = np.concatenate([shot.by_equal, shot.by_margin])[:, column]
-        np.testing.assert_allclose(found, slope, rtol=1e-5, atol=1e-6)
+        np.testing.assert_allclose(shot.slopes[:, column], slope, rtol=1e-5, atol=1e-6)
 
 
 def test_switching_functions_include_clearances_and_goal_regions(
@@ -321,8 +320,8 @@ def test_switching_functions_include_clearances_and_goal_regions(
     assert shot is not None
     assert shot.margin.size > program.watched.kind.size > 10
     assert CLEARANCE in program.watched.kind
-    weights = rng.normal(size=shot.equal.size + shot.margin.size)
-    by_unknowns = weights @ np.concatenate([shot.by_equal, shot.by_margin])
+    weights = rng.normal(size=shot.rows.value.size)
+    by_unknowns = weights @ shot.slopes
     slopes = torque_slopes(program, shot, weights) / program.duration
     by_arcs = np.add.reduceat(slopes, [0, 4, 9])
     np.testing.assert_allclose(by_arcs.ravel(), by_unknowns[3:], rtol=1e-9, atol=1e-9)

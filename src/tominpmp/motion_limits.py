@@ -28,7 +28,7 @@ from tominpmp.checks import (
     wrong,
 )
 from tominpmp.checks import names as joints_named
-from tominpmp.exceptions import ProblemError, naming
+from tominpmp.exceptions import naming
 
 PerJoint: TypeAlias = "float | ArrayLike | Mapping[str, float] | None"
 
@@ -55,16 +55,15 @@ class EffortCurve(Record):
         """Check the curve."""
         with naming("effort curve"):
             super().__post_init__()
-        speeds, efforts, fault = self.speed.tolist(), self.effort.tolist(), None
-        if len(speeds) != len(efforts) or len(speeds) < 2:
-            counts = f"{len(speeds)} speeds and {len(efforts)} torques"
-            fault = f"{counts}, expected equal numbers, two at least", "effort"
-        elif speeds[0] != 0.0 or np.any(np.diff(self.speed) <= 0.0):
-            fault = f"speeds are {speeds}, expected to increase from 0", "speed"
-        elif min(efforts) < 0.0:
-            fault = f"torques are {efforts}, expected none below 0", "effort"
-        if fault is not None:
-            raise ProblemError(f"effort curve: {fault[0]}", fault[1])
+            if self.effort.shape != self.speed.shape or self.speed.size < 2:
+                expected = (
+                    f"{self.speed.size} torques, one for each speed, two at least"
+                )
+                raise wrong(self.effort.tolist(), "effort", expected)
+            if self.speed[0] != 0.0 or np.any(np.diff(self.speed) <= 0.0):
+                raise wrong(self.speed.tolist(), "speed", "speeds that increase from 0")
+            if np.any(self.effort < 0.0):
+                raise wrong(self.effort.tolist(), "effort", "torques, none below 0")
 
     @classmethod
     def droop(cls, stall: float, no_load_speed: float) -> EffortCurve:

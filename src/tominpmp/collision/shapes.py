@@ -89,8 +89,7 @@ def hull_of(points: Array) -> Any:
 
 def _hull(points: Array) -> Any:
     vector = coal.StdVec_Vec3s()
-    for point in points:
-        vector.append(point)
+    vector.extend(list(points))
     return coal.Convex.convexHull(vector, False, "")
 
 

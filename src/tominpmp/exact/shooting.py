@@ -92,22 +92,28 @@ class Shot:
 
     Attributes:
         motion: The motion.
-        equal: Residuals of the equations, for the goal and the entries of held arcs,
-            shape (e,).
-        by_equal: Derivatives of the residuals, shape (e, size).
-        margin: Margins to the bounds of the goal and to the watched limits, shape (r,).
-        by_margin: Derivatives of the margins, shape (r, size).
-        rows: All rows: residuals, then margins.
+        rows: The rows: residuals of e equations, for the goal and the entries of held
+            arcs, and then margins to the bounds of the goal and to the watched limits.
+        slopes: Derivatives of the rows, shape (e + r, size).
+        equations: Number e of equations.
         by_stages: Derivatives of the stages, shape (M, 3, 2n, size).
     """
 
     motion: IntegratedArcs
-    equal: Array
-    by_equal: Array
-    margin: Array
-    by_margin: Array
     rows: EndRows
+    slopes: Array
+    equations: int
     by_stages: Array
+
+    @property
+    def equal(self) -> Array:
+        """Residuals of the equations, shape (e,)."""
+        return self.rows.value[: self.equations]
+
+    @property
+    def margin(self) -> Array:
+        """Margins, shape (r,)."""
+        return self.rows.value[self.equations :]
 
 
 class ArcProgram:
@@ -324,10 +330,8 @@ class ArcProgram:
         ]
         rows = EndRows(*map(np.concatenate, zip(*parts, strict=True)))
         by, by_stages = self.propagate(motion)
-        value, slopes = rows.value, self._slopes(rows, by)
-        equal = int(exact.sum()) + entry.size
-        equations = value[:equal], slopes[:equal]
-        return Shot(motion, *equations, value[equal:], slopes[equal:], rows, by_stages)
+        equations = int(exact.sum()) + entry.size
+        return Shot(motion, rows, self._slopes(rows, by), equations, by_stages)
 
     def _slopes(self, rows: EndRows, by: Array) -> Array:
         """Derivatives of rows by the unknowns, shape (k, size).

@@ -54,11 +54,10 @@ def _multipliers(program: ArcProgram, y: Array, shot: Shot) -> Array:
     """
     count = program.arcs.count
     moving = np.concatenate([y[:count] > ON_BOUND, np.abs(y[count:]) < 1.0 - ON_BOUND])
-    active = np.flatnonzero(shot.margin < ACTIVE)
-    matrix = np.vstack([shot.by_equal, -shot.by_margin[active]])[:, moving]
-    found = np.linalg.lstsq(matrix.T, -program.of_lengths[moving], rcond=1e-10)[0]
-    weights, equal = np.zeros(shot.rows.value.size), shot.equal.size
-    weights[:equal], weights[equal + active] = found[:equal], -found[equal:]
+    used = np.append(np.full(shot.equations, True), shot.margin < ACTIVE)
+    matrix, weights = shot.slopes[used][:, moving], np.zeros(used.size)
+    cost = program.of_lengths[moving]
+    weights[used] = np.linalg.lstsq(matrix.T, -cost, rcond=1e-10)[0]
     return weights
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -25,7 +25,6 @@ from tominpmp.exact.structure import Arcs
 from tominpmp.exact.switching_functions import find_changes
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.stopping import Budget
-from tominpmp.transcription.base import NOT_INTEGRATED
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 logger = logging.getLogger(__name__)
@@ -171,28 +170,22 @@ def _violation(shot: Shot) -> float:
 
 def _constraints(program: ArcProgram, first: Shot) -> list[dict[str, Any]]:
     """Equations and limits of a program, in the format of SLSQP."""
-    # Large violations for unknowns at which integration fails.
-    failed = replace(
-        first,
-        equal=np.full_like(first.equal, NOT_INTEGRATED),
-        by_equal=np.zeros_like(first.by_equal),
-        margin=np.full_like(first.margin, -NOT_INTEGRATED),
-        by_margin=np.zeros_like(first.by_margin),
-    )
-    basis = _independent(first.by_equal)
+    count = first.equations
+    basis = _independent(first.slopes[:count])
 
-    def shot(z: Array) -> Shot:
-        return program.shoot(z) or failed
+    def slopes(z: Array) -> Array:
+        shot = program.shoot(z)
+        return np.zeros_like(first.slopes) if shot is None else shot.slopes
 
     equations = {
         "type": "eq",
-        "fun": lambda z: basis @ shot(z).equal,
-        "jac": lambda z: basis @ shot(z).by_equal,
+        "fun": lambda z: basis @ program.evaluate(z)[:count],
+        "jac": lambda z: basis @ slopes(z)[:count],
     }
     limits = {
         "type": "ineq",
-        "fun": lambda z: shot(z).margin,
-        "jac": lambda z: shot(z).by_margin,
+        "fun": lambda z: program.evaluate(z)[count:],
+        "jac": lambda z: slopes(z)[count:],
     }
     return [equations, limits] if first.margin.size else [equations]
 

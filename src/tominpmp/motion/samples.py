@@ -7,9 +7,9 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from tominpmp.arrays import Array, IntArray, Record, real_array
-from tominpmp.checks import choice, names, wrong
-from tominpmp.exceptions import ProblemError, brief, naming
+from tominpmp.arrays import Array, IntArray, Record, frozen_array
+from tominpmp.checks import array, choice, names, wrong
+from tominpmp.exceptions import brief, naming
 
 # Interpolation of samples, see the attribute of Samples.
 Interpolation: TypeAlias = Literal["auto", "controller", "linear", "cubic", "quintic"]
@@ -29,46 +29,48 @@ class TimedRows(Record):
     t: Array
     segment_ends: Array | None
 
-    def _take(
-        self, name: str, called: str, shape: tuple[int, ...] | None = None, of: str = ""
-    ) -> Array:
-        """Check a field as an array of numbers, and keep it.
+    def _take(self, name: str, shape: tuple[int | None, ...], content: str) -> Array:
+        """Check a field as an array of numbers, and keep a read-only copy.
 
         Args:
             name: Name of the field.
-            called: Template for the name of the field in messages.
-            shape: Expected shape; None for any shape.
-            of: Description of the expected shape in messages.
+            shape: Expected shape, as of :func:`~tominpmp.checks.array`.
+            content: Description of the array in messages.
 
         Returns:
-            The array.
+            The copy.
         """
-        value, field_name = getattr(self, name), called.format(name)
-        try:
-            array = real_array(value)
-        except ValueError as error:
-            message = f"{field_name} is {brief(value)}, expected numbers"
-            raise ProblemError(message, name) from error
-        if shape is not None and array.shape != shape:
-            message = f"{field_name} has shape {array.shape}, expected {shape}: {of}"
-            raise ProblemError(message, name)
-        self._keep(**{name: array})
-        return array
+        kept = frozen_array(array(getattr(self, name), name, shape, content))
+        self._keep(**{name: kept})
+        return kept
 
-    def _take_rows(self, called: str, row: str, columns: str) -> None:
+    def _take_rows(self, row: str, columns: str) -> None:
         """Check joint names, times, and fields with a column for each joint.
 
         Args:
-            called: Template for the names of fields in messages.
             row: Name of a row in messages.
             columns: Names of the fields, a letter each.
         """
         self._keep(joint_names=names(self.joint_names))
-        times = self._take("t", called).ravel().size
-        self._take("t", called, (times,), f"one time for each {row}")
-        layout = f"one row for each {row}, one column for each joint"
+        times = self._take("t", (None,), f"numbers, one time for each {row}")
+        layout = f"numbers, one for each joint, in a row for each {row}"
         for name in columns:
-            self._take(name, called, (times, len(self.joint_names)), layout)
+            self._take(name, (times.size, len(self.joint_names)), layout)
+
+    def _take_ends(self, expected: str, *, nodes: bool = False) -> None:
+        """Check that the ends of segments are times in order, within the motion.
+
+        Args:
+            expected: Description of valid ends.
+            nodes: Whether they have to be times of rows, up to the last.
+        """
+        ends = self._take("segment_ends", (None,), expected)
+        valid = ends.size > 0 and bool(np.all(np.diff(ends, prepend=0.0) >= 0.0))
+        valid = valid and self.t.size > 0 and bool(ends[-1] <= self.t[-1])
+        if nodes and valid:
+            valid = ends[-1] == self.t[-1] and bool(np.all(np.isin(ends, self.t)))
+        if not valid:
+            raise wrong(self.segment_ends, "segment_ends", expected)
 
     def _in_brief(self, contents: str) -> str:
         """Show the joints, and a description of the rows, on one line."""
@@ -116,20 +118,11 @@ class Samples(TimedRows):
 
     def __post_init__(self) -> None:
         """Check the shapes and make the arrays read-only."""
-        self._take_rows("samples: {}", "time", "qvau")
+        with naming("samples"):
+            self._take_rows("time", "qvau")
+            if self.segment_ends is not None:
+                self._take_ends("times in order, up to that of the last row")
         choice(self.interpolation, INTERPOLATIONS, "interpolation")
-        if self.segment_ends is not None:
-            self._check_segments()
-
-    def _check_segments(self) -> None:
-        """Check that the ends of segments are times in order, within the motion."""
-        ends = self._take("segment_ends", "samples: {}")
-        row = ends.ndim == 1 and ends.size > 0 and self.t.size > 0
-        ordered = row and bool(np.all(np.diff(ends, prepend=0.0) >= 0.0))
-        if not (ordered and ends[-1] <= self.t[-1]):
-            expected = "times in order, up to that of the last row"
-            with naming("samples"):
-                raise wrong(self.segment_ends, "segment_ends", expected)
 
     @property
     def segment_numbers(self) -> IntArray:

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from tominpmp.arrays import Array, BoolArray, IntArray, array_or_nan, in_brief
 from tominpmp.checks import array, number, whole, wrong
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.exceptions import ProblemError, brief
+from tominpmp.exceptions import ProblemError, naming
 from tominpmp.motion.curves import curve_through
 from tominpmp.motion.samples import Samples, TimedRows, clock
 from tominpmp.motion.turns import Turns
@@ -113,34 +113,25 @@ class Trajectory(TimedRows):
             function = getattr(self, name)
             if function is not None and not callable(function):
                 raise wrong(function, name, DYNAMICS)
-        called = "trajectory field {!r}"
-        self._take_rows(called, "node", "qvu")
-        increasing = np.all(np.isfinite(self.t)) and np.all(np.diff(self.t) > 0.0)
-        if self.t.size < 1 or not increasing or self.t[0] != 0.0:
-            raise ProblemError(
-                "trajectory times must be finite and increase from 0 [s]", field="t"
-            )
-        if self.a is not None:
-            if self._take("a", called).shape != (self.t.size, self.n):
-                layout = "one row for each interval or node, one column for each joint"
-                self._take("a", called, (self.t.size - 1, self.n), layout)
-        if self.segment_ends is not None:
-            self._check_segments()
+        with naming("trajectory"):
+            self._take_rows("node", "qvu")
+            t, expected = self.t, "finite times [s] that increase from 0"
+            increasing = np.all(np.isfinite(t)) and np.all(np.diff(t) > 0.0)
+            if t.size < 1 or not increasing or t[0] != 0.0:
+                raise wrong(t, "t", expected)
+            if self.a is not None:
+                layout = (
+                    "numbers, one for each joint, in a row for each interval or node"
+                )
+                if len(self._take("a", (None, self.n), layout)) != t.size:
+                    self._take("a", (t.size - 1, self.n), layout)
+            if self.segment_ends is not None:
+                expected = f"times of nodes in order, up to T = {t[-1]:g} s"
+                self._take_ends(expected, nodes=True)
         dynamics, ends = self.segment_dynamics, self.segment_ends
         known = isinstance(dynamics, list | tuple) and all(map(callable, dynamics))
         if not known or len(dynamics) not in (0, 1 if ends is None else len(ends)):
             raise wrong(dynamics, "segment_dynamics", f"for each segment {DYNAMICS}")
-
-    def _check_segments(self) -> None:
-        """Check that the ends of segments are nodes in order, up to the last."""
-        ends = self._take("segment_ends", "trajectory field {!r}")
-        nodes = ends.ndim == 1 and ends.size > 0 and np.all(np.isin(ends, self.t))
-        if not (nodes and np.all(np.diff(ends) >= 0.0) and ends[-1] == self.t[-1]):
-            raise ProblemError(
-                f"trajectory field 'segment_ends' is {brief(self.segment_ends)}, "
-                f"expected times of nodes in order, up to T = {self.t[-1]:g} s",
-                "segment_ends",
-            )
 
     def segment_at(self, times: Array) -> IntArray:
         """Index of the segment at each time, shape (m,); at an end the later one."""

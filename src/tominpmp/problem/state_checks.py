@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tominpmp.arrays import Array, BoolArray, real_array
-from tominpmp.checks import by_joint, in_order, wrong
+from tominpmp.arrays import Array, BoolArray
+from tominpmp.checks import array, by_joint, in_order
 from tominpmp.collision.checker import CollisionChecker, enclosure
 from tominpmp.collision.query import ROUNDING
 from tominpmp.constraints.base import USABLE
@@ -378,17 +378,12 @@ def joint_vector(robot: Robot, value: object, name: str) -> Array:
         rests = quantity != "position"
         others, missing = (dict.fromkeys(at, 0.0), 0.0) if rests else (at, None)
         value = in_order(named, joints, name, others=others, missing=missing)
-    expected = f"{len(joints)} numbers, one for each of: {', '.join(joints)}"
+    content = f"numbers, one for each of: {', '.join(joints)}"
     if isinstance(value, str) and robot.srdf is not None:
-        expected += f"; robot.group_state({brief(value)}) has those of a group state"
-    try:
-        array = real_array(value)
-    except ValueError as error:
-        raise wrong(value, name, expected) from error
-    if array.shape != (len(joints),):
-        raise ProblemError(f"{name} has shape {array.shape}, expected {expected}", name)
-    for joint, number in zip(joints, array, strict=True):
+        content += f"; robot.group_state({brief(value)}) has those of a group state"
+    numbers = array(value, name, (len(joints),), content)
+    for joint, number in zip(joints, numbers, strict=True):
         if not np.isfinite(number):
             message = f"{name}: joint {joint!r} is {number}, expected a finite number"
             raise ProblemError(message, name)
-    return array
+    return numbers

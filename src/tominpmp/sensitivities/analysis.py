@@ -13,6 +13,12 @@ Therefore the sensitivities to both, and the effect of the base on constraints, 
 from the values for a robot with a slightly displaced base and unchanged joint motion;
 contacts contribute by their normals, and gravity by its rotation in the axes of the
 base.
+
+The multipliers of torque limits, of torque-rate limits and of torque-speed curves give
+the share of the duration by which an additional torque at an instant delays the motion.
+Gravity, payloads and friction change the torques that the same motion requires: the
+inverse dynamics is linear in each of these parameters, so that differences of torques
+give their derivatives without a truncation error.
 """
 
 from __future__ import annotations
@@ -21,6 +27,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -29,9 +36,18 @@ from tominpmp.arrays import Array
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.certificate.dual_program import solve_dual_program
 from tominpmp.certificate.dwells import without_dwells
-from tominpmp.certificate.limits import GOAL, SEGMENT, LimitRows
+from tominpmp.certificate.limits import (
+    GOAL,
+    PASSIVE,
+    SEGMENT,
+    LimitRows,
+    SampledConstraint,
+    limits_of_joints,
+)
 from tominpmp.certificate.motion import GridMotion
 from tominpmp.checks import instance
+from tominpmp.constraints.torque import MotorLimit, TorqueLimit
+from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.place import joint_labels
 from tominpmp.kinematics import RobotKinematics, units_of
@@ -44,7 +60,6 @@ from tominpmp.problem.problem import Problem
 from tominpmp.robot.payload import Payload
 from tominpmp.robot.robot import Robot
 from tominpmp.sensitivities.records import Sensitivities, Sensitivity, summed
-from tominpmp.sensitivities.torques import TorqueWeights
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification.stages import checked_in_segments
 
@@ -126,6 +141,57 @@ def _segments(motion: GridMotion, rows: LimitRows) -> Iterator[SegmentRows]:
         first, end = part.span
         own = rows.selected((rows.at.interval >= first) & (rows.at.interval < end))
         yield SegmentRows(part, replace(own, subject=own.subject % SEGMENT))
+
+
+class TorqueWeights(NamedTuple):
+    """Cost of a unit of torque at instants, as a share of the duration.
+
+    Attributes:
+        q: Positions at the instants, shape (k, n).
+        v: Velocities at the instants, shape (k, n).
+        a: Accelerations at the instants, shape (k, n).
+        way: Directions of motion of the joints: 1, -1, or 0 at rest, shape (k, n).
+        weight: Derivative of ln T with respect to the torque of each joint, shape
+            (k, n).
+    """
+
+    q: Array
+    v: Array
+    a: Array
+    way: Array
+    weight: Array
+
+    @classmethod
+    def of(cls, motion: GridMotion, limits: LimitRows) -> TorqueWeights:
+        """Weights from the multipliers of torques on a segment of a motion.
+
+        Args:
+            motion: The motion on the segment.
+            limits: The limits of the segment, with their multipliers.
+        """
+        n = motion.changes.n
+        every = [tuple(np.zeros((5, 0, n)))]
+        # Payloads and gravity do not change the accelerations of a kinematic robot.
+        kinematic = motion.system.problem.robot.kinematic
+        for item in () if kinematic else limits_of_joints(motion):
+            kinds = (item.kind.name, PASSIVE)[: 1 + isinstance(item, TorqueLimit)]
+            rows = limits.selected(limits.of(*kinds) & (limits.y != 0.0))
+            if not isinstance(item, MotorLimit) or not rows.y.size:
+                continue
+            slopes = item.order > 2
+            at = motion.changes.pairs(rows.at.interval) if slopes else rows.at
+            sampled = SampledConstraint.of(motion, item, at)
+            # Differentiated as a function of the torques minus dry friction.
+            _, q, v, a, _ = sampled.states
+            states = sampled.states._replace(u=motion.system.dynamics.inverse(q, v, a))
+            each = np.arange(rows.y.size), rows.component
+            by = sampled.item.differentiate(states, *each)
+            assert by.by_u is not None  # noqa: S101
+            weight = np.zeros((at.size, n))
+            multiplier = rows.y if by.row is None else rows.y[by.row]
+            np.add.at(weight, by.at, multiplier[:, None] * by.by_u)
+            every.append((q, v, a, motion.ways(at), weight))
+        return cls(*map(np.concatenate, zip(*every, strict=True)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,13 +332,13 @@ class SegmentRows:
     @cached_property
     def _torques(self) -> TorqueWeights:
         """Cost of torques on the segment; empty for a kinematic robot."""
-        if self._robot.kinematic:  # payloads and gravity do not change accelerations
-            return TorqueWeights(*np.zeros((5, 0, self._robot.n)))
         return TorqueWeights.of(self.motion, self.rows)
 
     def _cost(self, robot: Robot) -> float:
         """Sum of torques and constraint values for a changed robot, by multipliers."""
-        return self._torques.cost(robot) + self._cost_of_constraints(robot)
+        q, v, a, _, weight = self._torques
+        torque = RobotDynamics(robot, dry=False).inverse(q, v, a)
+        return float(np.sum(weight * torque)) + self._cost_of_constraints(robot)
 
     @cached_property
     def _by_gravity(self) -> Array:

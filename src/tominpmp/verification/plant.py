@@ -163,7 +163,7 @@ class Plant:
         if self.unchanged(*step):
             return end
         while early < (middle := 0.5 * (early + late)) < late:
-            if self._event_margin(middle, curve(middle)) < 0.0:
+            if self._event_margins(np.array([middle]), curve(middle)[None]) < 0.0:
                 late = middle
             else:
                 early = middle
@@ -192,30 +192,31 @@ class Plant:
         slowest = np.minimum(self.way * v[1:] + self.still, self.way * halfway + GRAZE)
         back = np.flatnonzero((slowest < 0.0).any(axis=1))
         count = int(back[0]) if back.size else count
-        rows = np.arange(count if self._holds else 0)
-        if count and not v.any():
+        if not (count and self._holds):
+            return count
+        tested = np.arange(1, count + 1)
+        if not v.any():
             # Torques of a resting arm are smooth: some instants suffice.
-            rows = np.unique(np.linspace(0, count - 1, TESTED_INSTANTS).astype(int))
-        valid = 0
-        for k in rows.tolist():
-            if self._event_margin(t[k + 1], x[k + 1]) < 0.0:
-                return valid
-            valid = k + 1
-        return count
+            tested = 1 + np.linspace(0, count - 1, TESTED_INSTANTS).astype(int)
+        late = np.flatnonzero(self._event_margins(t[tested], x[tested]) < 0.0)
+        return int(np.append(0, tested)[late[0]]) if late.size else count
 
-    def _event_margin(self, t: float, x: Array) -> float:
-        """Margin to the next event, negative after it.
+    def _event_margins(self, t: Array, x: Array) -> Array:
+        """Margins to the next event, negative after it, shape (m,).
 
         The margin is the least speed of a sliding joint, or the least reserve of
         friction torque of a held joint, if that is less.
         """
-        v = self.state(t, x)[self._n :]
-        slowest = float((self.way * v).min()) + self.still
-        if slowest < 0.0 or not self._holds:
-            return slowest
-        free, mass = self.free(t, x)[self._n :, None], self._mass(t, x)
+        rows = [*zip(t.tolist(), x, strict=True)]
+        state = np.array([self.state(*row) for row in rows])
+        slowest = (self.way * state[:, self._n :]).min(axis=1) + self.still
+        if not self._holds:
+            return np.asarray(slowest)
+        free = np.array([self.free(*row) for row in rows])[:, self._n :, None]
+        mass = self.dynamics.mass(state[:, : self._n])
         needed = mass @ (free - held_accelerations(mass, free, self._held))
         # Slightly more than the friction by which joints are released, so that a joint
         # beyond the margin is released.
-        rest = (1.0 + 2.0 * HOLD_TOLERANCE) * self.robot.friction - np.abs(needed[:, 0])
-        return min(slowest, float(rest[self._held].min()))
+        most = (1.0 + 2.0 * HOLD_TOLERANCE) * self.robot.friction
+        reserve = (most - np.abs(needed[..., 0]))[:, self._held]
+        return np.asarray(np.minimum(slowest, reserve.min(axis=1)))

@@ -269,14 +269,10 @@ def _with_nodes(motion: Trajectory, times: Array) -> Trajectory:
     """The motion with additional nodes at times [s]."""
     t = np.unique(np.concatenate([motion.t, times]))
     node = np.searchsorted(motion.t, t, side="right") - 1
-    state = replace(motion, inverse_dynamics=None)(t)
-    every = motion(t).u if motion.inverse_dynamics is not None else motion.u[node]
-    a = motion.a
-    if a is not None and len(a) == motion.t.size:
-        a = state.a
-    elif a is not None:
-        a = a[node[:-1]]
-    u = np.vstack([every[:-1], motion.u[-1:]])
+    state, a = motion(t), motion.a
+    if a is not None:
+        a = state.a if motion.degree == 5 else a[node[:-1]]
+    u = np.vstack([state.u[:-1], motion.u[-1:]])
     return replace(motion, t=t, q=state.q, v=state.v, u=u, a=a)
 
 
