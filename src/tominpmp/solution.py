@@ -206,7 +206,7 @@ class Solution:
             ProblemError: If the motion does not belong to the robot of the problem, or
                 dwells while obstacles move.
         """
-        from tominpmp.certificate.allowances import with_bound
+        from tominpmp.certificate.certificate import with_bound
         from tominpmp.certificate.minimum_principle import certify
 
         if self.trajectory is None:

@@ -105,7 +105,7 @@ def test_arguments_of_wrong_type_are_refused(
         ([1, 2j, 0], r"is \[1, 2j, 0\], expected 3 numbers"),
         (
             [1, 0],
-            r"has shape \(2,\), expected \(3,\): numbers, one .*: joint1, joint2, joint3",
+            r"has shape \(2,\), expected \(3,\): numbers, .*: joint1, joint2, joint3",
         ),
         ([[1, 0, 0]], r"has shape \(1, 3\), expected \(3,\): numbers"),
         (1.0, r"has shape \(\), expected \(3,\): numbers"),

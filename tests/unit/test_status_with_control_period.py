@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
-from tominpmp.certificate.allowances import clock_share, with_bound
-from tominpmp.certificate.minimum_principle import certify
+from tominpmp.certificate.certificate import with_bound
+from tominpmp.certificate.minimum_principle import certify, clock_share
 from tominpmp.planner.control_period import _with_clock, status_on_clock
 
 START = np.array([0.5, 1.7, -1.7])

@@ -18,8 +18,7 @@ from tominpmp.bounds.least_time import OneWay, Ramp, SpeedLaw
 from tominpmp.bounds.result import LowerBound
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.motion_limits import EffortCurve
-from tominpmp.problem.controls import effort_range
-from tominpmp.problem.joint_limits import joint_limits
+from tominpmp.problem.joint_limits import effort_range, joint_limits
 from tominpmp.robot.robot import Robot
 
 if TYPE_CHECKING:
@@ -69,7 +68,8 @@ def effort_bounds(problem: Problem) -> tuple[Array, Array]:
 
 def effort_curves(problem: Problem) -> list[tuple[int, EffortCurve]]:
     """Torque-speed curves of motors, each with the index of its joint."""
-    every = (pair for item in joint_limits(problem) for pair in item.by_speed.items())
+    limits = joint_limits(problem.robot, problem.motion_limits)
+    every = (pair for item in limits for pair in item.by_speed.items())
     return [(i, curve) for i, curve in every if isinstance(curve, EffortCurve)]
 
 

@@ -76,7 +76,7 @@ def tightest_limits(problem: Problem) -> dict[str, Array]:
     Shape (n,) each; infinite for joints without a limit.
     """
     tightest = {key: np.full(problem.robot.n, math.inf) for key in BOUNDED}
-    for item in joint_limits(problem):
+    for item in joint_limits(problem.robot, problem.motion_limits):
         key = item.kind.quantity
         if key == "u" and problem.robot.kinematic:
             key = "a"

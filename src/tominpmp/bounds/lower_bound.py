@@ -38,7 +38,7 @@ from tominpmp.exceptions import warn_caller
 from tominpmp.goals.base import Goal
 from tominpmp.kinematics import units_of
 from tominpmp.motion_limits import EFFORT
-from tominpmp.problem.controls import effort_range
+from tominpmp.problem.joint_limits import effort_range
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import arrival_window
 

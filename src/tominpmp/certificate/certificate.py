@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from tominpmp.arrays import FrozenArray, FrozenFlags, Record
 from tominpmp.exceptions import BRIEF, shortened
@@ -107,3 +107,26 @@ class Certificate(Record):
         """Show the result on one line."""
         verdict = "ok" if self.ok else "not ok"
         return f"<Certificate {verdict}: {shortened(self.message, 2 * BRIEF)}>"
+
+
+def with_bound(
+    certificate: Certificate, duration: float, bound: float, reason: str
+) -> Certificate:
+    """The certificate of an admissible motion in view of a lower bound on T.
+
+    If the bound shows that no motion is faster by more than the tolerance, failures of
+    the first-order conditions are disregarded.
+
+    Args:
+        certificate: The certificate.
+        duration: Duration of the motion [s].
+        bound: Lower bound on the duration of all motions [s].
+        reason: Reason of the bound, in words.
+    """
+    if certificate.ok or bound < (1.0 - certificate.tolerance) * duration:
+        return certificate
+    message = (
+        f"No motion takes less than {bound:.4g} s ({reason}), and this motion takes "
+        f"{duration:.4g} s. {certificate.message}"
+    )
+    return replace(certificate, ok=True, message=message)

@@ -20,7 +20,7 @@ from tominpmp.certificate.limits import PASSIVE, TRUST, LimitRows, limits_of
 from tominpmp.certificate.motion import GridMotion
 from tominpmp.linear_programs.piqp import PiqpSolver, Termination
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
-from tominpmp.problem.controls import control_kind
+from tominpmp.problem.joint_limits import control_kind
 from tominpmp.transcription.instants import Instants
 
 # Radii of the trust region: of positions in rad or shares of the reach, of velocities

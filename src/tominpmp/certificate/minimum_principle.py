@@ -37,7 +37,6 @@ import numpy as np
 
 from tominpmp.arrays import Array, BoolArray
 from tominpmp.blas_threads import on_one_thread
-from tominpmp.certificate.allowances import clock_share
 from tominpmp.certificate.certificate import ActiveLimit, Certificate
 from tominpmp.certificate.dual_program import PLACES, DualSolution, solve_dual_program
 from tominpmp.certificate.dwells import without_dwells
@@ -51,7 +50,8 @@ from tominpmp.certificate.optimality_report import (
 from tominpmp.checks import instance, number
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.problem.controls import need_smooth
+from tominpmp.options import FEWEST_PERIODS
+from tominpmp.problem.joint_limits import need_smooth
 from tominpmp.problem.problem import Problem
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification.replay import Replay
@@ -68,6 +68,9 @@ SINGULAR = 0.02
 ON_LIMIT = 0.01
 # Multiplier, as a density over time, above which a limit counts as active.
 LEAST_MULTIPLIER = 0.01
+# Rounding error of the number of periods of a segment, and largest speed of a joint at
+# rest [rad/s or m/s].
+SAME = 1e-6
 
 
 @on_one_thread
@@ -280,6 +283,30 @@ def _active(motion: GridMotion, dual: DualSolution) -> Iterator[ActiveLimit]:
                 total[held],
                 limits.upper_active[rows[first]],
             )
+
+
+def clock_share(trajectory: Trajectory, period: float) -> float:
+    """Share of the duration of a motion that rounding to whole periods may have cost.
+
+    The duration of each segment is rounded up separately, by less than a period. A part
+    of the motion from rest to rest that takes no more periods than the fewest of any
+    motion on a clock may be due to rounding as a whole.
+
+    Args:
+        trajectory: The motion.
+        period: Period of the clock [s].
+    """
+    if not trajectory.duration:
+        return 0.0
+    ends = trajectory.segment_ends
+    ends = trajectory.t[-1:] if ends is None else ends
+    durations = np.diff(ends, prepend=0.0)
+    speeds = np.abs(trajectory.v[np.searchsorted(trajectory.t, ends)])
+    rests = np.all(speeds <= SAME, axis=1)
+    part = np.cumsum(rests) - rests
+    shortest = np.bincount(part, durations) <= (FEWEST_PERIODS + SAME) * period
+    rounding = np.where(shortest[part], durations, np.minimum(durations, period))
+    return float(rounding.sum() / trajectory.duration)
 
 
 # -- costates by the adjoint equation --------------------------------------------------

@@ -301,7 +301,7 @@ def _is_planned(problem: Problem, planned: Trajectory, motion: Trajectory) -> bo
         return False
     times = _inner_instants(np.union1d(planned.t, motion.t))
     expected, actual = planned(times), motion(times)
-    _, _, control, *_ = joint_limits(problem)
+    _, _, control, *_ = joint_limits(problem.robot, problem.motion_limits)
     differences = (
         (expected.q - actual.q) / SAME_Q,
         (expected.v - actual.v) / SAME_V,

@@ -31,8 +31,12 @@ from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.constrained import CLOSE, constraints_of
 from tominpmp.initial_guess.path import RoundedPath
 from tominpmp.kinematics import units_of
-from tominpmp.problem.controls import control_bounds, control_kind, effort_range
-from tominpmp.problem.joint_limits import joint_limits
+from tominpmp.problem.joint_limits import (
+    control_bounds,
+    control_kind,
+    effort_range,
+    joint_limits,
+)
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 POINTS = 120  # grid points of s
@@ -330,7 +334,7 @@ def largest_excess(system: ProblemFunctions, T: float, at: States) -> float:
     inertial = u - inverse(q, v, 0.0 * a)
     rates = {"j": 8.0 * a / T, "du": 8.0 * inertial / T}
     worst = [0.0]
-    for item in joint_limits(system.problem):
+    for item in joint_limits(system.problem.robot, system.motion_limits):
         rate = rates.get(item.kind.quantity)
         beyond = item.beyond(q, v, a, u) if rate is None else item.outside(rate)
         share = beyond[:, item.joints] / item.scale[item.joints]
@@ -351,7 +355,7 @@ def least_duration(system: ProblemFunctions, q: Array) -> float:
     load = system.dynamics.inverse(q[:1], zero, span[None])
     load = np.abs(load - system.dynamics.inverse(q[:1], zero, zero))[0]
     change, times = {"a": span, "j": span, "du": load}, [0.0]
-    for item in joint_limits(system.problem):
+    for item in joint_limits(system.problem.robot, system.motion_limits):
         if item.kind.quantity in change:
             # Distance from rest to rest under a bang-bang derivative of this order.
             order = item.kind.order

@@ -257,7 +257,7 @@ def _slowed_down(system: ProblemFunctions, motion: Trajectory) -> Trajectory:
     plain = replace(motion, inverse_dynamics=None)
     state, factor = plain(np.linspace(0.0, motion.duration, SAMPLES)), 1.0
     values = {"v": state.v, "a": state.a}
-    for item in joint_limits(system.problem):
+    for item in joint_limits(system.problem.robot, system.motion_limits):
         if item.kind.quantity in values:
             share = np.max(np.abs(values[item.kind.quantity]) / item.upper)
             factor = max(factor, float(share) ** (1.0 / item.kind.order))

@@ -7,7 +7,7 @@ from dataclasses import replace
 from tominpmp.exceptions import OptionsError
 from tominpmp.linear_programs.choice import make_solver
 from tominpmp.options import Control, Options
-from tominpmp.problem.controls import need_smooth
+from tominpmp.problem.joint_limits import need_smooth
 from tominpmp.problem.problem import Problem
 from tominpmp.solvers.objective import MinimumTime
 from tominpmp.transcription.problem_functions import ProblemFunctions

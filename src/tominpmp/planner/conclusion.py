@@ -18,7 +18,7 @@ from tominpmp.options import Options
 from tominpmp.planner.automatic_options import SHOOTING
 from tominpmp.planner.candidate import Candidate, best_of
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.problem.controls import effort_range
+from tominpmp.problem.joint_limits import effort_range
 from tominpmp.problem.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status

@@ -20,9 +20,8 @@ from functools import cached_property, partial
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.certificate.allowances import clock_share
 from tominpmp.certificate.dwells import no_certificate, with_dwells
-from tominpmp.certificate.minimum_principle import TOLERANCE, certify
+from tominpmp.certificate.minimum_principle import TOLERANCE, certify, clock_share
 from tominpmp.exceptions import OptionsError
 from tominpmp.motion.trajectory import MAX_SAMPLES, Trajectory
 from tominpmp.options import FEWEST_PERIODS

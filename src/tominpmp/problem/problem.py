@@ -27,7 +27,7 @@ from tominpmp.kinematics import RobotKinematics, units_of
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits, kinds_of
 from tominpmp.notebook import card, skeletons, table
-from tominpmp.problem.controls import control_bounds, durations_alone
+from tominpmp.problem.joint_limits import control_bounds, durations_alone
 from tominpmp.problem.segments import (
     SOME_GOAL,
     Constraints,

@@ -54,8 +54,12 @@ from tominpmp.kinematics import RobotKinematics, units_of
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import EFFORT, SIDES
-from tominpmp.problem.controls import control_bounds, control_kind
-from tominpmp.problem.joint_limits import JointBounds, joint_limits
+from tominpmp.problem.joint_limits import (
+    JointBounds,
+    control_bounds,
+    control_kind,
+    joint_limits,
+)
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.payload import Payload
 from tominpmp.robot.robot import Robot
@@ -268,7 +272,7 @@ class SegmentRows:
         _, strongest = control_bounds(self._robot, self._problem.motion_limits)
         efforts = np.where(driven, strongest, np.inf)
         gain, upper = rows.value, rows.upper_active
-        for item in joint_limits(self._problem):
+        for item in joint_limits(self._robot, self._problem.motion_limits):
             kind, most = item.kind, efforts if item.kind.quantity == "u" else item.upper
             units = units_of(self._robot, kind)
             sides = [(kind.name, most, gain * used)]

@@ -18,8 +18,7 @@ from tominpmp.constraints.torque import Motors, TorqueLimit, TorqueOverSpeed, To
 from tominpmp.dynamics import Dynamics, RobotDynamics, directions
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.motion_limits import SIDES, MotionLimits
-from tominpmp.problem.controls import effort_range
-from tominpmp.problem.joint_limits import joint_limits
+from tominpmp.problem.joint_limits import effort_range, joint_limits
 
 if TYPE_CHECKING:
     from tominpmp.problem.problem import Problem
@@ -238,7 +237,7 @@ class ProblemFunctions:
     def constraints(self) -> tuple[Constraint, ...]:
         """All constraints along a motion, except the goal."""
         limits: list[Constraint] = []
-        for item in joint_limits(self.problem):
+        for item in joint_limits(self.problem.robot, self.motion_limits):
             joints, kind, most = item.joints, item.kind, item.upper
             if kind.quantity == "u":
                 limits.append(TorqueLimit(self.motors, kind, np.arange(self.n)))

@@ -14,7 +14,7 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import EFFORT
 from tominpmp.options import Tolerances
-from tominpmp.problem.controls import effort_range
+from tominpmp.problem.joint_limits import effort_range
 from tominpmp.problem.problem import Problem
 from tominpmp.status import STOPPED, Status
 from tominpmp.verification.limit_violations import LimitViolation

@@ -132,7 +132,7 @@ def limit_violations(
     """
     check()
     robot = problem.robot
-    limits = joint_limits(problem)
+    limits = joint_limits(robot, problem.motion_limits)
     known = torque.t[1:] <= replay.t[-1]
     # Rows of the replay at the ends of the pieces of torque.
     ends: IntArray = np.searchsorted(replay.t, torque.t[1:][known])

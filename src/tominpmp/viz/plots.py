@@ -16,8 +16,7 @@ from tominpmp.checks import instance, whole, wrong
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion.trajectory import State, Trajectory
 from tominpmp.notebook import GREY, LIMIT_COLOR
-from tominpmp.problem.controls import controls_in
-from tominpmp.problem.joint_limits import JointBounds, joint_limits
+from tominpmp.problem.joint_limits import JointBounds, controls_in, joint_limits
 from tominpmp.problem.problem import Problem
 from tominpmp.sensitivities.records import LEAST, Sensitivities
 from tominpmp.viz import figures, surroundings
@@ -50,7 +49,7 @@ MOST_PAIRS = 8
 def _quantities(problem: Problem, state: State) -> list[tuple[str, JointBounds, Array]]:
     """Positions, velocities and controls with their names and limits."""
     values = state.q, state.v, controls_in(problem.robot, state)
-    limits = joint_limits(problem)[: len(values)]
+    limits = joint_limits(problem.robot, problem.motion_limits)[: len(values)]
     names = [item.kind.name.replace("effort", "torque") for item in limits]
     return list(zip(names, limits, values, strict=True))
 

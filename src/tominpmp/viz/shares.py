@@ -8,7 +8,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.problem.controls import controls_in, effort_range
+from tominpmp.problem.joint_limits import controls_in, effort_range
 from tominpmp.problem.problem import Problem
 
 # Number of sampled instants of a motion, in addition to both sides of its nodes.

@@ -45,7 +45,7 @@ from tominpmp.goals.joints import JointGoal
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
-from tominpmp.problem.controls import accelerations_alone
+from tominpmp.problem.joint_limits import accelerations_alone
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import known_names
 from tominpmp.problem.state_checks import joint_vector, onto_limits
