@@ -109,10 +109,8 @@ def array_or_nan(values: object) -> Array:
 
 def number_or_nan(value: object) -> float:
     """A caller's number as by :func:`real_number`; NaN if it refuses the value."""
-    try:
-        return real_number(value)
-    except ValueError:
-        return float("nan")
+    array = array_or_nan(value)
+    return float(array) if array.shape == () else float("nan")
 
 
 def to_number(word: str) -> float:

@@ -165,8 +165,7 @@ class PairDistances:
 
     def lower_bounds(self, q: Array, times: Array) -> Array:
         """Lower bounds of all distances, shape (m, pairs) [m]; see ``distances``."""
-        placed = self._place(self.robot.expand(q), times)
-        return self.broad.by_balls(placed)
+        return self.broad.by_balls(self._place(self.robot.expand(q), times))
 
     def measured(
         self,

@@ -34,8 +34,8 @@ KINDS = ("position", "velocity", "torque", "clearance")
 # Kinds of the other rows, which come first: equations, and the bounds of a goal region.
 EQUATIONS = ("goal", "speed")
 GOAL_ROWS = (*EQUATIONS, "goal region")
-# Kind of limit by the field of its constraint.
-FIELDS = {"q": POSITION, "v": VELOCITY, "u": TORQUE}
+# Kind of limit by the field or the name of its constraint.
+FIELDS = {"q": POSITION, "v": VELOCITY, "u": TORQUE, "clearance": CLEARANCE}
 # Number of parts of a step with a held joint, whose torque changes during the step.
 CUTS = 4
 # Steps shorter than this share of the duration are left out of the motion.
@@ -142,13 +142,10 @@ class ArcProgram:
 
     def __init__(self, system: ProblemFunctions, arcs: Arcs, steps: IntArray) -> None:
         self.system, self.arcs, self.steps = system, arcs, steps
+        every = {item.field or item.name: item for item in system.constraints}
         self.limits: dict[int, Any] = {
-            FIELDS[item.field]: item
-            for item in system.constraints
-            if item.field in FIELDS
+            kind: every[key] for key, kind in FIELDS.items() if key in every
         }
-        if system.clearance is not None:
-            self.limits[CLEARANCE] = system.clearance
         self.size = arcs.count + int(arcs.free.sum())
         self.duration = arcs.duration
         self.arc_of_step = np.repeat(np.arange(arcs.count), steps)

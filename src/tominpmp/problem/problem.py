@@ -323,12 +323,8 @@ class Problem(Record):
 
     def _snap_start(self) -> list[str]:
         """Move the start onto limits that it exceeds by rounding; returns warnings."""
-        q = joint_vector(self.robot, self.q_start, "q_start")
-        v = a = np.zeros_like(q)
-        if self.v_start is not None:
-            v = joint_vector(self.robot, self.v_start, "v_start")
-        if self.a_start is not None:
-            a = joint_vector(self.robot, self.a_start, "a_start")
+        names = "q_start", "v_start", "a_start"
+        q, v, a = (joint_vector(self.robot, getattr(self, k), k) for k in names)
         q, of_q = onto_limits(self.robot, "position", q, "q_start")
         v, of_v = onto_limits(self.robot, "velocity", v, "v_start")
         self._keep(q_start=frozen_array(q), v_start=frozen_array(v))

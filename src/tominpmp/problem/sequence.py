@@ -99,8 +99,7 @@ def _dwell(part: Trajectory, row: int, seconds: float) -> list[Trajectory]:
     rest = np.zeros_like(q)
     u = part.u[[row, row]] if dynamics is None else dynamics(q, rest, rest)
     # Accelerations have a row for each node, or for each interval.
-    of_nodes = part.a is not None and len(part.a) == part.t.size
-    a = None if part.a is None else rest[: 2 if of_nodes else 1]
+    a = None if part.a is None else rest[: 2 if part.degree == 5 else 1]
     t = np.array([0.0, seconds])
     return [Trajectory(part.joint_names, t, q, rest, u, a=a)]
 

@@ -363,7 +363,8 @@ def joint_vector(robot: Robot, value: object, name: str) -> Array:
         robot: The robot.
         value: Numbers in the order of the joints, or values by joint name. Locked
             joints may be named, with the value at which they are locked; velocities
-            and accelerations of joints that are not named are zero.
+            and accelerations of joints that are not named are zero, those of all
+            joints for None.
         name: Name of the values in messages; it begins with "v" for velocities, and
             with "a" for accelerations.
 
@@ -372,10 +373,9 @@ def joint_vector(robot: Robot, value: object, name: str) -> Array:
     """
     joints = robot.joint_names
     quantity = {"v": "velocity", "a": "acceleration"}.get(name[0], "position")
-    named = by_joint(value, quantity)
+    rests, at = quantity != "position", robot.locked_joints
+    named = {} if rests and value is None else by_joint(value, quantity)
     if named is not None:
-        at = robot.locked_joints
-        rests = quantity != "position"
         others, missing = (dict.fromkeys(at, 0.0), 0.0) if rests else (at, None)
         value = in_order(named, joints, name, others=others, missing=missing)
     content = f"numbers, one for each of: {', '.join(joints)}"
