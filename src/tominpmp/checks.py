@@ -91,9 +91,21 @@ def raised_as(error: MakeError) -> Iterator[None]:
 
 
 def instance(
-    value: T, kinds: type | tuple[type, ...], name: str, expected: str = ""
+    value: T,
+    kinds: type | tuple[type, ...],
+    name: str,
+    expected: str = "",
+    field: str | None = None,
 ) -> T:
     """Check the type of an argument; by default the error names the expected type.
+
+    Args:
+        value: The argument.
+        kinds: Its type, or several types.
+        name: Its name in messages.
+        expected: Description of valid values.
+        field: Name of the argument as an attribute of the error; None for its name in
+            messages.
 
     Raises:
         ProblemError: If it is of another type.
@@ -102,25 +114,7 @@ def instance(
         if not expected and isinstance(kinds, type):
             word = kinds.__name__
             expected = f"an {word}" if word[0] in "AEIOU" else f"a {word}"
-        raise wrong(value, name, expected)
-    return value
-
-
-def of_kind(
-    value: T,
-    kinds: type | tuple[type, ...],
-    name: str,
-    expected: str,
-    field: str | None = None,
-) -> T:
-    """Check the type of an argument; the error shows its type instead of its value.
-
-    Raises:
-        ProblemError: If it is of another type.
-    """
-    if not isinstance(value, kinds):
-        said = f"{name} is of type {type(value).__name__}, expected {expected}"
-        raise ProblemError(said, field or name)
+        raise ProblemError(str(wrong(value, name, expected)), field or name)
     return value
 
 

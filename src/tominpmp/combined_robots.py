@@ -19,7 +19,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array
-from tominpmp.checks import of_kind, split_pose
+from tominpmp.checks import instance, split_pose
 from tominpmp.collision.checker import CollisionChecker
 from tominpmp.collision.query import PairDistances
 from tominpmp.collision.selection import link_bodies
@@ -97,7 +97,7 @@ def _checked_parts(
         if not isinstance(name, str) or not name or "/" in name or name in robots:
             form = "a text without '/', another one for each robot"
             raise wrong(f"robots: a name is {brief(name)}, expected {form}")
-        of_kind(robot, Robot, f"robots: {brief(name)}", "a Robot", "robots")
+        instance(robot, Robot, f"robots: {brief(name)}", "a Robot", "robots")
         robots[name], bases[name] = robot, base_placement(name, base)
     return robots, bases
 

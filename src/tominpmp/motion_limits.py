@@ -20,7 +20,6 @@ from tominpmp.checks import (
     instance,
     known_joints,
     number,
-    of_kind,
     one_per_joint,
     positive,
     vector,
@@ -213,7 +212,7 @@ class EffortOverSpeed(LimitKind):
         """Check the curve of a joint."""
         if joint is None:
             raise wrong(value, key, "EffortCurves by joint name")
-        return of_kind(
+        return instance(
             value, EffortCurve, f"{key}: joint {joint!r}", "an EffortCurve", key
         )
 

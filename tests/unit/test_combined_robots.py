@@ -227,7 +227,7 @@ def test_invalid_robot_of_a_combination_is_named_in_the_error(ur5: Robot) -> Non
         ([one, ("a", ur5, (2, 0, 0))], "a name is 'a', .*another one for each"),
         ([one, ("", ur5, FAR)], "a name is ''"),
         ([one, ("b/c", ur5, FAR)], "expected a text without '/'"),
-        ([one, ("b", "ur5", FAR)], "'b' is of type str, expected a Robot"),
+        ([one, ("b", "ur5", FAR)], "'b' is 'ur5', expected a Robot"),
         ([one, ("b", ur5)], "expected .name, robot, base"),
         ([], "expected .name, robot"),
         ([one, ("b", ur5, (1, 2))], "the base of 'b' is"),

@@ -250,7 +250,5 @@ def test_scenes_may_be_lists_of_obstacles() -> None:
     assert len(loaded.geometry) == 1
     with pytest.raises(tm.SceneError, match="two obstacles"):
         tm.Problem(robot, start, goal, scene=[ball, ball])
-    with pytest.raises(
-        tm.ProblemError, match="scene is of type dict, expected a Scene"
-    ):
+    with pytest.raises(tm.ProblemError, match=r"scene is {.*}, expected a Scene"):
         tm.Problem(robot, start, goal, scene={})

@@ -69,10 +69,10 @@ def test_start_may_have_a_velocity(planar3r: Robot) -> None:
 @pytest.mark.parametrize(
     ("changes", "field", "message"),
     [
-        ({"robot": "planar3r"}, "robot", r"robot is of type str, expected a Robot"),
-        ({"goal": (1, 2, 3)}, "goal", "goal is of type tuple, expected a JointGoal"),
-        ({"goal": None}, "goal", "goal is of type NoneType"),
-        ({"scene": {"o": 1}}, "scene", "scene is of type dict, expected a Sc"),
+        ({"robot": "planar3r"}, "robot", r"robot is 'planar3r', expected a Robot"),
+        ({"goal": (1, 2, 3)}, "goal", r"goal is \(1, 2, 3\), expected a JointGoal"),
+        ({"goal": None}, "goal", "goal is None"),
+        ({"scene": {"o": 1}}, "scene", "scene is {'o': 1}, expected a Sc"),
         ({"margin": -0.1}, "margin", r"margin is -0.1, expected a length >= 0 \[m\]"),
         ({"margin": np.nan}, "margin", "margin is nan"),
         ({"margin": np.inf}, "margin", "margin is inf"),

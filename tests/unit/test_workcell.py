@@ -259,8 +259,8 @@ def test_wrong_goals_and_starts_name_the_robot(cell: Workcell) -> None:
         ({"a": None, "b": None}, "no robot has a goal"),
         ({"a": fine, "b": JointGoal([1, 2])}, "b: goal.q has 2 numbers, expected 3"),
         ({"a": None, "b": JointGoal(START, [1, 0, 0])}, "JointGoals for the other"),
-        (START, "goal is of type ndarray, expected goals by the name"),  # type: ignore[list-item]
-        ({"a": fine, "b": START}, "the goal of 'b' is of type ndarray"),  # type: ignore[dict-item]
+        (START, "goal is .*, expected goals by the name"),  # type: ignore[list-item]
+        ({"a": fine, "b": START}, "the goal of 'b' is .*, expected a goal"),  # type: ignore[dict-item]
         ({"a": None, "b": PositionGoal("tip", (1, 4, 0), (1, 0, 0))}, "at rest"),
     ]
     for goal, message in goals:

@@ -60,7 +60,7 @@ def test_wrong_argument_of_problem_copies_is_named(solution: tm.Solution) -> Non
     problem = solution.problem
     with pytest.raises(tm.ProblemError, match="goal is 'a', expected"):
         problem.with_ends(START, "a")  # type: ignore[arg-type]
-    with pytest.raises(tm.ProblemError, match="scene is of type int"):
+    with pytest.raises(tm.ProblemError, match="scene is 3,"):
         problem.with_scene(3)  # type: ignore[arg-type]
 
 

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, Record
-from tominpmp.checks import of_kind, whole
+from tominpmp.checks import instance, whole
 from tominpmp.exceptions import ProblemError, naming
 from tominpmp.goals.base import Goal
 from tominpmp.goals.place import GoalResidual, Label, Place
@@ -125,7 +125,7 @@ def passed(goal: Goal) -> Goal:
 def _checked_members(goals: Sequence[Goal]) -> tuple[Goal, ...]:
     """Check a caller's goals."""
     expected = "a list of goals"
-    members = tuple(of_kind(goals, Sequence, "goal.goals", expected))
+    members = tuple(instance(goals, Sequence, "goal.goals", expected))
     for item in members:
         if not isinstance(item, Goal):
             raise ProblemError(

@@ -17,7 +17,7 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import minimize_scalar
 
 from tominpmp.arrays import Array
-from tominpmp.checks import of_kind
+from tominpmp.checks import instance
 from tominpmp.exceptions import ProblemError, ScenarioError
 from tominpmp.initial_guess.guess import SAMPLES, Guess
 from tominpmp.motion.samples import Samples
@@ -240,7 +240,7 @@ def former_motion(problem: Problem, motion: Trajectory | Samples) -> Trajectory:
             the argument is no motion.
     """
     expected = "a Solution with a motion, a Trajectory or Samples"
-    of_kind(motion, (Trajectory, Samples), "start", expected)
+    instance(motion, (Trajectory, Samples), "start", expected)
     try:
         return checked_in_segments(problem, motion)
     except (ProblemError, ScenarioError) as error:

@@ -13,7 +13,7 @@ from typing import Annotated, TypeAlias
 import numpy as np
 
 from tominpmp.arrays import Array, Converted, Record, default, frozen_array, record
-from tominpmp.checks import JointsLike, instance, number, of_kind, of_type
+from tominpmp.checks import JointsLike, instance, number, of_type
 from tominpmp.collision.checker import CollisionChecker
 from tominpmp.constraints.base import USABLE
 from tominpmp.constraints.path import PathConstraint, checked
@@ -48,9 +48,7 @@ MOST_ALTERNATIVES, MOST_TURNS = 256, 16
 FARTHEST = 1e4
 
 
-LoadedRobot: TypeAlias = Annotated[
-    Robot, lambda value, name: of_kind(value, Robot, name, "a Robot (see load_robot)")
-]
+LoadedRobot: TypeAlias = Annotated[Robot, of_type(Robot, "a Robot (see load_robot)")]
 Margin: TypeAlias = Annotated[
     float, partial(number, expected="a length >= 0 [m]", least=0.0)
 ]
@@ -120,7 +118,7 @@ class Problem(Record):
         # onto limits.
         snapped = self._snap_start()
         self._take_segments()
-        of_kind(self.goal, Goal, "goal", f"{SOME_GOAL}, or segments")
+        instance(self.goal, Goal, "goal", f"{SOME_GOAL}, or segments")
         self._keep(goal=self.goal.resolved(self.robot, self.q_start))
         names, limits = self.robot.joint_names, self.robot.motion_limits
         if self.motion_limits is not None:

@@ -15,7 +15,7 @@ from typing import Annotated, NamedTuple, TypeAlias
 import numpy as np
 
 from tominpmp.arrays import Array, Converted, Record, default, pair_or_nan, record
-from tominpmp.checks import Seconds, flag, instance, of_kind, of_type, optional, wrong
+from tominpmp.checks import Seconds, flag, instance, of_type, optional, wrong
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals.base import Goal
@@ -66,9 +66,7 @@ def checked_pairs(
     return tuple((str(first), str(second)) for first, second in value)
 
 
-SomeGoal: TypeAlias = Annotated[
-    Goal, lambda value, name: of_kind(value, Goal, name, SOME_GOAL)
-]
+SomeGoal: TypeAlias = Annotated[Goal, of_type(Goal, SOME_GOAL)]
 Constraints: TypeAlias = Converted[Sequence[PathConstraint], tuple[PathConstraint, ...]]
 LimitsOrNone: TypeAlias = Annotated[
     MotionLimits | None, of_type((MotionLimits, NoneType), "MotionLimits or None")

@@ -18,7 +18,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Converted, Record, default, record
-from tominpmp.checks import VectorLike, instance, of_kind
+from tominpmp.checks import VectorLike, instance
 from tominpmp.combined_robots import base_placement, combine_robots
 from tominpmp.description.joint_table import stack_parts
 from tominpmp.exceptions import ProblemError, brief, naming, unknown
@@ -196,7 +196,7 @@ class Workcell(Record):
                 together.
         """
         known = ", ".join(self.robots)
-        of_kind(goals, Mapping, "goal", f"goals by the name of the robot: {known}")
+        instance(goals, Mapping, "goal", f"goals by the name of the robot: {known}")
         for name in goals:
             self._member(name)
         for name in self.robots:
@@ -207,7 +207,7 @@ class Workcell(Record):
                     "goal",
                 )
             whose = f"goal: the goal of {brief(name)}"
-            of_kind(goals[name], (Goal, NoneType), whose, "a goal or None", "goal")
+            instance(goals[name], (Goal, NoneType), whose, "a goal or None", "goal")
         each = [goals[name] for name in self.robots]
         choices = [(None,) if item is None else item.alternatives for item in each]
         combinations = [

@@ -9,7 +9,7 @@ from typing import Annotated, Any, TypeAlias
 import numpy as np
 
 from tominpmp.arrays import Array, Converted, Record
-from tominpmp.checks import of_kind, optional
+from tominpmp.checks import instance, optional
 from tominpmp.exceptions import SceneError, brief, unknown, warn_caller
 from tominpmp.scene.meshes import Mesh
 from tominpmp.scene.obstacles import Box, Obstacle
@@ -112,7 +112,7 @@ def as_scene(given: Any, name: str) -> Scene:
     if given is None:
         return Scene()
     kinds, expected = (Obstacle, list, tuple), "a Scene or a list of obstacles"
-    return Scene(of_kind(given, kinds, name, expected))
+    return Scene(instance(given, kinds, name, expected))
 
 
 SceneLike: TypeAlias = Annotated[
