@@ -129,11 +129,9 @@ def to_number(word: str) -> float:
 
 
 def pair_or_nan(value: object) -> tuple[float, float]:
-    """A caller's pair of numbers, each by :func:`real_number`; NaN for invalid ones."""
-    try:
-        first, second = map(number_or_nan, value)  # type: ignore[call-overload]
-    except (TypeError, ValueError):
-        return float("nan"), float("nan")
+    """A caller's pair of numbers, as by :func:`real_array`; NaN if it refuses them."""
+    pair = array_or_nan(value)
+    first, second = pair.tolist() if pair.shape == (2,) else [float("nan")] * 2
     return first, second
 
 

@@ -34,7 +34,6 @@ from tominpmp.arrays import (
     frozen_array,
     is_single,
     number_or_nan,
-    real_array,
     real_number,
 )
 from tominpmp.exceptions import (
@@ -221,18 +220,13 @@ def array(
     Raises:
         ProblemError: If it is not an array of numbers, or of another shape.
     """
-    if isinstance(value, np.ndarray) and value.dtype == np.float64:
-        numbers = value
-    else:
-        try:
-            numbers = real_array(value)
-        except ValueError as error:
-            count = f"{shape[-1]} " if isinstance(shape[-1], int) else ""
-            raise wrong(value, name, count + content) from error
+    floats = isinstance(value, np.ndarray) and value.dtype == np.float64
+    numbers = value if floats else array_or_nan(value)
+    if numbers.ndim == 0 and np.isnan(numbers):
+        count = f"{shape[-1]} " if isinstance(shape[-1], int) else ""
+        raise wrong(value, name, count + content)
     if numbers.shape != shape and not _fits(numbers.shape, shape):
-        words = {None: "m", ...: "..."}
-        axes = ", ".join(str(words.get(item, item)) for item in shape)  # type: ignore[arg-type]
-        layout = f"({axes},)" if len(shape) == 1 else f"({axes})"
+        layout = str(shape).replace("None", "m").replace("Ellipsis", "...")
         raise ProblemError(
             f"{name} has shape {numbers.shape}, expected {layout}: {content}", name
         )
@@ -402,10 +396,7 @@ def vector(
     Raises:
         ProblemError: If it is not a vector, or has the wrong size or invalid elements.
     """
-    try:
-        array = real_array(plain_vector(value) if size == 3 else value)
-    except ValueError as error:
-        raise wrong(value, name, expected) from error
+    array = array_or_nan(plain_vector(value) if size == 3 else value)
     if array.ndim != 1 or size not in (None, array.size):
         raise wrong(value, name, expected)
     if not np.all(np.abs(array) <= most):

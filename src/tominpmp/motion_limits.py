@@ -55,9 +55,7 @@ class EffortCurve(Record):
         with naming("effort curve"):
             super().__post_init__()
             if self.effort.shape != self.speed.shape or self.speed.size < 2:
-                expected = (
-                    f"{self.speed.size} torques, one for each speed, two at least"
-                )
+                expected = f"{self.speed.size} torques, for two speeds or more"
                 raise wrong(self.effort.tolist(), "effort", expected)
             if self.speed[0] != 0.0 or np.any(np.diff(self.speed) <= 0.0):
                 raise wrong(self.speed.tolist(), "speed", "speeds that increase from 0")
@@ -212,9 +210,7 @@ class EffortOverSpeed(LimitKind):
         """Check the curve of a joint."""
         if joint is None:
             raise wrong(value, key, "EffortCurves by joint name")
-        return instance(
-            value, EffortCurve, f"{key}: joint {joint!r}", "an EffortCurve", key
-        )
+        return instance(value, EffortCurve, f"{key}: joint {joint!r}", field=key)
 
     def excess(
         self, bound: Any, u: Array, v: Array, side: float | Array

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import field, replace
+from dataclasses import field
 from functools import cached_property, partial
 from types import NoneType
 from typing import Annotated, TypeAlias
@@ -439,13 +439,9 @@ class Problem(Record):
         )
 
     def _aiming_at(self, goals: Sequence[Goal]) -> tuple[Segment, ...]:
-        """The segments with other goals; a segment whose goal is unchanged is kept."""
-        return tuple(
-            segment
-            if goal.stopped is segment.goal
-            else replace(segment, goal=goal.stopped)
-            for segment, goal in zip(self.segments, goals, strict=True)
-        )
+        """The segments with other goals, which were checked before."""
+        each = zip(self.segments, goals, strict=True)
+        return tuple(segment._altered(goal=goal.stopped) for segment, goal in each)
 
     def alternative_at(self, q: Array, v: Array) -> Problem:
         """The problem with the alternative goal that is nearest to a final state.

@@ -83,9 +83,7 @@ class TrackingPlant(Plant):
     def free_jacobian(self, t: float, x: Array) -> Array:
         """Jacobian of :meth:`free` with respect to the deviation, shape (2n, 2n)."""
         out = super().free_jacobian(t, self.state(t, x))
-        n, rate, diagonal = self._n, self.rate_of_feedback, np.arange(self._n)
-        out[n + diagonal, diagonal] -= rate * rate
-        out[n + diagonal, n + diagonal] -= 2.0 * rate
+        out[self._n :] += self.correction(np.eye(2 * self._n)).T  # which is linear
         return out
 
     def slope(self, t: float, x: Array) -> Array:

@@ -163,13 +163,22 @@ def limit_violations(
             return _rates(replay.t, ends, u, item.upper, beyond, friction)
         return t, np.min([item.beyond(q, v, accel, u) for accel in a], axis=0)
 
-    worst = _worst_of(robot, [(item, *excesses(item)) for item in limits], tolerance)
+    # A kind that is reported as part of another kind is merged with it: torque-speed
+    # curves are part of effort limits.
+    merged: dict[str, tuple[LimitKind, Array, Array, Array]] = {}
+    for item in limits:
+        kind, scale, (times, excess) = item.kind, item.scale, excesses(item)
+        if kind.part_of:
+            kind, _, known_excess, scale = merged[kind.part_of]
+            excess = np.maximum(known_excess, excess)
+        merged[kind.name] = kind, times, excess, scale
+    worst = [worst_of_joints(robot, *row, tolerance) for row in merged.values()]
     for constraint in problem.ready_constraints:
         sizes = np.min([constraint.sizes(t, q, v, accel) for accel in a], axis=0)
         excess = np.where(np.isfinite(sizes), sizes, np.inf) - constraint.largest
-        subject, scale = (constraint.subject, constraint.unit), constraint.scale
-        row = t, excess[:, None], np.array([scale]), tolerance
-        worst.append(_worst(constraint.name, [subject], *row))
+        subjects = [(constraint.subject, constraint.unit)]
+        row = t, excess[:, None], np.array([constraint.scale]), tolerance
+        worst.append(_worst(constraint.name, subjects, *row))
     return [item for item in worst if item is not None]
 
 
@@ -187,31 +196,6 @@ def planned_violations(
     replay = planned(motion, torque=torque)
     outside = np.stack([problem.a_start, 0.0 * problem.a_start])
     return limit_violations(problem, replay, torque, tolerance, outside)
-
-
-def _worst_of(
-    robot: Robot,
-    rows: Sequence[tuple[JointBounds, Array, Array]],
-    tolerance: float,
-) -> list[LimitViolation | None]:
-    """The worst violation of each kind of joint limit; None where no joint has a limit.
-
-    A kind that is reported as part of another kind is merged with it: torque-speed
-    curves are part of effort limits.
-
-    Args:
-        robot: The robot.
-        rows: Limits with times, shape (m,), and excesses over the limits, shape (m, n).
-        tolerance: Tolerated excess, as a share of the limits.
-    """
-    merged: dict[str, tuple[LimitKind, Array, Array, Array]] = {}
-    for item, t, excess in rows:
-        kind, scale = item.kind, item.scale
-        if kind.part_of:
-            kind, _, known, scale = merged[kind.part_of]
-            excess = np.maximum(known, excess)
-        merged[kind.name] = kind, t, excess, scale
-    return [worst_of_joints(robot, *row, tolerance) for row in merged.values()]
 
 
 def worst_of_joints(

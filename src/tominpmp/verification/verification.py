@@ -227,14 +227,10 @@ def _too_long(
     problem: Problem, trajectory: Trajectory, tolerances: Tolerances, begin: float
 ) -> Verification:
     """Result for a motion that is too long to be replayed."""
-    T = trajectory.duration
-    excess = T - LONGEST
-    share = excess / LONGEST
-    violation = LimitViolation(
-        "duration", "the motion", T, excess, "s", share, violated=True
-    )
+    T, excess = trajectory.duration, trajectory.duration - LONGEST
+    row = "duration", "the motion", T, excess, "s", excess / LONGEST, True
     plan = replace(planned(trajectory, np.inf), complete=False)
-    findings = Findings(plan, [violation], -np.inf)
+    findings = Findings(plan, [LimitViolation(*row)], -np.inf)
     deviation = np.full(trajectory.n, np.inf)
     result = findings.result(problem, tolerances, deviation, np.inf, begin)
     return replace(result, goal_error=np.inf, speed_error=np.inf)
