@@ -84,21 +84,6 @@ def real_array(values: object) -> Array:
     return frozen_array(array)
 
 
-def real_number(value: object) -> float:
-    """Take a caller's number as a float.
-
-    Returns:
-        The number; NaN and infinities are accepted.
-
-    Raises:
-        ValueError: If it is not a single real number.
-    """
-    array = real_array(value)
-    if array.shape != ():
-        raise ValueError(f"{brief(value)} is not a single number")
-    return float(array)
-
-
 def array_or_nan(values: object) -> Array:
     """A caller's numbers as by :func:`real_array`; a single NaN if it refuses them."""
     try:
@@ -108,7 +93,7 @@ def array_or_nan(values: object) -> Array:
 
 
 def number_or_nan(value: object) -> float:
-    """A caller's number as by :func:`real_number`; NaN if it refuses the value."""
+    """A caller's number as by :func:`real_array`; NaN if it refuses the value."""
     array = array_or_nan(value)
     return float(array) if array.shape == () else float("nan")
 

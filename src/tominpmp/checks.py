@@ -34,7 +34,6 @@ from tominpmp.arrays import (
     frozen_array,
     is_single,
     number_or_nan,
-    real_number,
 )
 from tominpmp.exceptions import (
     JointNotFound,
@@ -560,9 +559,8 @@ def in_order(
 
 
 def _number(value: object, joint: str, name: str) -> float:
-    try:
-        return real_number(value)
-    except ValueError as error:
-        raise ProblemError(
-            f"{name}: joint {joint!r} is {brief(value)}, expected a number", name
-        ) from error
+    number = number_or_nan(value)
+    if math.isnan(number):
+        said = f"{name}: joint {joint!r} is {brief(value)}, expected a number"
+        raise ProblemError(said, name)
+    return number

@@ -454,9 +454,9 @@ def rest_nodes(motion: GridMotion) -> list[int]:
     parts = motion.segments
     nodes = [end for end in (0, -1) if smooth(parts[end])]
     if motion.changes.controls > motion.changes.N:
-        for part, after, segment in zip(
-            parts[:-1], parts[1:], motion.system.problem.segments[:-1], strict=True
-        ):
+        segments = motion.system.problem.segments
+        each = zip(itertools.pairwise(parts), segments, strict=False)
+        for (part, after), segment in each:
             if segment.dwell > 0.0 and (smooth(part) or smooth(after)):
                 nodes.append(part.span[1])
     return nodes

@@ -70,11 +70,10 @@ class LimitViolation:
     @property
     def place(self) -> str:
         """Beginning of a sentence, with the segment; empty for a single segment."""
-        if self.segment is None:
+        if self.span is None:
             return ""
-        span = self.span
-        when = "" if span is None else f" ({span[0]:.3f} to {span[1]:.3f} s)"
-        return f"on segment {self.segment}{when}, "
+        begin, end = self.span
+        return f"on segment {self.segment} ({begin:.3f} to {end:.3f} s), "
 
     @property
     def clause(self) -> str:
