@@ -559,8 +559,8 @@ def in_order(
 
 
 def _number(value: object, joint: str, name: str) -> float:
-    number = number_or_nan(value)
-    if math.isnan(number):
+    found = number_or_nan(value)
+    if math.isnan(found):
         said = f"{name}: joint {joint!r} is {brief(value)}, expected a number"
         raise ProblemError(said, name)
-    return number
+    return found

@@ -54,8 +54,9 @@ class EffortCurve(Record):
         """Check the curve."""
         with naming("effort curve"):
             super().__post_init__()
-            if self.effort.shape != self.speed.shape or self.speed.size < 2:
-                expected = f"{self.speed.size} torques, for two speeds or more"
+            count = self.speed.size
+            if self.effort.size != count or count < 2:
+                expected = f"a torque for each of {count} speeds, two at least"
                 raise wrong(self.effort.tolist(), "effort", expected)
             if self.speed[0] != 0.0 or np.any(np.diff(self.speed) <= 0.0):
                 raise wrong(self.speed.tolist(), "speed", "speeds that increase from 0")
@@ -249,12 +250,8 @@ def kinds_of(
         limits: The limits, or a class of them.
         numbers: Whether to list only the kinds whose bounds are numbers.
     """
-    known = {item.name: item.metadata.get("kind") for item in fields(limits)}
-    return {
-        name: kind
-        for name, kind in known.items()
-        if kind is not None and (kind.numbers or not numbers)
-    }
+    known = ((item.name, item.metadata.get("kind")) for item in fields(limits))
+    return {k: kind for k, kind in known if kind and (kind.numbers or not numbers)}
 
 
 @dataclass(frozen=True, eq=False)

@@ -173,6 +173,7 @@ def _constraints(program: ArcProgram, first: Shot) -> list[dict[str, Any]]:
     count = first.equations
     basis = _independent(first.slopes[:count])
 
+    # Where integration fails, the rows are far beyond their bounds, without a slope.
     def slopes(z: Array) -> Array:
         shot = program.shoot(z)
         return np.zeros_like(first.slopes) if shot is None else shot.slopes

@@ -120,9 +120,7 @@ class Trajectory(TimedRows):
             if t.size < 1 or not increasing or t[0] != 0.0:
                 raise wrong(t, "t", expected)
             if self.a is not None:
-                layout = (
-                    "numbers, one for each joint, in a row for each interval or node"
-                )
+                layout = "numbers, one for each joint, in a row per interval or node"
                 if len(self._take("a", (None, self.n), layout)) != t.size:
                     self._take("a", (t.size - 1, self.n), layout)
             if self.segment_ends is not None:
