@@ -249,10 +249,9 @@ class _Program:
         at_nodes, inside = np.zeros((N + 1, n)), np.zeros((N, n))
         ramps = self.motion.changes.profile == "ramps"
         of_node = np.isin(share, (0.0, 1.0)) & ramps
-        for out, place, rows in (
-            (at_nodes, interval + (share == 1.0), of_node),
-            (inside, interval, ~of_node),
-        ):
+        node = interval + (share == 1.0)
+        both = (at_nodes, node, of_node), (inside, interval, ~of_node)
+        for out, place, rows in both:
             np.add.at(out, (place[rows], torques.subject[rows]), torques.y[rows])
         # A node represents half of each of the two adjacent intervals.
         width = np.append(h, 0.0) + np.append(0.0, h)

@@ -18,7 +18,7 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
@@ -28,12 +28,14 @@ from tominpmp.constraints.base import Partials, States
 from tominpmp.exceptions import ProblemError
 from tominpmp.motion.measures import accelerations_continue
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import spans_of
 from tominpmp.transcription.curve import rows_of_table
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification.replay import subdivided
+
+if TYPE_CHECKING:
+    from tominpmp.problem.problem import Problem
 
 # Profiles by the quantity that is constant on an interval: the acceleration, its slope,
 # or the torque.
