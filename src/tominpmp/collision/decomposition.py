@@ -150,11 +150,10 @@ def _clip(triangles: Array, normal: Array, height: float) -> Array:
         rows = np.arange(chosen.size)[:, None]
         corner = triangles[chosen][rows, order]
         value = above[chosen][rows, order]
-        first, second, third = corner[:, 0], corner[:, 1], corner[:, 2]
-        to_second = (value[:, 0] / (value[:, 0] - value[:, 1]))[:, None]
-        to_third = (value[:, 0] / (value[:, 0] - value[:, 2]))[:, None]
-        p = first + to_second * (second - first)
-        q = first + to_third * (third - first)
+        first, second, third = np.swapaxes(corner, 0, 1)
+        share = value[:, :1] / (value[:, :1] - value[:, 1:])
+        seam = first[:, None] + share[..., None] * (corner[:, 1:] - first[:, None])
+        p, q = np.swapaxes(seam, 0, 1)
         if count == 1:
             parts.append(np.stack([first, p, q], axis=1))
         else:

@@ -70,9 +70,8 @@ class NarrowPhase(threading.local):
                 shape = coal.Capsule(shape.radius, 0.0)
             joint = body.joint if body.joint < model.njoints else 0
             # Named by number, as a link and an obstacle may have the same name.
-            geometry.addGeometryObject(
-                pin.GeometryObject(str(index), joint, body.placement, shape)
-            )
+            item = pin.GeometryObject(str(index), joint, body.placement, shape)
+            geometry.addGeometryObject(item)
         for one, other in pairs.tolist():
             geometry.addCollisionPair(pin.CollisionPair(one, other))
         self.model, self.data, self.geometry = model, model.createData(), geometry
@@ -193,9 +192,8 @@ class Guard(threading.local):
         """Set up the check for margins by pair, shape (pairs,) [m]."""
         self._narrow = narrow
         self._results = _results(narrow.geometry)
-        for request, value in zip(
-            self._results.collisionRequests, margin.tolist(), strict=True
-        ):
+        each = zip(self._results.collisionRequests, margin.tolist(), strict=True)
+        for request, value in each:
             request.security_margin = value
         # Sorted boxes: a plain list takes up to four times as long for height maps and
         # occupancy grids, and the update of a tree costs more than it saves.
