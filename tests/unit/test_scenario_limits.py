@@ -148,6 +148,7 @@ def test_limits_of_ros2_control_warn_about_unused_keys(tmp_path: Path) -> None:
             "b.ros__parameters.joint_limits",
             "is in the table a, too",
         ),
+        ("joint_limits: {joint1: {max_jerk: 1e308}}", "", "jerk of joint 'joint1'"),
     ],
 )
 def test_message_about_wrong_joint_limits_names_the_key(

@@ -17,6 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, frozen_array
+from tominpmp.checks import FARTHEST
 from tominpmp.description.files import missing_resource, resolve_resource
 from tominpmp.description.from_pinocchio import ellipsoid
 from tominpmp.description.model import one_line
@@ -42,6 +43,17 @@ HALVES = {"box": (2, 2, 2), "sphere": (1,), "capsule": (1, 2), "cylinder": (1, 2
 SHOWN_GROUPS = 3
 # Colour that stands for "not given" in MuJoCo.
 UNCOLOURED = (0.5, 0.5, 0.5, 1.0)
+
+# Numbers of a compiled model that MuJoCo does not check, and their largest sizes [SI].
+LARGEST = {
+    **dict.fromkeys(("body_pos", "body_ipos", "jnt_pos", "site_pos"), FARTHEST),
+    **dict.fromkeys(("geom_pos", "geom_size"), FARTHEST),
+    **dict.fromkeys(("body_mass", "body_inertia", "jnt_axis"), np.finfo(float).max),
+    **dict.fromkeys(("dof_armature", "dof_damping"), np.finfo(float).max),
+    "dof_frictionloss": np.finfo(float).max,
+}
+# Objects of such numbers, if their names differ from the prefixes of these.
+OBJECTS = {"dof": "joint", "jnt": "joint"}
 
 Range = tuple[float, float]
 
@@ -93,7 +105,9 @@ def describe_mjcf(
             spec = mujoco.MjSpec.from_string(text.decode())
         _check_joints(spec, context)
         files = _find_meshes(spec, context)
-        reader = _MjcfReader(mujoco, spec.compile(), files)
+        model = spec.compile()
+        _check_numbers(model, context)
+        reader = _MjcfReader(mujoco, model, files)
     except (ValueError, mujoco.FatalError) as error:
         context.fail(f"cannot be read: {shortened(one_line(error), 300)}")
     finally:
@@ -171,6 +185,25 @@ def _find_meshes(spec: Any, context: XmlContext) -> dict[str, str]:
             spec.delete(geom)
     warn_of({UNSEEN: dropped}, context.path)
     return files
+
+
+def _check_numbers(model: Any, context: XmlContext) -> None:
+    """Refuse numbers that are not finite, and bodies and shapes that are too far away.
+
+    Raises:
+        RobotLoadError: If there are any.
+    """
+    for name, most in LARGEST.items():
+        rows = np.atleast_2d(getattr(model, name).T).T
+        wrong = ~np.all(np.abs(rows) <= most, axis=1)
+        if np.any(wrong):
+            row, (kind, _, quantity) = int(np.argmax(wrong)), name.partition("_")
+            kind = OBJECTS.get(kind, kind)
+            context.fail(
+                f"{kind} {brief(getattr(model, kind)(row).name)}: {quantity} is "
+                f"{brief(rows[row].tolist())}, expected finite numbers of at most "
+                f"{most:.3g} in size"
+            )
 
 
 class _MjcfReader:

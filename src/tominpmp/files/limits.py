@@ -245,9 +245,10 @@ def load_joint_limits(path: str | Path) -> MoveItLimits:
         notes += _unread(limits)
     warn_of_keys(path, "not used", notes)
     speed, acceleration = (_share(table.get(key)) for key in _SCALINGS)
-    return MoveItLimits(
-        path, **values, velocity_scaling=speed, acceleration_scaling=acceleration
-    )
+    with blaming(table):
+        return MoveItLimits(
+            path, **values, velocity_scaling=speed, acceleration_scaling=acceleration
+        )
 
 
 def _tables_of_limits(table: Field) -> list[Field]:
@@ -329,7 +330,8 @@ def load_motion_limits(path: str | Path, robot: Robot) -> MotionLimits:
             if moves:
                 own = values.setdefault("effort_curves" if curve else name, {})
                 own[joint] = read
-    return MotionLimits(**values, effort_scale=share)
+    with blaming(document):
+        return MotionLimits(**values, effort_scale=share)
 
 
 def _share(item: Field) -> float:
@@ -353,7 +355,8 @@ def read_curve(item: Field) -> EffortCurve:
             item.only(*keys)
             values = (item.need(name) for name in keys)
             numbers = [value.number("a positive number", above=0.0) for value in values]
-            return make(*numbers)
+            with blaming(item):
+                return make(*numbers)
     item.only("speed", "effort")
     rows = [np.array(item.need(name).numbers()) for name in ("speed", "effort")]
     with blaming(item):
