@@ -268,7 +268,7 @@ def test_choosing_a_robot_resets_limits_and_curves(
         page.choose(replace(known("planar3r"), kinematic=True))  # type: ignore[attr-defined]
         assert panel._acceleration.value == controller.request.acceleration == 15.0
         assert "Planning the first motion" in readout._headline.content
-        assert not readout._bars.content and not readout._curves.content
+        assert not readout.bars.content and not readout._curves.content
 
 
 def test_dropped_file_without_a_robot_is_reported(page: object) -> None:

@@ -15,7 +15,10 @@ from cli_samples import (
 BAD = {
     "unknown robot": ("plan planer3r --start 1 --goal 1", "did you mean planar3r"),
     "missing file": ("plan ./no.urdf --start 1 --goal 1", "no.urdf"),
-    "no number": ("plan planar3r --start 1,x,2 --goal 1,1,1", "'x' is not a number"),
+    "no number": (
+        "plan planar3r --start 1,x,2 --goal 1,1,1",
+        "got 'x', expected a number",
+    ),
     "a word too many": (
         "plan planar3r --start 1 2 x --goal 1,1,1",
         "'x': neither an option nor a value of the preceding option",
@@ -88,7 +91,7 @@ BAD = {
     ),
     "frame velocity of two": (
         "plan planar3r --start start --goal-position tip 4 1 0 --goal-velocity 1,2",
-        "--goal-velocity is array([1., 2.]), expected three components [m/s]",
+        "--goal-velocity is [1.0, 2.0], expected three components [m/s]",
     ),
     "weak": ("plan planar3r --start start --goal 1,1,1 --effort 1", "cannot hold"),
     "effort by stranger": (
@@ -130,7 +133,7 @@ BAD = {
     ),
     "torque limit as search effort": (
         "plan planar3r --start start --goal 1,1,1 --planning-effort 30",
-        "torque limits are --effort",
+        "Torque limits are --effort",
     ),
     "gravity of two": ("info planar3r --gravity 0,1", "gravity"),
     "lock without value": ("info planar3r --lock joint1", "'joint1', expected JOINT="),

@@ -166,7 +166,7 @@ def test_value_none_overrides_an_option_of_the_scenario(
     assert (planner.options.refine, planner.options.starts) == (None, None)
     result = run("plan", "s.toml", "--starts", "1.5")
     assert result.exit_code == 2
-    assert "'--starts': '1.5' is neither a whole number nor none" in result.stderr
+    assert "--starts is '1.5', expected a whole number or none" in result.stderr
 
 
 def test_motion_limit_flags_override_files_and_scenarios(

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tominpmp.cli.options import ProblemOptions
 from tominpmp.cli.parser import join_lists
 from tominpmp.cli.problem import joint_values, obstacle, positions, rates
-from tominpmp.exceptions import OptionsError, SceneError
+from tominpmp.exceptions import OptionsError
 from tominpmp.robot.robot import Robot, load_robot
 from tominpmp.scene.obstacles import Capsule, Cylinder
 
@@ -60,11 +60,12 @@ def test_degrees_do_not_convert_group_states(planar3r: Robot) -> None:
 
 
 def test_joint_values_are_read_from_numbers_and_names() -> None:
-    assert joint_values("3", "--effort") == 3.0
-    assert joint_values("3 inf", "--velocity") == [3.0, math.inf]
-    assert joint_values("a=3, b=-1e2", "--effort") == {"a": 3.0, "b": -100.0}
+    assert joint_values(["3", "inf"], "--velocity") == [3.0, math.inf]
+    assert joint_values(["a=3", "b=-1e2"], "--effort") == {"a": 3.0, "b": -100.0}
     with pytest.raises(OptionsError, match="'a' is named twice"):
-        joint_values("a=1,a=2", "--effort")
+        joint_values(["a=1", "a=2"], "--effort")
+    with pytest.raises(OptionsError, match="got '2', expected JOINT=VALUE"):
+        joint_values(["a=1", "2"], "--effort")
 
 
 @pytest.mark.parametrize(
@@ -133,7 +134,7 @@ def test_any_obstacle_text_is_read_or_raises_a_scene_error(text: str) -> None:
     for form in (text, f"sphere:{text}", f"box:a:{text}", f"sphere:b:r=1:at={text}"):
         try:
             assert obstacle(form).name
-        except SceneError as error:
+        except OptionsError as error:
             assert str(error)
 
 

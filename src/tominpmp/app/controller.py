@@ -97,7 +97,7 @@ class Controller:
 
     Args:
         request: The first request.
-        on_outcome: Called with every outcome that is not older than the last one.
+        on_outcome: Called with every outcome for the robot of the present request.
         planning: Makes the planner, from a callback that takes outcomes; by default a
             process.
 
@@ -116,8 +116,7 @@ class Controller:
         self.outcome: Outcome | None = None
         self._lock = threading.RLock()
         self._on_outcome = on_outcome
-        # Number of the last request, and the least one whose outcome counts.
-        self._number = self._oldest = 0
+        self._number = 0  # of the last request
         self._solution = b""
         self._planning = planning(self._take)
 
@@ -158,7 +157,7 @@ class Controller:
         request = first_request(choice)
         with self._lock:
             # The motion of another robot is neither shown nor exported.
-            self.outcome, self._solution, self._oldest = None, b"", self._number + 1
+            self.outcome, self._solution = None, b""
             self._plan(request)
 
     def drag(self, end: str, position: Any, quaternion: Any) -> float:
@@ -215,8 +214,8 @@ class Controller:
 
     def _take(self, outcome: Outcome) -> None:
         with self._lock:
-            if outcome.number < self._oldest:
+            if outcome.request.robot != self.request.robot:
                 return
-            self.outcome, self._oldest = outcome, outcome.number
+            self.outcome = outcome
             self._solution = outcome.solution or self._solution
         self._on_outcome(outcome)

@@ -57,10 +57,7 @@ def _leads_here(host: str, names: frozenset[str]) -> bool:
     """Whether a host is an IP address or a name of the page: safe from rebinding."""
     with suppress(ValueError):
         name = urlsplit(f"//{host}").hostname or ""
-        if name in names:
-            return True
-        ipaddress.ip_address(name)
-        return True
+        return name in names or bool(ipaddress.ip_address(name))
     return False
 
 

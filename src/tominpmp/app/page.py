@@ -15,7 +15,7 @@ import socket
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from functools import partial
 from pathlib import Path
@@ -74,17 +74,6 @@ OBSTACLE_LOOK = rgb(HAZARD_COLOR), 0.72
 HOLD = 1.0
 
 
-def import_viser() -> Any:
-    """Import viser on demand.
-
-    Raises:
-        MissingDependency: If viser is not installed.
-    """
-    with optional("viser", "app", "the live page"):
-        import viser
-    return viser
-
-
 def check_port(host: str, port: int) -> None:
     """Check that a page can be served at a port.
 
@@ -124,8 +113,7 @@ class Page:
     Raises:
         MissingDependency: If viser is not installed.
         OptionsError: If the port is in use.
-        TominpmpError: If the robot cannot be loaded, or the origin of requests cannot
-            be checked.
+        TominpmpError: If the origin of requests cannot be checked.
 
     Attributes:
         shown: The motion that plays; None before the first.
@@ -134,8 +122,8 @@ class Page:
     def __init__(
         self, request: Request, host: str = "127.0.0.1", port: int = 8080
     ) -> None:
-        viser = import_viser()
-        loaded(request.robot)
+        with optional("viser", "app", "the live page"):
+            import viser
         check_port(host, port)
         with redirect_stdout(io.StringIO()):
             # viser prints the address, which the caller prints.
@@ -157,15 +145,12 @@ class Page:
         threading.Thread(target=self._play, daemon=True).start()
 
     def _dress(self) -> None:
-        gui, scene = self.server.gui, self.server.scene
+        gui = self.server.gui
         gui.configure_theme(
             show_logo=False, show_share_button=False, brand_color=(37, 99, 235)
         )
         gui.main_panel.dock_left()
         gui.main_panel.set_width(340)
-        # Lights that a machine without a graphics card can render, too.
-        scene.configure_environment_map(None)
-        scene.add_light_hemisphere("/sky", ground_color=GROUND, intensity=2.2)
 
     # -- the request -------------------------------------------------------------------
 
@@ -230,9 +215,10 @@ class Page:
         request, scene = self.controller.request, self.server.scene
         robot = loaded(request.robot)
         with self._lock:
-            for arm in self._arms.values():
-                arm.remove()
-            scene.remove_by_name("/path")
+            scene.reset()
+            # Lights that a machine without a graphics card can render, too.
+            scene.configure_environment_map(None)
+            scene.add_light_hemisphere("/sky", ground_color=GROUND, intensity=2.2)
             self.shown = None
             self.readout.show(None)
             with quiet():  # the page shows none
@@ -275,7 +261,7 @@ class Page:
                         continue
                     self._arms["robot"].move(shown.q[shown.row(now)])
                     if time.monotonic() >= next_bars:
-                        self.readout.show_bars(shown, now)
+                        self.readout.bars.content = pictures.bars(shown, now)
                         next_bars = time.monotonic() + 1.0 / BARS_PER_SECOND
             except Exception:  # an error of a client must not end the animation
                 logger.exception("a frame could not be shown")
@@ -303,6 +289,9 @@ class Readout:
     Args:
         server: Viser's server.
         controller: The controller, for the state of the planning.
+
+    Attributes:
+        bars: Speeds and torques at the instant that is shown, in HTML.
     """
 
     def __init__(self, server: Any, controller: Controller) -> None:
@@ -313,7 +302,7 @@ class Readout:
         self._speed = gui.add_dropdown("Speed", tuple(SPEEDS), initial_value="half")
         self._slider = gui.add_slider("Time [s]", 0.0, 1.0, 0.005, 0.0)
         self._slider.visible = False
-        self._bars = gui.add_html("")
+        self.bars = gui.add_html("")
         with gui.add_folder("Over time"):
             self._curves = gui.add_html("")
         with gui.add_folder("What holds it back"):
@@ -351,7 +340,7 @@ class Readout:
         busy = self._controller.busy
         self._headline.content = pictures.headline(outcome, busy, goes_on)
         if outcome is None:
-            self._bars.content = self._curves.content = self._held.content = ""
+            self.bars.content = self._curves.content = self._held.content = ""
             self._now = -REST  # in the animation, whose pauses are before 0 and after T
         elif outcome.shown is not None:
             self._slider.max = latest = round(outcome.shown.T, 3)
@@ -365,10 +354,6 @@ class Readout:
         outcome, busy = self._controller.outcome, self._controller.busy
         if outcome is not None and outcome.shown is not None:
             self._headline.content = pictures.headline(outcome, busy)
-
-    def show_bars(self, shown: ShownMotion, time: float) -> None:
-        """Show speeds and torques at a time [s]."""
-        self._bars.content = pictures.bars(shown, time)
 
     def notify(self, text: str, *, bad: bool = False) -> None:
         """Show a notice until the next one; an empty text removes it."""
@@ -605,9 +590,9 @@ class Handles:
         self._held: dict[str, float] = {}
 
     def clear(self, size: float) -> None:
-        """Remove all handles, for another robot; new ones have another size [m]."""
+        """Forget all handles, for another robot; new ones have another size [m]."""
         self._size = size
-        self._keep(())
+        self._known.clear()
 
     def allow_turning(self, wanted: bool) -> None:
         """Choose whether the handles of obstacles also turn them."""
@@ -638,10 +623,6 @@ class Handles:
             dragged = partial(self._drag_item, item.name)
             pose = item.position, item.quaternion
             self._put(wanted[-1], pose, dragged, 0.9 * size, self._turning, item)
-        self._keep(wanted)
-
-    def _keep(self, wanted: Sequence[str]) -> None:
-        """Remove all other handles from the stage."""
         for key in set(self._known) - set(wanted):
             self._known.pop(key)[1].remove()
 

@@ -9,18 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from itertools import count
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Record
-from tominpmp.checks import choice, number, raised_as, wrong
 from tominpmp.datasheets import find_datasheet
-from tominpmp.exceptions import RobotLoadError, SceneError, quiet
+from tominpmp.exceptions import RobotLoadError, quiet
 from tominpmp.files.records import classes
 from tominpmp.goals.frames import PoseGoal, PositionGoal
 from tominpmp.goals.joints import JointGoal
@@ -41,8 +40,6 @@ DIGITS = 4
 MOST_JOINTS = 16
 # Default acceleration limit of kinematic robots [rad/s^2 or m/s^2].
 MODERATE = 15.0
-# Kinds of goals: the configuration, the pose of the frame, or its position only.
-GOALS = ("joint", "pose", "position")
 
 # Sizes by kind, with the names of the library, and their default values [m].
 SIZES: dict[str, dict[str, float]] = {
@@ -64,17 +61,13 @@ def _rounded_turn(values: ArrayLike, _: str) -> Quaternion:
     return UPRIGHT if quaternion[3] in (1.0, -1.0) else quaternion
 
 
-# Types of fields that are rounded, or checked.
+# Types of fields that are rounded; the problem checks the values.
 Numbers: TypeAlias = Annotated[tuple[float, ...], lambda values, _: rounded(values)]
 Point: TypeAlias = Annotated[Triple, lambda values, _: rounded(values)]
 Points: TypeAlias = Annotated[
     tuple[Triple, ...], lambda points, _: tuple(map(rounded, points))
 ]
 Turn: TypeAlias = Annotated[Quaternion, _rounded_turn]
-GoalKind: TypeAlias = Annotated[str, lambda value, name: choice(value, GOALS, name)]
-SpeedShare: TypeAlias = Annotated[
-    float, partial(number, expected="a share above 0, 1 at most", above=0.0, most=1.0)
-]
 
 
 @dataclass(frozen=True)
@@ -205,9 +198,6 @@ class Item(Record):
         size: Its sizes in the order of ``SIZES`` [m].
         position: Position of its centre [m].
         quaternion: Its orientation (x, y, z, w).
-
-    Raises:
-        SceneError: If the kind is unknown, or the number of sizes is wrong.
     """
 
     kind: str
@@ -215,20 +205,6 @@ class Item(Record):
     size: Numbers
     position: Point
     quaternion: Turn = UPRIGHT
-
-    def __post_init__(self) -> None:
-        """Check kind and number of sizes; the obstacle checks the rest."""
-        super().__post_init__()
-
-        def error(message: str, _: str | None) -> SceneError:
-            return SceneError(f"obstacle {self.name!r}: {message}", self.name)
-
-        with raised_as(error):
-            choice(self.kind, tuple(SIZES), "kind")
-            sizes = SIZES[self.kind]
-            if len(self.size) != len(sizes):
-                expected = f"{len(sizes)} lengths: {', '.join(sizes)} [m]"
-                raise wrong(self.size, "size", expected)
 
     def call(self) -> Call:
         """The call that makes the obstacle of the problem.
@@ -245,14 +221,9 @@ class Item(Record):
 
 
 def new_item(kind: str, position: ArrayLike, taken: tuple[str, ...]) -> Item:
-    """An obstacle of default size, with an unused name.
-
-    Raises:
-        SceneError: If the kind is unknown.
-    """
+    """An obstacle of default size, with an unused name."""
     name = next(n for k in count(1) if (n := f"{kind}{k}") not in taken)
-    sizes = tuple(SIZES.get(kind, {}).values())
-    return Item(kind, name, sizes, rounded(position))
+    return Item(kind, name, tuple(SIZES[kind].values()), rounded(position))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -273,21 +244,17 @@ class Request(Record):
         acceleration: Limit of all accelerations [rad/s^2 or m/s^2], beside lower ones
             of the robot; None for the robot's limits only.
         margin: Distance to keep from obstacles [m].
-
-    Raises:
-        ProblemError: If the kind of the goal is unknown, or the share of the speed
-            limits is not above 0 and at most 1; the problem checks the other limits.
     """
 
     robot: RobotChoice
     frame: str
     q_start: Numbers
     q_goal: Numbers
-    goal: GoalKind = "joint"
+    goal: Literal["joint", "pose", "position"] = "joint"
     via: Points = ()
     items: tuple[Item, ...] = ()
     effort_scale: float = 1.0
-    speed_scale: SpeedShare = 1.0
+    speed_scale: float = 1.0
     acceleration: float | None = None
     margin: float = 0.02
 

@@ -60,7 +60,7 @@ class Arm:
     ) -> None:
         self._robot = robot
         self._data = robot.model.createData()
-        self._root = scene.add_frame(name, show_axes=False)
+        scene.add_frame(name, show_axes=False)
         self._joints: dict[int, Any] = {}
         for number, body in enumerate(bodies):
             if tint is not None and not body.joint:
@@ -78,10 +78,6 @@ class Arm:
             place = pin.SE3ToXYZQUAT(data.oMi[joint])
             node.position = place[:3]
             node.wxyz = place[[6, 3, 4, 5]]
-
-    def remove(self) -> None:
-        """Remove the robot from the stage."""
-        self._root.remove()
 
 
 def outlines(robot: Robot, bodies: Sequence[Body]) -> list[Body]:

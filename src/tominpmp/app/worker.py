@@ -29,7 +29,9 @@ Jobs = SimpleQueue[tuple[int, Request] | None]
 
 def work(session: Session, jobs: Jobs, answer: Callable[[Outcome], None]) -> None:
     """Plan the newest of the requests, one after the other, until the end mark."""
-    while (job := _newest(jobs)) is not None:
+    while (job := jobs.get()) is not None:
+        if not jobs.empty():
+            continue
         begun = time.monotonic()
 
         def superseded(begun: float = begun) -> bool:
@@ -40,13 +42,6 @@ def work(session: Session, jobs: Jobs, answer: Callable[[Outcome], None]) -> Non
             if not jobs.empty():
                 # A motion was shown; further outcomes of this request are outdated.
                 break
-
-
-def _newest(jobs: Jobs) -> tuple[int, Request] | None:
-    job = jobs.get()
-    while not jobs.empty():
-        job = jobs.get()
-    return job
 
 
 def _serve(requests: Any, outcomes: Any) -> None:

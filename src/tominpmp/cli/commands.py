@@ -7,7 +7,7 @@ imported inside the functions, so that help and errors about options appear at o
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from cyclopts import Parameter
 
@@ -118,9 +118,11 @@ def verify(
     from tominpmp.files.export_check import check_file
 
     problem, options = load_problem(scenario, changes, typed_values(tolerances))
-    interpolation: Any = args.interpolation
     judgement = check_file(
-        problem, motion, tolerances=options.tolerances, interpolation=interpolation
+        problem,
+        motion,
+        tolerances=options.tolerances,
+        interpolation=args.interpolation,
     )
     say(json_text(check_data(judgement)) if args.json else check_text(judgement))
     return PLANNED if judgement.ok else NO_PLAN

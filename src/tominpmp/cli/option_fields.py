@@ -13,6 +13,7 @@ import inspect
 import re
 import sys
 from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import MISSING, Field, dataclass, field, fields, make_dataclass
 from inspect import signature
 from pathlib import Path
@@ -87,11 +88,6 @@ def positions(typed: CompletionContext) -> list[str]:
     return [*dict.fromkeys(states), *joints(typed)]
 
 
-def words(*choices: str) -> Completer:
-    """Completer for a fixed choice of words."""
-    return lambda typed: list(choices)
-
-
 def _elements(typed: CompletionContext, kind: str, *tags: str) -> Iterator[Element]:
     """Top-level elements in the URDF or SRDF file of the typed robot."""
     from tominpmp.description.files import find_robot
@@ -114,17 +110,15 @@ def _elements(typed: CompletionContext, kind: str, *tags: str) -> Iterator[Eleme
         yield from root.findall(tag)
 
 
-#: Completers of the values of options, by the name of the option.
+#: Completers of the values of options, by the name of the option. Cyclopts completes
+#: the words of a ``Literal`` by itself.
 COMPLETIONS: dict[str, Completer] = {
     "group": named("srdf", "group"),
-    "limits": words("datasheet", "urdf"),
     "lock": joints,
     "start": positions,
     "goal": positions,
     "goal_position": named("urdf", "link", "joint"),
     "goal_pose": named("urdf", "link", "joint"),
-    "interpolation": words("auto", "controller", "linear", "cubic", "quintic"),
-    "ros_message": words("JointTrajectory", "FollowJointTrajectory", "RobotTrajectory"),
     "robot": sources,
 }
 
@@ -202,14 +196,13 @@ def _marked(
     for name, (metavar, text) in texts.items():
         item = declared[name]
         text, hint = _with_default(text, item), _hint(kind, item)
-        more = item.metadata
-        completer = more.get("completer", COMPLETIONS.get(name))
+        more, completer = item.metadata, COMPLETIONS.get(name)
         kind.__annotations__[name] = Annotated[
             hint,
             Parameter(
                 name=more.get("name"),
                 alias=more.get("alias"),
-                converter=_reader(hint, more.get("also_none", False)),
+                converter=_reader(hint, more.get("also_none", False), more.get("note")),
                 allow_leading_hyphen=name == "output",  # - is standard output
                 help=labelled(metavar, text),
                 group=GROUPS[more.get("panel", panel)],
@@ -251,16 +244,14 @@ def fields_of(
     declared = []
     for item in fields(kind):
         hint = _hint(kind, item)
-        typed, metavar, choices = _typed(hint)
+        typed, metavar = _typed(hint)
         if typed is None or not item.name.endswith(ending):
             continue
         names, note = (further or {}).get(item.name, ({}, ""))
         text = described.get(item.name, ("", ""))[1].replace("None", NONE)
         texts[item.name] = metavar, f"{_with_default(text, item)} {note}".strip()
-        marks = {
-            "also_none": NoneType in get_args(hint) and metavar not in ("", PER_JOINT),
-            "completer": words(*choices) if choices else None,
-        }
+        also_none = NoneType in get_args(hint) and metavar not in ("", PER_JOINT)
+        marks = {"also_none": also_none, "note": note}
         option = field(default=None, metadata=marks | names)
         declared.append((item.name, typed | None, option))
     record = make_dataclass(
@@ -305,39 +296,54 @@ def _kinds(hint: Any) -> list[Any]:
     return [kind for kind in get_args(hint) or (hint,) if kind is not NoneType]
 
 
-def _typed(hint: Any) -> tuple[Any, str, tuple[str, ...]]:
+def _choices(hint: Any) -> tuple[Any, ...]:
+    """The allowed words of a field; empty if they are not listed."""
+    literal = next((k for k in (hint, *_kinds(hint)) if get_origin(k) is Literal), None)
+    return get_args(literal)
+
+
+def _typed(hint: Any) -> tuple[Any, str]:
     """How a field is typed on the command line.
 
     Returns:
-        The type of the typed value, None if the field cannot be typed; its
-        metavariable; and the allowed words, if they are few.
+        The type of the typed value, None if the field cannot be typed; and its
+        metavariable.
     """
+    if _choices(hint):
+        return hint, METAVARS[str]
     kinds = _kinds(hint)
-    literal = next((k for k in (hint, *kinds) if get_origin(k) is Literal), None)
-    if literal is not None:
-        return str, METAVARS[str], tuple(map(str, get_args(literal)))
     if float in kinds and any(get_origin(kind) is Mapping for kind in kinds):
-        return str, PER_JOINT, ()
+        return str, PER_JOINT
     kind = kinds[0] if len(kinds) == 1 and kinds[0] in METAVARS else None
-    return kind, METAVARS.get(kind, ""), ()
+    return kind, METAVARS.get(kind, "")
 
 
-def _reader(hint: Any, also_none: bool) -> Callable[..., Any] | None:
-    """Converter for whole numbers and values that may be "none"; None for others."""
-    kind = next((kind for kind in (int, float, str) if kind in _kinds(hint)), str)
-    if not also_none and kind is not int:
+def _reader(hint: Any, also_none: bool, note: str | None) -> Callable[..., Any] | None:
+    """Converter for whole numbers, choices and values that may be "none"; else None.
+
+    Args:
+        hint: Type of the field.
+        also_none: Whether the value may be "none".
+        note: Sentence that follows the message on a wrong value.
+    """
+    choices = _choices(hint)
+    kind = next((kind for kind in (int, float) if kind in _kinds(hint)), str)
+    if not also_none and not choices and kind is not int:
         return None
 
     def read(_: Any, tokens: Collection[Token]) -> Any:
         (token,) = tokens
-        try:
-            return NONE if also_none and token.value == NONE else kind(token.value)
-        except ValueError as error:
-            expected = "a whole number" if kind is int else "a number"
-            said = f"neither {expected} nor {NONE}" if also_none else f"not {expected}"
-            raise OptionsError(
-                f"{token.keyword!r}: {token.value!r} is {said}"
-            ) from error
+        word = token.value
+        if also_none and word == NONE:
+            return NONE
+        with suppress(ValueError):
+            if not choices or word in choices:
+                return kind(word)
+        expected = "a whole number" if kind is int else "a number"
+        expected = f"one of: {', '.join(choices)}" if choices else expected
+        expected += f" or {NONE}" if also_none else ""
+        message = f"{token.keyword} is {word!r}, expected {expected}"
+        raise OptionsError(f"{message}. {note}" if note else message, token.keyword)
 
     return read
 

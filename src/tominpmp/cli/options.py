@@ -11,9 +11,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from tominpmp.cli.option_fields import GeneralOptions, fields_of, options
+from tominpmp.motion.samples import Interpolation
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 
@@ -39,6 +40,8 @@ ROBOT, SCENE, MOTION, PLANNING, OUTPUT = (
     {"panel": panel} for panel in ("Robot", "Scene", "Motion", "Planning", "Output")
 )
 OUTPUT_FILE, QUIET, VERBOSE = ({"alias": alias} for alias in ("-o", "-q", "-v"))
+
+RosMessage = Literal["JointTrajectory", "FollowJointTrajectory", "RobotTrajectory"]
 
 
 @options("Robot")
@@ -78,7 +81,7 @@ class RobotOptions:
     xacro_arg: list[str] | None = None
     srdf: Path | None = None
     group: str | None = None
-    limits: str | None = None
+    limits: Literal["datasheet", "urdf"] | None = None
     lock: list[str] | None = None
     gravity: str | None = None
     effort: str | None = None
@@ -219,7 +222,7 @@ class PlanOptions(ReportOptions):
     no_output: bool = False
     dt: float | None = None
     with_effort: bool = False
-    ros_message: str | None = None
+    ros_message: RosMessage | None = None
     plot: Path | None = None
     html: Path | None = None
     certificate: Path | None = None
@@ -240,7 +243,7 @@ class VerifyOptions(ReportOptions):
             that was sampled). Default: controller for ROS messages, auto otherwise.
     """
 
-    interpolation: str | None = field(default=None, metadata=MOTION)
+    interpolation: Interpolation | None = field(default=None, metadata=MOTION)
 
 
 @options("Robot")

@@ -10,7 +10,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NoReturn, cast
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -26,18 +26,17 @@ from tominpmp.cli.options import (
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.description.fields import Field
 from tominpmp.description.joint_table import OVERRIDES
-from tominpmp.exceptions import OptionsError, ProblemError, SceneError, TominpmpError
+from tominpmp.exceptions import OptionsError, ProblemError, TominpmpError
 from tominpmp.files import scenario
+from tominpmp.files.limits import load_limited_robot
 from tominpmp.files.moveit import load_moveit, load_moveit_scene, request_locks
 from tominpmp.files.records import classes, from_table
 from tominpmp.goals.base import Goal
 from tominpmp.goals.frames import PoseGoal, PositionGoal
 from tominpmp.goals.joints import JointGoal
-from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import EFFORTS, Options
 from tominpmp.problem.problem import Problem
-from tominpmp.problem.state_checks import IN_RADIANS, LARGE_ANGLE
 from tominpmp.robot.robot import Robot, read_source
 from tominpmp.scene.grids import HeightField, OcTree
 from tominpmp.scene.obstacles import Obstacle
@@ -51,9 +50,14 @@ ABBREVIATIONS = {"r": "radius", "at": "position", "quat": "rotation", "l": "leng
 
 @dataclass(frozen=True)
 class Typed(Field):
-    """A value that was typed; its key is the option, and paths are as typed."""
+    """A value that was typed; its key is the option, and paths are as typed.
+
+    Attributes:
+        form: The expected form, which ends messages; empty where they describe it.
+    """
 
     path: Path = Path("command line")
+    form: str = ""
 
     def fail(self, message: str) -> NoReturn:
         """Raise an error about the option.
@@ -61,7 +65,9 @@ class Typed(Field):
         Raises:
             OptionsError: Always.
         """
-        raise OptionsError(f"{self.key}: {message}" if self.key else message, self.key)
+        said = f"{self.key}: {message}" if self.key else message
+        said += f"; expected {self.form}" if self.form else ""
+        raise OptionsError(said, self.key)
 
     def blame(self, error: TominpmpError) -> NoReturn:
         """Raise an error of the library unchanged: it names the typed value."""
@@ -78,66 +84,39 @@ def words(text: str) -> list[str]:
     return re.split(r"\s*,\s*|\s+", text.strip().strip("[]()").strip())
 
 
-def vector(items: Sequence[str], name: str) -> list[float]:
-    """Read numbers.
-
-    Raises:
-        OptionsError: If a word is not a number.
-    """
-    numbers = list[float]()
-    for word in items:
-        value = number(word)
-        if value is None:
-            raise OptionsError(f"{name}: {word!r} is not a number", name)
-        numbers.append(value)
-    return numbers
-
-
-def _joint_pairs(items: Sequence[str], name: str) -> dict[str, float]:
-    """Read ``JOINT=VALUE`` of several joints.
-
-    Raises:
-        OptionsError: If an item is not of that form, or a joint is named twice.
-    """
-    result: dict[str, float] = {}
-    for item in items:
-        joint, _, word = item.partition("=")
-        value = number(word)
-        if not joint or value is None:
-            raise OptionsError(
-                f"{name}: got {item!r}, expected JOINT=VALUE with a number", name
-            )
-        if joint in result:
-            raise OptionsError(f"{name}: joint {joint!r} is named twice", name)
-        result[joint] = value
-    return result
-
-
-def _joint_numbers(items: Sequence[str], name: str) -> list[float] | dict[str, float]:
+def joint_values(
+    items: Sequence[str], name: str, *, named: bool = False
+) -> list[float] | dict[str, float]:
     """Read numbers, one for each joint, or ``JOINT=VALUE`` of some joints.
 
-    Raises:
-        OptionsError: If a word is not a number or a joint is named twice.
-    """
-    named = any("=" in item for item in items)
-    return _joint_pairs(items, name) if named else vector(items, name)
-
-
-def joint_values(text: str, name: str) -> float | list[float] | dict[str, float]:
-    """Read one number for all joints, one for each joint, or some by joint name.
+    Args:
+        items: The words.
+        name: The option.
+        named: Whether the joints have to be named.
 
     Raises:
         OptionsError: If a word is not a number or a joint is named twice.
     """
-    values = _joint_numbers(words(text), name)
-    return values[0] if isinstance(values, list) and len(values) == 1 else values
+    named = named or any("=" in item for item in items)
+    joints, values = list[str](), list[float]()
+    for item in items:
+        joint, _, word = item.rpartition("=")
+        value = number(word)
+        if value is None or bool(joint) != named:
+            expected = "JOINT=VALUE with a number" if named else "a number"
+            raise OptionsError(f"{name}: got {item!r}, expected {expected}", name)
+        if joint and joint in joints:
+            raise OptionsError(f"{name}: joint {joint!r} is named twice", name)
+        joints.append(joint)
+        values.append(value)
+    return dict(zip(joints, values, strict=True)) if named else values
 
 
 def _in_si(
     args: ProblemOptions, name: str, items: Sequence[str], robot: Robot
 ) -> list[float] | dict[str, float]:
     """Values of joints in words of an option, from degrees for revolute joints."""
-    values, degrees = _joint_numbers(items, _flag(name)), args.degrees
+    values, degrees = joint_values(items, _flag(name)), args.degrees
     revolute = {j.name for j in robot.description.joints if j.kind != "prismatic"}
 
     def converted(name: str, value: float) -> float:
@@ -185,45 +164,39 @@ def obstacle(text: str) -> Obstacle:
     """Read an obstacle: ``KIND:NAME:KEY=VALUE:...``, with its fields as keys.
 
     Raises:
-        SceneError: If the kind, the name or a field is wrong.
+        OptionsError: If the kind, the name or a field is wrong.
     """
     known = classes(Obstacle).items()
     kinds = {k: v for k, v in known if not issubclass(v, HeightField | OcTree)}
     kind, _, rest = text.partition(":")
     name, *items = rest.split(":")
-    try:
-        named = f"name={name}", *items
-        table = _typed_record(f"--obstacle {text!r}", kind, named, kinds)
-        if kind in kinds and (not name or "=" in name):
-            table.fail("it has no name")
-        if kind in kinds and "position" not in table.value:
-            table.fail("it lacks at")
-        return cast("Obstacle", from_table(table, kinds, "kind"))
-    except TominpmpError as error:
-        raise SceneError(f"{error}; expected {OBSTACLE_FORM}", name or None) from error
+    table = Typed({"type": kind}, key=f"--obstacle {text!r}", form=OBSTACLE_FORM)
+    if kind in kinds and (not name or "=" in name):
+        table.fail("it has no name")
+    _fill(table, (f"name={name}", *items), kinds)
+    if kind in kinds and "position" not in table.value:
+        table.fail("it lacks at")
+    read: Obstacle = from_table(table, kinds, "kind")
+    return read
 
 
 def constraint(text: str) -> PathConstraint:
     """Read a constraint: ``KIND:KEY=VALUE:...``, with its fields as keys.
 
     Raises:
-        ProblemError: If the kind or a field is wrong.
+        OptionsError: If the kind or a field is wrong.
     """
     kind, *items = text.split(":")
     kinds = classes(PathConstraint)
-    try:
-        table = _typed_record(f"--constraint {text!r}", kind, items, kinds)
-        return cast("PathConstraint", from_table(table, kinds, "kind"))
-    except TominpmpError as error:
-        message = f"{error}; expected {CONSTRAINT_FORM}"
-        raise ProblemError(message, "constraints") from error
+    table = Typed({"type": kind}, key=f"--constraint {text!r}", form=CONSTRAINT_FORM)
+    _fill(table, items, kinds)
+    read: PathConstraint = from_table(table, kinds, "kind")
+    return read
 
 
-def _typed_record(
-    option: str, kind: str, items: Sequence[str], kinds: Mapping[str, type[Any]]
-) -> Typed:
-    """Convert ``KEY=VALUE`` items of a record to its table in a scenario file."""
-    table = Typed({"type": kind}, key=option)
+def _fill(table: Typed, items: Sequence[str], kinds: Mapping[str, type[Any]]) -> None:
+    """Add ``KEY=VALUE`` items of a record to its table, as in a scenario file."""
+    kind = table.value["type"]
     for item in items:
         word, _, value = item.partition("=")
         key = ABBREVIATIONS.get(word, word)
@@ -238,7 +211,6 @@ def _typed_record(
             table.value[key] = numbers[0] if len(numbers) == 1 else numbers
         else:
             table.value[key] = value
-    return table
 
 
 LIMITS = tuple(item.name for item in fields(MotionLimits))
@@ -262,12 +234,6 @@ def load_problem(
         TominpmpError: If an argument is wrong or contradicts another one.
     """
     typed = dict(options or {})
-    if typed.get("effort", EFFORTS[0]) not in EFFORTS:
-        raise OptionsError(
-            f"--planning-effort is {typed['effort']!r}, expected "
-            f"{', '.join(EFFORTS)}; torque limits are --effort",
-            "--planning-effort",
-        )
     chosen = Options(**typed)  # wrong options are refused before a robot is loaded
     changes = partial(_changes, args)
     if is_scenario(robot):
@@ -334,32 +300,35 @@ def load_changed_robot(
         _refuse("a scenario file", args, ())
         return scenario.read_robot(scenario.read_toml(robot).need("robot"))
     locks = [word for text in args.lock or () for word in words(text)]
+    locked: Any = joint_values(locks, "--lock", named=True)
     group = args.group or ""
-    table: dict[str, Any] = {
-        "name": robot,
-        "package_dirs": [str(folder) for folder in args.package_dir or ()],
+    return load_limited_robot(
+        args.joint_limits,
+        robot,
+        package_dirs=args.package_dir or (),
+        srdf=args.srdf,
         # With commas, a group is a list of links or joints.
-        "group": words(group) if "," in group else args.group,
-        "limits": args.limits,
-        "locked_joints": {**(resting or {}), **_joint_pairs(locks, "--lock")},
-        "kinematic": args.kinematic,
-        "xacro_args": _xacro_args(args),
-    }
-    table |= _values(vars(args), ("srdf", "joint_limits", "gravity", *OVERRIDES))
-    return scenario.read_robot(Typed(table))
+        group=words(group) if "," in group else args.group,
+        limits=args.limits,
+        locked_joints={**(resting or {}), **locked},
+        kinematic=args.kinematic,
+        xacro_args=_xacro_args(args),
+        **_values(vars(args), ("gravity", *OVERRIDES)),
+    )
 
 
 def _values(typed: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
-    """Values of options in the form of a table: paths as texts, texts as numbers.
+    """Values of options, with texts as numbers.
 
     Raises:
         OptionsError: If a word is not a number or a joint is named twice.
     """
 
     def value(name: str, given: Any) -> Any:
-        if isinstance(given, str):
-            return joint_values(given, _flag(name))
-        return str(given) if isinstance(given, Path) else given
+        if not isinstance(given, str):
+            return given
+        numbers: Any = joint_values(words(given), _flag(name))
+        return numbers if isinstance(numbers, dict) or numbers[1:] else numbers[0]
 
     return {name: value(name, typed[name]) for name in names if name in typed}
 
@@ -415,48 +384,27 @@ def _typed_problem(name: str, args: ProblemOptions) -> Problem:
     q_start = positions(args, "start", robot)
     v_start = rates(args, "start_velocity", robot)
     a_start = rates(args, "start_acceleration", robot)
-    goal = _goal(args, robot, q_start)
+    start = q_start, _goal(args, robot, q_start), scene
     more = _changes(args, robot, {})
-    try:
-        start = q_start, goal, scene
-        return Problem(robot, *start, v_start=v_start, a_start=a_start, **more)
-    except ProblemError as error:
-        # The hint about radians is replaced by a hint about --degrees.
-        message = str(error).removesuffix(IN_RADIANS)
-        if "position limits" in message:
-            message += _degrees_hint(args, robot, q_start, goal)
-        raise ProblemError(message, error.field) from error
-
-
-def _degrees_hint(args: ProblemOptions, robot: Robot, q: Array, goal: Goal) -> str:
-    """Hint at --degrees for angles that are too large to be meant in radians."""
-    ends = [q] if goal.configuration is None else [q, goal.configuration]
-    turning = ~prismatic_joints(robot)
-    most = max(float(np.max(np.abs(end[turning]), initial=0.0)) for end in ends)
-    if args.degrees or most <= LARGE_ANGLE:
-        return ""
-    return f"; {most:g} looks like degrees: add --degrees, or give radians"
+    return Problem(robot, *start, v_start=v_start, a_start=a_start, **more)
 
 
 def _goal(args: ProblemOptions, robot: Robot, q_start: Array) -> Goal:
-    text = args.goal_velocity
     if args.goal is not None:
         q = positions(args, "goal", robot, q_start)
-        return JointGoal(q, rates(args, "goal_velocity", robot), wrap=_wrap(args))
+        # Joints whose positions are angles: the continuous ones, none, or more of them.
+        wrap: bool | list[str] = args.wrap is None
+        if args.wrap not in (None, "none"):
+            wrap = words(args.wrap)
+        return JointGoal(q, rates(args, "goal_velocity", robot), wrap=wrap)
     if args.wrap is not None:
         raise OptionsError("--wrap is about the joints of a --goal", "--wrap")
-    v = None if text is None else np.array(vector(words(text), "--goal-velocity"))
+    text = args.goal_velocity
+    v: Any = None if text is None else joint_values(words(text), "--goal-velocity")
     frame, *numbers = args.goal_position or args.goal_pose or ("",)
     if args.goal_position is not None:
-        return PositionGoal(frame, np.array(numbers), v)
+        return PositionGoal(frame, numbers, v)
     return PoseGoal(frame, (numbers[:3], numbers[3:]), v)
-
-
-def _wrap(args: ProblemOptions) -> bool | list[str]:
-    """The field ``wrap`` of a goal: joints whose positions are angles."""
-    if args.wrap in (None, "none"):
-        return args.wrap is None
-    return words(str(args.wrap))
 
 
 def rates(args: ProblemOptions, name: str, robot: Robot) -> Array | None:

@@ -46,6 +46,7 @@ _RENAMED = {
     "message": "--ros-message",
     "locked_joints": "--lock",
 }
+IN_RADIANS = "angles are in radians, not degrees"
 _FLAGS = {
     "self_collision=False": "--no-self-collision",
     "limits='datasheet'": "--limits datasheet",
@@ -53,6 +54,7 @@ _FLAGS = {
     "package_dirs": "--package-dir",
     "max_planning_time": "--max-time",
     "in xacro_args": "with --xacro-arg NAME:=VALUE",
+    IN_RADIANS: "give radians, or add --degrees",
 }
 
 
@@ -108,6 +110,8 @@ def as_command_line_flags(message: str, typed: Collection[str] = ()) -> str:
     if faulty and any(word.split("=")[0] == flag(faulty[1]) for word in typed):
         message = flag(faulty[1]) + message[faulty.end() :]
     message = _BY_JOINT.sub(by_joint, message)
+    if "--degrees" in typed:  # the angles were in degrees
+        message = message.replace(f"; {IN_RADIANS}", "")
     for argument, option in _FLAGS.items():
         message = re.sub(rf"(?<![\w.]){re.escape(argument)}(?!\w)", option, message)
     return message
