@@ -41,7 +41,6 @@ from tominpmp.exceptions import (
     TominpmpError,
     brief,
     closest,
-    naming,
 )
 
 T = TypeVar("T")
@@ -268,8 +267,7 @@ def known_joints(names: Iterable[str], joints: Sequence[str], called: str) -> No
     """
     for name in names:
         if name not in joints:
-            with naming(called):
-                raise JointNotFound(name, joints)
+            raise JointNotFound(name, joints, called)
 
 
 def one_per_joint(values: Array, name: str, joints: Sequence[str]) -> None:

@@ -133,10 +133,12 @@ class _NotFound(TominpmpError):
 
     _noun, _owner = "", "the robot has"
 
-    def __init__(self, name: str, available: Sequence[str]) -> None:
-        super().__init__(unknown(self._noun, name, available, self._owner))
+    def __init__(self, name: str, available: Sequence[str], option: str = "") -> None:
+        message = unknown(self._noun, name, available, self._owner)
+        super().__init__(f"{option}: {message}" if option else message)
         self.name = name
         self.available = tuple(available)
+        self.option = option
 
 
 class FrameNotFound(_NotFound):
@@ -147,6 +149,7 @@ class FrameNotFound(_NotFound):
     Attributes:
         name: The unknown name.
         available: The known names.
+        option: The argument that has the name; empty if it is not known.
     """
 
     _noun = "frame"
@@ -161,6 +164,7 @@ class JointNotFound(_NotFound):
     Attributes:
         name: The unknown name.
         available: The known names.
+        option: The argument that has the name; empty if it is not known.
     """
 
     _noun = "joint"
@@ -242,6 +246,7 @@ class SolverNotFound(_NotFound):
     Attributes:
         name: Name of the missing solver.
         available: Names of the installed solvers.
+        option: Empty: no argument but ``lp_solver`` has such a name.
     """
 
     _noun, _owner = "solver", "there are"

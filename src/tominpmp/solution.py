@@ -238,14 +238,9 @@ class Solution:
                 have times of arrival, or dwells while obstacles move, or energy has a
                 weight.
         """
-        from tominpmp.sensitivities.analysis import analyse
+        from tominpmp.sensitivities.analysis import analyse, check_applicable
 
-        if self.options.energy_weight:
-            raise ProblemError(
-                f"energy_weight is {self.options.energy_weight:g}, expected 0: "
-                "sensitivities are known for motions of least T only",
-                "energy_weight",
-            )
+        check_applicable(self.problem, self.options.energy_weight)
         return analyse(self.problem, self._motion())
 
     def prove_clearance(self) -> ClearanceProof:

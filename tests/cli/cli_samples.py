@@ -123,6 +123,7 @@ class Planner:
         self.feasible = True
         self.motion = True
         self.error: BaseException | None = None
+        self.remark = "And so on."
         self.violations = {"torque": np.float64(2e-9), "velocity": 0.0}
 
     def __call__(
@@ -138,7 +139,7 @@ class Planner:
             problem=problem,
             options=options,
             status=self.status,
-            message=f"{self.status.value} And so on.",
+            message=f"{self.status.value} {self.remark}",
             feasible=self.feasible,
             trajectory=straight(problem) if self.motion else None,
             history=records,

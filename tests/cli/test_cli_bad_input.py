@@ -54,7 +54,7 @@ BAD = {
     "sensitivities of energy": (
         "plan planar3r --start start --goal 1,1,1 --energy-weight 1e-4 "
         "--sensitivities held.svg",
-        "--sensitivities apply to the minimum time",
+        "error: --energy-weight is 0.0001, expected 0: sensitivities are known for",
     ),
     "one file for two plots": (
         "plan planar3r --start start --goal 1,1,1 --plot a.svg --certificate ./a.svg",

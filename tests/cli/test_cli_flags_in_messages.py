@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
-from cli_samples import Run
+from cli_samples import PLAN, SCENARIO, Planner, Run
 
 from tominpmp.cli.terminal import as_command_line_flags
 
@@ -25,6 +25,17 @@ def test_flags_suggested_by_an_error_can_be_copied(run: Run, tmp_path: Path) -> 
     assert flags == ["--effort turn=...", "--velocity turn=..."]
     words = " ".join(flags).replace("...", "5").split()
     assert run("info", path, *words).exit_code == 0
+
+
+def test_remarks_on_a_plan_name_flags_or_keys(
+    run: Run, planner: Planner, tmp_path: Path
+) -> None:
+    """A status message advised ``locked_joints`` where the flag is ``--lock``."""
+    planner.remark = "Lock it (locked_joints). max_iterations allows more."
+    told = run(*PLAN, "--no-output").stdout
+    assert "Lock it (--lock). --max-iterations allows more." in told
+    (tmp_path / "s.toml").write_text(SCENARIO)
+    assert planner.remark in run("plan", "s.toml", "--no-output").stdout
 
 
 @pytest.mark.parametrize(

@@ -137,12 +137,15 @@ def test_binary_file_is_rejected_as_no_xml(tmp_path: Path) -> None:
         read_urdf(path)
 
 
-def test_yaml_scenario_in_place_of_a_urdf_names_load_scenario(tmp_path: Path) -> None:
-    path = tmp_path / "scenario.yaml"
+@pytest.mark.parametrize("name", ["scenario.yaml", "scenario.toml"])
+def test_scenario_in_place_of_a_urdf_names_load_scenario(
+    name: str, tmp_path: Path
+) -> None:
+    """Regression: the live page, which takes robots only, called a scenario no XML."""
+    path = tmp_path / name
     path.write_text("robot: panda\n", encoding="utf-8")
-    with pytest.raises(
-        RobotLoadError, match=r"is not XML: .*load_scenario\(\) take TOML files"
-    ):
+    expected = r"is not a URDF file; 'plan' and load_scenario\(\) take TOML files"
+    with pytest.raises(RobotLoadError, match=expected):
         read_urdf(path)
 
 

@@ -12,7 +12,7 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
-from tominpmp.cli.options import PlanOptions, ProblemOptions
+from tominpmp.cli.options import PlanOptions, ProblemOptions, is_scenario
 from tominpmp.cli.output_files import STDOUT, motion_file, write_files
 from tominpmp.cli.report import json_text, report_data, report_text
 from tominpmp.cli.signals import present
@@ -20,6 +20,7 @@ from tominpmp.cli.terminal import (
     INTERRUPTED,
     NO_PLAN,
     PLANNED,
+    as_command_line_flags,
     complain,
     error_console,
     log_shown,
@@ -63,6 +64,7 @@ def run_plan(
     from tominpmp.files.export import load_motion
     from tominpmp.files.scenario import save_scenario
     from tominpmp.planner.planning import plan
+    from tominpmp.sensitivities.analysis import check_applicable
 
     signals = present()
     console = error_console()
@@ -75,21 +77,15 @@ def run_plan(
             fault = f"--certificate and --sensitivities: {reason}"
             raise OptionsError(fault, "certificate")
         if args.sensitivities is not None:
-            from tominpmp.sensitivities.analysis import refuse_arrival_times
-
-            if chosen.energy_weight > 0.0:
-                raise OptionsError(
-                    "--sensitivities apply to the minimum time, but the energy has a "
-                    f"weight of {chosen.energy_weight:g}; expected only one of the two",
-                    "sensitivities",
-                )
-            refuse_arrival_times(problem)
+            check_applicable(problem, chosen.energy_weight)
         if args.save_scenario is not None:
             save_scenario(args.save_scenario, problem, chosen)
         former = None if args.start_from is None else load_motion(args.start_from)
         progress.phase("planning")
         signals.check()
         solution = plan(problem, replace(chosen, callback=progress), former)
+    if not is_scenario(robot):
+        solution = replace(solution, message=as_command_line_flags(solution.message))
     signals.writing()
     sound = _write(solution, args, motion)
     if signals.number is not None or solution.status is Status.INTERRUPTED:

@@ -53,6 +53,8 @@ _FLAGS = {
     "kinematic=True": "--kinematic",
     "package_dirs": "--package-dir",
     "max_planning_time": "--max-time",
+    "max_iterations": "--max-iterations",
+    "(locked_joints)": "(--lock)",
     "in xacro_args": "with --xacro-arg NAME:=VALUE",
     IN_RADIANS: "give radians, or add --degrees",
 }

@@ -103,10 +103,10 @@ def parse_xml(content: bytes, path: Path) -> Element:
     try:
         parser.Parse(content, True)
     except (expat.ExpatError, LookupError, ValueError) as error:
-        hint = ""
+        fault = f"is not XML: {error}"
         if path.suffix.lower() in OTHER_ENDINGS:
-            hint = "; expected a URDF file; plan and load_scenario() take TOML files"
-        raise RobotLoadError(f"{path} is not XML: {error}{hint}", path) from error
+            fault = "is not a URDF file; 'plan' and load_scenario() take TOML files"
+        raise RobotLoadError(f"{path} {fault}", path) from error
     return builder.close()
 
 

@@ -531,7 +531,7 @@ def read_robot(table: Field) -> Robot:
             limits = limits.over(robot.motion_limits, robot.joint_names)
             robot = replace(robot, motion_limits=limits)
     except TominpmpError as error:
-        option = getattr(error, "option", None) or str(error).partition(":")[0]
+        option = getattr(error, "option", None)
         if isinstance(error, ScenarioError):  # of this file, or of that of MoveIt
             option = "joint_limits"
         with blaming(table.get(option) if option in ROBOT_KEYS else table):

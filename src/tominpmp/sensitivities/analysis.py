@@ -95,7 +95,7 @@ def analyse(problem: Problem, trajectory: Trajectory | Samples) -> Sensitivities
     instance(problem, Problem, "problem")
     trajectory = checked_in_segments(problem, trajectory)
     T = trajectory.duration
-    refuse_arrival_times(problem)
+    check_applicable(problem)
     problem, trajectory = without_dwells(problem.alternative_of(trajectory), trajectory)
     if not trajectory.duration:
         return Sensitivities(T, (), 0.0, np.zeros(6))
@@ -118,12 +118,18 @@ def analyse(problem: Problem, trajectory: Trajectory | Samples) -> Sensitivities
     return Sensitivities(T, records, share * dual.predicted_gain, base)
 
 
-def refuse_arrival_times(problem: Problem) -> None:
-    """Check that no segment has arrival times, to which sensitivities are not known.
+def check_applicable(problem: Problem, energy_weight: float = 0.0) -> None:
+    """Check that sensitivities are known for a problem and its objective.
 
     Raises:
-        ProblemError: If a segment has arrival times.
+        ProblemError: If a segment has arrival times, or energy has a weight.
     """
+    if energy_weight:
+        raise ProblemError(
+            f"energy_weight is {energy_weight:g}, expected 0: sensitivities are known "
+            "for motions of least T only",
+            "energy_weight",
+        )
     for number, segment in enumerate(problem.segments, 1):
         if segment.arrival is not None:
             raise ProblemError(
