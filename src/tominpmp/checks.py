@@ -278,8 +278,8 @@ def one_per_joint(values: Array, name: str, joints: Sequence[str]) -> None:
     """
     if values.size != len(joints):
         raise ProblemError(
-            f"{name} has {values.size} numbers, expected {len(joints)}, one for each "
-            f"of: {', '.join(joints)}",
+            f"{name} has {values.size} number{'s' * (values.size != 1)}, expected "
+            f"{len(joints)}, one for each of: {', '.join(joints)}",
             name,
         )
 

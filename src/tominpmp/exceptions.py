@@ -133,12 +133,12 @@ class _NotFound(TominpmpError):
 
     _noun, _owner = "", "the robot has"
 
-    def __init__(self, name: str, available: Sequence[str], option: str = "") -> None:
+    def __init__(self, name: str, available: Sequence[str], field: str = "") -> None:
         message = unknown(self._noun, name, available, self._owner)
-        super().__init__(f"{option}: {message}" if option else message)
+        super().__init__(f"{field}: {message}" if field else message)
         self.name = name
         self.available = tuple(available)
-        self.option = option
+        self.field = field
 
 
 class FrameNotFound(_NotFound):
@@ -149,7 +149,7 @@ class FrameNotFound(_NotFound):
     Attributes:
         name: The unknown name.
         available: The known names.
-        option: The argument that has the name; empty if it is not known.
+        field: The argument that has the name; empty if it is not known.
     """
 
     _noun = "frame"
@@ -164,7 +164,7 @@ class JointNotFound(_NotFound):
     Attributes:
         name: The unknown name.
         available: The known names.
-        option: The argument that has the name; empty if it is not known.
+        field: The argument that has the name; empty if it is not known.
     """
 
     _noun = "joint"
@@ -207,7 +207,8 @@ def naming(subject: str, field: str | None = None) -> Iterator[None]:
 
     Args:
         subject: Subject, which goes before their messages: "station 2 ('drill')".
-        field: Field of the subject, to which a :class:`ProblemError` is then ascribed.
+        field: Field of the subject, to which a :class:`ProblemError` or an unknown name
+            is then ascribed.
 
     Raises:
         TominpmpError: The error that was raised, with the prefix.
@@ -217,7 +218,7 @@ def naming(subject: str, field: str | None = None) -> Iterator[None]:
     except TominpmpError as error:
         changed = copy.copy(error)
         changed.args = (shortened(f"{subject}: {error}", LONGEST),)
-        if isinstance(changed, ProblemError) and field is not None:
+        if isinstance(changed, ProblemError | _NotFound) and field is not None:
             inner = (changed.field or "").removeprefix(field).lstrip(".")
             changed.field = f"{field}.{inner}" if inner else field
         raise changed from error
@@ -246,7 +247,7 @@ class SolverNotFound(_NotFound):
     Attributes:
         name: Name of the missing solver.
         available: Names of the installed solvers.
-        option: Empty: no argument but ``lp_solver`` has such a name.
+        field: Empty: no argument but ``lp_solver`` has such a name.
     """
 
     _noun, _owner = "solver", "there are"

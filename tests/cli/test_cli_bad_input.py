@@ -25,11 +25,11 @@ BAD = {
     ),
     "wrong count": (
         "plan planar3r --start 1,2 --goal 1,1,1",
-        "--start: holds 2 numbers, expected 3, one for each of: joint1, joint2, joint3",
+        "--start has 2 numbers, expected 3, one for each of: joint1, joint2, joint3",
     ),
     "too many": (
         "plan planar3r --start start --goal 1,1,1,1",
-        "--goal: holds 4 numbers",
+        "--goal has 4 numbers",
     ),
     "nothing": (
         "plan planar3r --start '' --goal 1,1,1",
@@ -37,7 +37,7 @@ BAD = {
     ),
     "NaN": (
         "plan planar3r --start 1,nan,1 --goal 1,1,1",
-        "--start[1]: is nan, expected a finite",
+        "--start: joint 'joint2' is nan, expected a finite",
     ),
     "infinite": ("plan planar3r --start start --goal 1,1,inf", "inf"),
     "outside": ("plan planar3r --start 0.1,0,0 --goal 1,1,1", "[0.18, 3]"),
@@ -47,7 +47,7 @@ BAD = {
     ),
     "unknown joint": (
         "plan planar3r --start start --goal elbow=1",
-        "no joint 'elbow'; the robot has: joint1, joint2, joint3",
+        "--goal has a value for 'elbow', expected one for each of: joint1, joint2",
     ),
     "joint twice": ("plan planar3r --start start --goal joint1=1,joint1=2", "twice"),
     "half a pair": ("plan planar3r --start start --goal joint1=", "JOINT=VALUE"),
@@ -83,11 +83,11 @@ BAD = {
     ),
     "velocity of two": (
         "plan planar3r --start start --goal 1,1,1 --start-velocity 1,2",
-        "--start-velocity: holds 2 numbers",
+        "--start-velocity has 2 numbers",
     ),
     "velocity of a stranger": (
         "plan planar3r --start start --goal 1,1,1 --goal-velocity hand=1",
-        "no joint 'hand'",
+        "--goal-velocity has a value for 'hand', expected one for each of",
     ),
     "frame velocity of two": (
         "plan planar3r --start start --goal-position tip 4 1 0 --goal-velocity 1,2",

@@ -189,7 +189,7 @@ def test_python_module_returns_the_exit_code(tmp_path: Path) -> None:
     result = program("plan", "planar3r", "--start", "1", "--goal", "1", cwd=tmp_path)
     assert result.returncode == 2
     assert result.stdout == ""
-    assert result.stderr.startswith("error: --start: holds 1 number, expected 3")
+    assert result.stderr.startswith("error: --start has 1 number, expected 3")
     assert result.stderr.count("\n") == 1
 
 

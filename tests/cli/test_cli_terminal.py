@@ -173,7 +173,7 @@ def test_unknown_name_suggests_similar_names() -> None:
         robot.frame_id("tipp")
     with pytest.raises(tm.JointNotFound, match=r"\(did you mean joint1") as told:
         tm.load_robot("planar3r", locked_joints={"jiont1": 0.0})
-    assert told.value.option == "locked_joints"
+    assert told.value.field == "locked_joints"
     with pytest.raises(tm.FrameNotFound, match="'zzzzz'; the robot has"):
         robot.frame_id("zzzzz")
     with pytest.raises(tm.FrameNotFound, match="no frame 5; the robot has"):

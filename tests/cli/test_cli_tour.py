@@ -73,7 +73,7 @@ def test_tour_of_a_file_is_planned_and_written(tmp_path: Path) -> None:
         (STATIONS.replace('["drill"]', '["mill"]'), "mill"),
         (STATIONS.replace("0.9,", "90.0,"), "drill"),
         ('[tour]\nend = "home"\n' + STATIONS, "end"),
-        ("[tour]\nend = {elbow = 1}\n" + STATIONS, "tour.end.elbow"),
+        ("[tour]\nend = {elbow = 1}\n" + STATIONS, "tour.end: has a value for 'elbow'"),
         ('[tour]\nprecedence = [["tap", "drill"]]\n' + STATIONS, "cycle"),
         (STATIONS + "speed = 3", "speed"),
     ],

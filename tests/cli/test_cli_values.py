@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tominpmp.cli.options import ProblemOptions
 from tominpmp.cli.parser import join_lists
 from tominpmp.cli.problem import joint_values, obstacle, positions, rates
-from tominpmp.exceptions import OptionsError
+from tominpmp.exceptions import OptionsError, ProblemError
 from tominpmp.robot.robot import Robot, load_robot
 from tominpmp.scene.obstacles import Capsule, Cylinder
 
@@ -36,7 +36,7 @@ def test_positions_are_read_from_names_states_and_lists(planar3r: Robot) -> None
     assert read("start,joint3=1") == [0.5, 1.7, 1.0]
     assert read("joint1=1,joint2=1,joint3=1") == [1.0, 1.0, 1.0]
     assert read("[0.5, 1.7, -1.7]") == [0.5, 1.7, -1.7]
-    with pytest.raises(OptionsError, match="says nothing about joint1, joint3"):
+    with pytest.raises(ProblemError, match="--goal says nothing about joint1, joint3"):
         read("joint2=1")
 
 
@@ -142,7 +142,7 @@ def test_any_obstacle_text_is_read_or_raises_a_scene_error(text: str) -> None:
 def test_any_positions_text_is_read_or_raises_an_options_error(text: str) -> None:
     try:
         read = positions(ProblemOptions(start=text), "start", load_robot_once())
-    except OptionsError as error:
+    except (OptionsError, ProblemError) as error:
         assert str(error)
     else:
         assert read.shape == (3,)

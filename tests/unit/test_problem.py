@@ -105,10 +105,10 @@ def test_arguments_of_wrong_type_are_refused(
         ([1, 2j, 0], r"is \[1, 2j, 0\], expected 3 numbers"),
         (
             [1, 0],
-            r"has shape \(2,\), expected \(3,\): numbers, .*: joint1, joint2, joint3",
+            r"has 2 numbers, expected 3, one .*: joint1, joint2, joint3",
         ),
-        ([[1, 0, 0]], r"has shape \(1, 3\), expected \(3,\): numbers"),
-        (1.0, r"has shape \(\), expected \(3,\): numbers"),
+        ([[1, 0, 0]], r"has shape \(1, 3\), expected \(m,\): 3 numbers"),
+        (1.0, r"has shape \(\), expected \(m,\): 3 numbers"),
         ([1, np.nan, 0], "joint 'joint2' is nan, expected a finite number"),
         ([1, 0, -np.inf], "joint 'joint3' is -inf, expected a finite number"),
     ],

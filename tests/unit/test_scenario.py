@@ -495,14 +495,14 @@ joint_limits:
             "joints by name beside a state",
         ),
         (("[robot]", "options = []\n[robot]"), "options", "expected a table"),
-        (('state = "start"', "q = {elbow = 1}"), "start.q.elbow", "no joint 'elbow'"),
+        (('state = "start"', "q = {elbow = 1}"), "start.q", "a value for 'elbow'"),
         (
             ('state = "start"', "q = {joint1 = 1}"),
             "start.q",
             "nothing about joint2, joint3",
         ),
-        (('state = "start"', 'q = [1, 2, "x"]'), "start.q[2]", "a finite number"),
-        (('state = "start"', "q = [1, 2, nan]"), "start.q[2]", "finite"),
+        (('state = "start"', 'q = [1, 2, "x"]'), "start.q", "expected 3 numbers"),
+        (('state = "start"', "q = [1, 2, nan]"), "start.q", "'joint3' is nan"),
         (
             ('"start"', '"start"\nv = [9, 9]'),
             "start.v",
@@ -558,7 +558,7 @@ joint_limits:
         (
             ("[goal]", '[options]\ncallback = "x"\n[goal]'),
             "options.callback",
-            "cannot hold a function",
+            "expected a function",
         ),
         (("[robot]", "margin = -1\n[robot]"), "margin", "expected a length"),
         (("[robot]", 'margin = "x"\n[robot]'), "margin", "a finite number"),

@@ -50,7 +50,7 @@ WRONG: dict[str, tuple[Any, type[Exception], str]] = {
     "far away": (FAR, tm.ProblemError, "outside reach"),
     "blocked": (tm.JointGoal((0.2, 0.2, 0.2)), tm.ProblemError, "'low' overlap"),
     "limits": (tm.JointGoal((99.0, 0.2, 0.2)), tm.ProblemError, "position limits"),
-    "few": (tm.JointGoal((0.2,)), tm.ProblemError, "1 numbers"),
+    "few": (tm.JointGoal((0.2,)), tm.ProblemError, "1 number,"),
     "joint": (tm.JointGoal({"elbow": 1.0}), tm.ProblemError, "a value for 'elbow'"),
     "load": (
         tm.Station("b", at(3, 1), payload=tm.Payload(0.1, "nose")),
@@ -211,7 +211,7 @@ NOSE = 'goal = {type = "position", frame = "nose", position = [3, 1, 0]}\n'
             STATION.replace('"a"', '"b"') + 'payload = {mass = 1.0, frame = "nose"}\n',
             "station 2 ('b'): there is no frame",
         ),
-        ('[tour]\nprecedence = [["a"]]\n', "expected two, of a station and of one"),
+        ('[tour]\nprecedence = [["a"]]\n', "precedence holds ['a'], expected pairs"),
     ],
 )
 def test_message_about_a_wrong_tour_file_names_the_station(
@@ -243,7 +243,7 @@ def _output(path: Path, *arguments: str) -> str:
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: tm.JointNotFound("x", ["y"]),
+        lambda: tm.JointNotFound("x", ["y"], "q"),
         lambda: tm.OptionsError("is wrong", "seed"),
         lambda: tm.ProblemError("is wrong", "q"),
     ],

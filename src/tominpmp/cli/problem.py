@@ -147,7 +147,9 @@ def positions(
         Positions, shape (n,) [rad or m].
 
     Raises:
-        OptionsError: If positions are wrong, or the group state is unknown.
+        OptionsError: If a word is not a number, or the group state is unknown.
+        ProblemError: If a joint is unknown or has no position, or if there are too many
+            or too few numbers.
     """
     text = getattr(args, name)
     items, table = words(text), dict[str, Any]()
@@ -421,7 +423,8 @@ def rates(args: ProblemOptions, name: str, robot: Robot) -> Array | None:
         Shape (n,) [rad/s or m/s, rad/s^2 or m/s^2].
 
     Raises:
-        OptionsError: If a word is not a number, or a joint is unknown or named twice.
+        OptionsError: If a word is not a number, or a joint is named twice.
+        ProblemError: If a joint is unknown, or there are too many or too few numbers.
     """
     text = getattr(args, name)
     if text is None:

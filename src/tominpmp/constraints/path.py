@@ -21,7 +21,7 @@ import numpy as np
 from tominpmp.arrays import Array, BoolArray, IntArray, Record, pair_or_nan, record
 from tominpmp.checks import JOINTS, FrameName, array, instance, number, optional, wrong
 from tominpmp.constraints.base import NO_TIMES, USABLE, Constraint, Partials, States
-from tominpmp.exceptions import ProblemError, brief
+from tominpmp.exceptions import ProblemError, brief, naming
 from tominpmp.kinematics import FrameMotions, RobotKinematics
 from tominpmp.robot.robot import Robot
 
@@ -496,9 +496,10 @@ def checked(given: object, robot: Robot, several: bool) -> tuple[PathConstraint,
     expected = "a tuple of constraints such as KeepUpright and ToolSpeed"
     instance(items, (list, tuple), "constraints", expected)
     for k, item in enumerate(items):
-        instance(item, PathConstraint, f"constraints[{k}]", "a constraint").validate(
-            robot
-        )
+        name = f"constraints[{k}]"
+        instance(item, PathConstraint, name, "a constraint")
+        with naming(name, name):
+            item.validate(robot)
         if item.during is not None and several:
             raise ProblemError(
                 f"{item.name}: during is {brief(item.during)}, and the problem has "

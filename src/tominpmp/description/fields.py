@@ -46,7 +46,9 @@ class Field:
             ScenarioError: Always.
         """
         key = f"{shortened(self.key)}: " if self.key else ""
-        for said in (key, f"{self.key.rpartition('.')[2]}: "):
+        # A key with a point is not a word of the message.
+        subject = f"{self.key} " if "." in self.key else key
+        for said in (key, f"{self.key.rpartition('.')[2]}: ", subject):
             message = message.removeprefix(said)
         text = f"{self.path}: {key}{message}"
         raise ScenarioError(text, self.path, self.key or None)

@@ -97,7 +97,6 @@ from tominpmp.description.paths import checked_path, read_bytes
 from tominpmp.description.srdf import srdf_file
 from tominpmp.description.urdf import urdf_file
 from tominpmp.exceptions import (
-    JointNotFound,
     ProblemError,
     RobotLoadError,
     ScenarioError,
@@ -121,6 +120,7 @@ from tominpmp.motion_limits import MotionLimits, classes_of_limits
 from tominpmp.options import Options
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import Segment
+from tominpmp.problem.state_checks import joint_vector
 from tominpmp.robot.payload import Payload
 from tominpmp.robot.robot import DEFAULT_GRAVITY, Robot
 from tominpmp.scene.obstacles import Obstacle
@@ -253,7 +253,7 @@ def positions(table: Field, robot: Robot, base: Array | None) -> Array:
         name, states = state.text(), robot.group_states
         if name not in states:
             state.fail(unknown("group state", name, list(states), "the robot has"))
-        known |= states[name]
+        known |= {k: v for k, v in states[name].items() if k in robot.joint_names}
     return _row(replace(q, value={}) if q.value is None else q, robot, known)
 
 
@@ -277,28 +277,13 @@ def vector(value: Field, robot: Robot, others: Array | float = 0.0) -> Array | N
     return _row(value, robot, dict(zip(robot.joint_names, row, strict=True)))
 
 
-def _row(value: Field, robot: Robot, known: dict[str, float]) -> Array:
+def _row(value: Field, robot: Robot, known: Mapping[str, float]) -> Array:
     """Numbers in joint order, or by name over known values; shape (n,)."""
-    names = robot.joint_names
-    if not isinstance(value.value, dict):
-        numbers = value.numbers()
-        if len(numbers) != robot.n:
-            count = f"{len(numbers)} number{'' if len(numbers) == 1 else 's'}"
-            value.fail(
-                f"holds {count}, expected {robot.n}, one for each of: "
-                f"{', '.join(names)}"
-            )
-        return np.array(numbers)
-    for name, item in value.table().items():
-        if name not in names:
-            item.fail(str(JointNotFound(name, names)))
-        known = known | {name: item.number()}
-    lacking = [name for name in names if name not in known]
-    if lacking:
-        value.fail(
-            f"says nothing about {', '.join(lacking)}: name them, or give a state"
-        )
-    return np.array([known[name] for name in names])
+    given = value.value
+    if isinstance(given, dict):
+        given = {**known, **given}
+    with blaming(value):
+        return joint_vector(robot, given, value.key)
 
 
 SEGMENT_KEYS = tuple(field.name for field in fields(Segment))
@@ -329,35 +314,9 @@ def _read_segment(table: Field, robot: Robot, before: Array | None) -> Segment:
     table.only(*SEGMENT_KEYS)
     conditions = read_conditions(table, robot)
     try:
-        segment = Segment(read_goal(table.need("goal"), robot, before), **conditions)
+        return Segment(read_goal(table.need("goal"), robot, before), **conditions)
     except ProblemError as error:
         key_of(table, error.field).fail(str(error))
-    with blaming(table.get("payload")):
-        loaded = segment.robot(robot)
-    _check_names(table, loaded, segment.goal, conditions)
-    return segment
-
-
-def _check_names(
-    table: Field, robot: Robot, goal: Goal | None, conditions: Mapping[str, Any]
-) -> None:
-    """Check that a robot has the frames and joints that a table names.
-
-    Args:
-        table: Table of a scenario or a segment.
-        robot: The robot, with the payload of the segment.
-        goal: Goal in the table, if there is one.
-        conditions: The conditions that :func:`read_conditions` read from the table.
-
-    Raises:
-        ScenarioError: If the robot lacks a frame or joint.
-    """
-    parts: list[tuple[Field, Any]] = [(table.get("goal"), goal)] if goal else []
-    constraints = conditions.get("constraints", ())
-    parts += zip(table.get("constraints").items(), constraints, strict=True)
-    for item, part in parts:
-        with blaming(item):
-            part.validate(robot)
 
 
 def _read_payload(table: Field) -> Payload:
@@ -367,27 +326,6 @@ def _read_payload(table: Field) -> Payload:
         ScenarioError: If the table is not a valid payload.
     """
     return make(Payload, table, classes(Obstacle))
-
-
-def read_pairs(
-    table: Field, about: str = "of bodies that may touch"
-) -> tuple[tuple[str, str], ...]:
-    """Read pairs of names; empty if the key is missing.
-
-    Args:
-        table: The list of pairs.
-        about: Meaning of the names, for messages.
-
-    Raises:
-        ScenarioError: If an item is not a pair of names.
-    """
-    pairs = []
-    for item in table.items():
-        names = [name.text() for name in item.items()]
-        if len(names) != 2:
-            item.fail(f"holds {len(names)} names, expected two, {about}")
-        pairs.append((names[0], names[1]))
-    return tuple(pairs)
 
 
 def key_of(
@@ -422,7 +360,7 @@ READERS: dict[str, Callable[[Field], Any]] = {
     "self_collision": Field.flag,
     "constraints": lambda items: _read_each(items, PathConstraint, "constraint"),
     "payload": _read_payload,
-    "may_touch": read_pairs,
+    "may_touch": lambda item: item.value,
     "stop": Field.flag,
     "dwell": Field.number,
     "arrival": lambda item: item.value,
@@ -531,7 +469,7 @@ def read_robot(table: Field) -> Robot:
             limits = limits.over(robot.motion_limits, robot.joint_names)
             robot = replace(robot, motion_limits=limits)
     except TominpmpError as error:
-        option = getattr(error, "option", None)
+        option = getattr(error, "option", None) or getattr(error, "field", None)
         if isinstance(error, ScenarioError):  # of this file, or of that of MoveIt
             option = "joint_limits"
         with blaming(table.get(option) if option in ROBOT_KEYS else table):
@@ -744,7 +682,6 @@ def read_scenario(
     goal = None if target.value is None else read_goal(target, robot, q_start)
     segments = _read_segments(document.get("segments"), robot, q_start)
     conditions = read_conditions(document, robot)
-    _check_names(document, robot, goal, conditions)
     changed = changes(robot, conditions)
     try:
         problem = Problem(
@@ -899,8 +836,4 @@ def read_options(table: Field) -> Options:
     Raises:
         ScenarioError: If an option is wrong.
     """
-    if table.value is None:
-        return Options()
-    if "callback" in table.table():
-        table.get("callback").fail("a file cannot hold a function")
-    return make(Options, table, {})
+    return Options() if table.value is None else make(Options, table, {})

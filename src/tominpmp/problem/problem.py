@@ -212,7 +212,8 @@ class Problem(Record):
         self, segment: Segment, number: int, q_start: Array
     ) -> tuple[Problem, list[str]]:
         """The problem of one segment, and the warnings of its goal."""
-        robot = segment.robot(self.robot)
+        with naming("payload", "payload"):
+            robot = segment.robot(self.robot)
         limits = self.motion_limits
         if segment.motion_limits is not None:
             limits = segment.motion_limits.over(limits, robot.joint_names)
@@ -238,7 +239,8 @@ class Problem(Record):
         check_names(segment.may_touch, robot, scene)
         last = number == len(self.segments) - 1
         goal = segment.goal if last else segment.goal_on_the_way()
-        goal.validate(robot)
+        with naming("goal", "goal"):
+            goal.validate(robot)
         before = self.segments[number - 1] if number else None
         if before is None:
             phase._check_start()

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray
-from tominpmp.checks import array, by_joint, in_order
+from tominpmp.checks import array, by_joint, in_order, one_per_joint
 from tominpmp.collision.checker import CollisionChecker, enclosure
 from tominpmp.collision.query import ROUNDING
 from tominpmp.constraints.base import USABLE
@@ -378,10 +378,11 @@ def joint_vector(robot: Robot, value: object, name: str) -> Array:
     if named is not None:
         others, missing = (dict.fromkeys(at, 0.0), 0.0) if rests else (at, None)
         value = in_order(named, joints, name, others=others, missing=missing)
-    content = f"numbers, one for each of: {', '.join(joints)}"
+    content = f"{len(joints)} numbers, one for each of: {', '.join(joints)}"
     if isinstance(value, str) and robot.srdf is not None:
         content += f"; robot.group_state({brief(value)}) has those of a group state"
-    numbers = array(value, name, (len(joints),), content)
+    numbers = array(value, name, (None,), content)
+    one_per_joint(numbers, name, joints)
     for joint, number in zip(joints, numbers, strict=True):
         if not np.isfinite(number):
             message = f"{name}: joint {joint!r} is {number}, expected a finite number"

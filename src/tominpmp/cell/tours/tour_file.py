@@ -87,9 +87,7 @@ def load_tour(path: str | Path) -> dict[str, Any]:
         end, count = tour.get("end"), tour.get("configurations")
         if end.value is not None:
             arguments["q_end"] = _read_end(end, robot, q_start)
-        arguments["precedence"] = scenario.read_pairs(
-            tour.get("precedence"), "of a station and of one that comes later"
-        )
+        arguments["precedence"] = tour.get("precedence").value or ()
         if count.value is not None:
             arguments["configurations"] = count.value
     items = document.need("stations").items()
