@@ -32,6 +32,11 @@ def unlimited_time() -> Iterator[None]:
         yield
 
 
+def verified(outcome: Outcome) -> bool:
+    """Whether there is a motion that keeps all limits."""
+    return outcome.shown is not None and outcome.shown.verified
+
+
 def never() -> bool:
     return False
 
@@ -55,7 +60,7 @@ def test_verified_motion_comes_first_and_its_active_limits_second(
     first: list[Outcome],
 ) -> None:
     assert [outcome.final for outcome in first] == [False, True]
-    assert all(outcome.ok for outcome in first)
+    assert all(verified(outcome) for outcome in first)
     shown = first[-1].shown
     assert shown is not None
     np.testing.assert_allclose(shown.q[0], PLANAR.q_start, atol=1e-3)
@@ -85,7 +90,7 @@ def test_next_request_is_planned_from_a_warm_start_and_afresh(
 def test_motion_with_a_via_point_passes_it_and_has_active_limits() -> None:
     past = replace(PLANAR, via=((3.5, 2.5, 0.0),))
     outcomes = list(Session().outcomes(1, past, never))
-    assert [outcome.ok for outcome in outcomes] == [True, True]
+    assert [verified(outcome) for outcome in outcomes] == [True, True]
     shown = outcomes[-1].shown
     assert shown is not None
     misses = np.linalg.norm(shown.path - past.via[0], axis=1)
@@ -100,7 +105,7 @@ def test_session_switches_between_kinematic_and_dynamic_robot() -> None:
         robot = replace(PLANAR.robot, kinematic=kinematic)
         request = replace(PLANAR, robot=robot, acceleration=15.0)
         *_, last = session.outcomes(1, request, never)
-        assert last.ok, last.message
+        assert verified(last), last.message
         kinds.append(last.shown.control)
     assert kinds == ["acceleration", "torque"]
 
@@ -124,7 +129,7 @@ def test_invalid_request_is_reported_and_the_last_motion_stays(
     before = session.solution
     refused = replace(PLANAR, effort_scale=1e9)
     outcomes = list(session.outcomes(4, refused, never))
-    assert [outcome.ok for outcome in outcomes] == [False]
+    assert [verified(outcome) for outcome in outcomes] == [False]
     assert "effort_scale" in outcomes[0].message
     assert session.solution is before
 
@@ -203,7 +208,7 @@ def recorder(controller: Controller) -> Recorder:
 def test_changed_request_is_planned_and_a_repeated_one_is_not(
     controller: Controller,
 ) -> None:
-    controller.start()
+    controller.plan(PLANAR)
     controller.change(q_goal=NEAR.q_goal)
     controller.change(q_goal=NEAR.q_goal)
     controller.change(effort_scale=0.5)
@@ -215,7 +220,7 @@ def test_changed_request_is_planned_and_a_repeated_one_is_not(
 def test_planning_is_busy_until_the_last_outcome_of_the_last_request(
     controller: Controller,
 ) -> None:
-    controller.start()
+    controller.plan(PLANAR)
     controller.change(q_goal=NEAR.q_goal)
     take = recorder(controller).on_outcome
     for outcome in (Outcome(1, PLANAR, "old"), Outcome(2, NEAR, "new", final=False)):
@@ -229,7 +234,7 @@ def test_motion_of_the_former_robot_is_not_exported(
     controller: Controller, received: list[Outcome]
 ) -> None:
     """Regression: after a plan without a motion, the former robot's was exported."""
-    controller.start()
+    controller.plan(PLANAR)
     take = recorder(controller).on_outcome
     take(Outcome(1, PLANAR, "found", final=False, solution=b"motion"))
     controller.choose(replace(PLANAR.robot, kinematic=True))
@@ -272,13 +277,13 @@ def test_crashed_worker_process_is_replaced_and_plans() -> None:
         worker.plan(1, PLANAR)
         os.kill(worker._process.pid, signal.SIGKILL)
         assert final.wait(300.0)
-        assert not outcomes[-1].ok
+        assert not verified(outcomes[-1])
         assert "ended unexpectedly" in outcomes[-1].message
         final.clear()
         worker.plan(2, NEAR)
         assert final.wait(600.0)
         assert outcomes[-1].number == 2
-        assert outcomes[-1].ok
+        assert verified(outcomes[-1])
     finally:
         worker.close()
     assert worker._process.exitcode is not None

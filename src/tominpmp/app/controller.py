@@ -126,11 +126,8 @@ class Controller:
         last = self.outcome
         return last is None or last.number < self._number or not last.final
 
-    def start(self) -> None:
-        """Plan the present request."""
-        self._plan(self.request)
-
-    def _plan(self, request: Request) -> None:
+    def plan(self, request: Request) -> None:
+        """Plan a request, which becomes the present one."""
         with self._lock:
             self.request = request
             self._number += 1
@@ -145,7 +142,7 @@ class Controller:
         with self._lock:
             changed = replace(self.request, **changes)
             if changed != self.request:
-                self._plan(changed)
+                self.plan(changed)
 
     def choose(self, choice: RobotChoice) -> None:
         """Request a motion of another robot, with default start and goal.
@@ -158,7 +155,7 @@ class Controller:
         with self._lock:
             # The motion of another robot is neither shown nor exported.
             self.outcome, self._solution = None, b""
-            self._plan(request)
+            self.plan(request)
 
     def drag(self, end: str, position: Any, quaternion: Any) -> float:
         """Bring the frame at the start or the goal as near to a pose as possible.

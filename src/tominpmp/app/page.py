@@ -141,7 +141,7 @@ class Page:
         self.panel = Panel(self)
         self.handles = Handles(self)
         self._set_stage()
-        self.controller.start()
+        self.controller.plan(request)
         threading.Thread(target=self._play, daemon=True).start()
 
     def _dress(self) -> None:
@@ -337,8 +337,8 @@ class Readout:
             outcome: The outcome; None before the first one of a robot.
             goes_on: Whether an earlier motion continues to play.
         """
-        busy = self._controller.busy
-        self._headline.content = pictures.headline(outcome, busy, goes_on)
+        self._last = outcome, goes_on
+        self.show_headline()
         if outcome is None:
             self.bars.content = self._curves.content = self._held.content = ""
             self._now = -REST  # in the animation, whose pauses are before 0 and after T
@@ -351,9 +351,8 @@ class Readout:
 
     def show_headline(self) -> None:
         """Update the state of the planning next to T."""
-        outcome, busy = self._controller.outcome, self._controller.busy
-        if outcome is not None and outcome.shown is not None:
-            self._headline.content = pictures.headline(outcome, busy)
+        (outcome, goes_on), busy = self._last, self._controller.busy
+        self._headline.content = pictures.headline(outcome, busy, goes_on)
 
     def notify(self, text: str, *, bad: bool = False) -> None:
         """Show a notice until the next one; an empty text removes it."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from html import escape
+from os.path import commonprefix
 
 import numpy as np
 
@@ -24,12 +25,7 @@ HEIGHT, POINTS = 26, 121
 
 def short_names(names: Sequence[str]) -> list[str]:
     """Names of joints without their common prefix, which ends at an underscore."""
-    if len(names) < 2:
-        return list(names)
-    common = 0
-    while all(len(n) > common + 1 and n[common] == names[0][common] for n in names):
-        common += 1
-    cut = names[0].rfind("_", 0, common) + 1
+    cut = commonprefix(names).rfind("_") + 1 if len(names) > 1 else 0  # noqa: RUF071
     return [name[cut:].removesuffix("_joint") for name in names]
 
 

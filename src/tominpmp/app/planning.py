@@ -105,11 +105,6 @@ class Outcome(Record):
     final: bool = True
     solution: bytes = b""
 
-    @property
-    def ok(self) -> bool:
-        """Whether there is a motion that keeps all limits."""
-        return self.shown is not None and self.shown.verified
-
 
 class Superseded(Exception):
     """Raised when a newer request has replaced the one that is planned."""
@@ -228,9 +223,7 @@ def _shown(solution: Solution, frame: str, certified: bool) -> ShownMotion:
     )
     q = motion(shares.t).q
     path = FrameMotions(solution.problem.robot, frame).placements(q).origin
-    active, message = _certified(solution) if certified else (None, "")
-    if active is None:
-        active = _sampled(shares)
+    active, message = _certified(solution) if certified else (_sampled(shares), "")
     return ShownMotion(
         **vars(shares),
         q=np.array(q),
@@ -256,17 +249,12 @@ def _sampled(shares: Shares) -> list[BindingLimit]:
     return sorted(active, key=lambda item: -item.share)
 
 
-def _certified(solution: Solution) -> tuple[list[BindingLimit] | None, str]:
-    """Active limits by the certificate, and its message; None without a certificate.
+def _certified(solution: Solution) -> tuple[list[BindingLimit], str]:
+    """Active limits by the certificate, and its message.
 
     Gains are percent of T that one percent more of a limit would save.
     """
-    certificate, gains = None, dict[tuple[str, str], float]()
-    with suppress(ProblemError):
-        # Motions that dwell while obstacles move have no certificate.
-        certificate = solution.certificate
-    if certificate is None:
-        return None, ""
+    certificate, gains = solution.certificate, dict[tuple[str, str], float]()
     with suppress(ProblemError):
         # Motions without multipliers have no sensitivities.
         gains = {

@@ -142,8 +142,8 @@ def draw_path(scene: Any, path: Array, size: float) -> None:
     """Draw the path of the frame as a tube, which replaces the previous one."""
     surface = path_tube(path, PATH_RADIUS, size)
     if surface is not None:
-        mesh, look = (surface.vertices, surface.faces), {"color": PATH_RGB}
-        scene.add_mesh_simple("/path", *mesh, side="double", cast_shadow=False, **look)
+        look = {"side": "double", "cast_shadow": False}
+        put_surface(scene, "/path", surface, PATH_RGB, 1.0, **look)
 
 
 def look_at(server: Any, robot: Robot, request: Request) -> float:

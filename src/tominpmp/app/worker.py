@@ -44,7 +44,7 @@ def work(session: Session, jobs: Jobs, answer: Callable[[Outcome], None]) -> Non
                 break
 
 
-def _serve(requests: Any, outcomes: Any) -> None:
+def _serve(connection: Any) -> None:
     """Plan the requests of a connection until the parent process closes it."""
     # Ctrl-C in the terminal is for the parent, which closes the connection.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -53,12 +53,12 @@ def _serve(requests: Any, outcomes: Any) -> None:
     def read() -> None:
         with suppress(EOFError, OSError):
             while True:
-                jobs.put(requests.recv())
+                jobs.put(connection.recv())
         jobs.put(None)
 
     threading.Thread(target=read, daemon=True).start()
     with suppress(OSError):
-        work(Session(), jobs, outcomes.send)
+        work(Session(), jobs, connection.send)
 
 
 class Worker:
@@ -78,16 +78,12 @@ class Worker:
 
     def _start(self) -> None:
         context = get_context("loky")
-        requests, self._requests = context.Pipe(duplex=False)
-        outcomes, answers = context.Pipe(duplex=False)
-        ends = (requests, answers)
-        self._process = context.Process(target=_serve, args=ends, daemon=True)
+        self._connection, other = context.Pipe()
+        self._process = context.Process(target=_serve, args=(other,), daemon=True)
         self._process.start()
-        for end in ends:  # the copies of the process are the only ones, and end with it
-            end.close()
-        self._listener = threading.Thread(
-            target=self._listen, args=(self._process, outcomes), daemon=True
-        )
+        other.close()  # the copy of the process is the only one, and ends with it
+        ends = self._process, self._connection
+        self._listener = threading.Thread(target=self._listen, args=ends, daemon=True)
         self._listener.start()
 
     def plan(self, number: int, request: Request) -> None:
@@ -99,23 +95,23 @@ class Worker:
             self._last = number, request
             # If the process has just ended, the listener reports it.
             with suppress(OSError):
-                self._requests.send(self._last)
+                self._connection.send(self._last)
 
     def close(self) -> None:
         """End the planning process."""
         self._closing = True
-        with self._lock:
-            self._requests.close()
+        with self._lock, suppress(OSError):
+            self._connection.send(None)  # the end mark
         self._process.join(2.0)
         if self._process.is_alive():
             self._process.terminate()
             self._process.join()
         self._listener.join(2.0)
 
-    def _listen(self, process: Any, outcomes: Any) -> None:
+    def _listen(self, process: Any, connection: Any) -> None:
         try:
             while True:
-                self._on_outcome(outcomes.recv())
+                self._on_outcome(connection.recv())
         except (EOFError, OSError):
             process.join()
             if not self._closing and self._last is not None:
@@ -125,4 +121,4 @@ class Worker:
                 )
                 self._on_outcome(Outcome(*self._last, message))
         finally:
-            outcomes.close()
+            connection.close()

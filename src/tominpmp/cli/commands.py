@@ -146,7 +146,7 @@ def play(motion: RecordedMotion, /, *, args: PlayOptions) -> None:
     # it begins or ends beyond limits, or in an obstacle.
     q = trajectory.q[0].clip(arm.limits.position_lower, arm.limits.position_upper)
     alone = Problem(arm, q, JointRegionGoal(q), self_collision=False)
-    problem = alone._altered("checker", "margins", scene=scene)
+    problem = alone.with_scene(scene)
     say(f"page  {Path(play(problem, trajectory, path=args.output))}")
 
 

@@ -124,11 +124,8 @@ COMPLETIONS: dict[str, Completer] = {
 
 
 # Headings of the options in the help, in this order.
-PANELS = ("Arguments", "Motion", "Scene", "Robot", "Planning", "Output", "Page")
-GROUPS = {
-    name: Group(name, sort_key=place)
-    for place, name in enumerate((*PANELS, "General"), start=1)
-}
+PANELS = "Arguments Motion Scene Robot Planning Output Page General".split()
+GROUPS = {name: Group.create_ordered(name) for name in PANELS}
 PER_JOINT = "VALUES"
 # Metavariables of options that take one word or several.
 SEVERAL = ("POSITIONS", PER_JOINT, "X Y Z")

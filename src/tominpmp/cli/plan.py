@@ -115,11 +115,12 @@ def _write(solution: Solution, args: PlanOptions, motion: Path | None) -> bool:
     return True
 
 
-class Progress:
+class Progress(ExitStack):
     """Shows the phase and the last iteration during long computations.
 
-    On a terminal it is a status line that disappears at the end. Elsewhere nothing is
-    shown, or, with ``verbose``, a line every few seconds.
+    On a terminal it is a status line, which also shows the log of the decomposition of
+    meshes, and disappears at the end of the ``with`` block. Elsewhere nothing is shown,
+    or, with ``verbose``, a line every few seconds.
 
     Args:
         console: Console that shows the progress.
@@ -128,22 +129,15 @@ class Progress:
     """
 
     def __init__(self, console: Console, *, quiet: bool, verbose: bool) -> None:
-        self._console, self._shown = console, ExitStack()
+        super().__init__()
+        self._console = console
         self._status = console.status("") if console.is_terminal and not quiet else None
         self._lines = verbose and not quiet and not console.is_terminal
         self._last = time.monotonic()
-
-    def __enter__(self) -> Progress:
-        """Show the status line and the log of the decomposition of meshes."""
         if self._status is not None:
-            self._shown.enter_context(self._status)
+            self.enter_context(self._status)
             log = log_shown(LOGGER, lambda record: self.phase(record.getMessage()))
-            self._shown.enter_context(log)
-        return self
-
-    def __exit__(self, *raised: object) -> None:
-        """Clear the status line."""
-        self._shown.close()
+            self.enter_context(log)
 
     def phase(self, text: str) -> None:
         """Show the name of a phase."""

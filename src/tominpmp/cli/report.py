@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import sys
 import textwrap
 from collections.abc import Mapping, Sequence
 from enum import Enum
@@ -265,7 +266,7 @@ def robot_data(robot: Robot) -> dict[str, Any]:
 def robot_text(data: dict[str, Any]) -> str:
     """Format the report of a robot as text, wrapped to the width of a terminal."""
     console = Console()
-    width = console.width if console.is_terminal else None
+    width = max(console.width, 2 * LABEL) if console.is_terminal else sys.maxsize
     count, shapes = len(data["joints"]), data["collision_geometries"]
     locked = [f"{name}={value:g}" for name, value in data["locked_joints"].items()]
     rows = {
@@ -288,14 +289,11 @@ def robot_text(data: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _row(label: str, items: list[str], width: int | None) -> str:
-    """Format a label and a list, wrapped if there is a width."""
-    row = f"{label:<{LABEL}}{', '.join(items)}"
-    if width is None or len(items) == 1:
-        return row
+def _row(label: str, items: list[str], width: int) -> str:
+    """Format a label and a list, wrapped to a width."""
     return textwrap.fill(
-        row,
-        max(width, 2 * LABEL),
+        f"{label:<{LABEL}}{', '.join(items)}",
+        width,
         subsequent_indent=" " * LABEL,
         break_long_words=False,
         break_on_hyphens=False,

@@ -81,12 +81,13 @@ import tempfile
 from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tominpmp.arrays import Array, Record
+from tominpmp.arrays import Array, Record, changed_fields
 from tominpmp.checks import instance
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.datasheets import find_datasheet
@@ -157,25 +158,18 @@ def read_motion_limits(table: Field, robot: Robot) -> MotionLimits | None:
     if file is not None and file.value is not None:
         with blaming(file):
             below = load_motion_limits(file.path.parent / file.text(), robot)
-        values = {item.name: getattr(below, item.name) for item in fields(below)}
+        values = changed_fields(below)
     for name, item in items.items():
-        values[name] = _limit(name, item, values.get(name) or {})
+        value = item.value
+        if isinstance(value, dict):
+            read = read_curve if name == "effort_curves" else attrgetter("value")
+            own = {joint: read(limit) for joint, limit in item.table().items()}
+            value = {**(values.get(name) or {}), **own}
+        values[name] = value
     with blaming(table):
         limits = kind(**values)
         limits.check(robot.joint_names)
     return limits
-
-
-def _limit(name: str, item: Field, before: Mapping[str, Any]) -> Any:
-    """A limit: a number, one per joint, or by joint name, overriding the file's."""
-    curves = name == "effort_curves"
-    if not curves and not isinstance(item.value, dict):
-        return item.value
-    own = {
-        joint: read_curve(value) if curves else value.number(infinite=True)
-        for joint, value in item.table().items()
-    }
-    return {**before, **own}
 
 
 def _read_scene(table: Field) -> Scene:
