@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import webbrowser
-from dataclasses import dataclass
 from pathlib import Path
 
 from tominpmp.cli.commands import RobotName
@@ -12,7 +11,6 @@ from tominpmp.cli.terminal import say
 
 
 @options("Page")
-@dataclass(frozen=True, kw_only=True)
 class AppOptions(GeneralOptions):
     """Address and robot of the live page.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 
 from tominpmp.cli.option_fields import options
@@ -10,7 +10,6 @@ from tominpmp.cli.options import OUTPUT_FILE, PLANNING, QUIET, VERBOSE, ReportOp
 
 
 @options("Output")
-@dataclass(frozen=True, kw_only=True)
 class BatchOptions(ReportOptions):
     """Where a batch is planned, and where its results go.
 
@@ -32,7 +31,6 @@ class BatchOptions(ReportOptions):
 
 
 @options("Output")
-@dataclass(frozen=True, kw_only=True)
 class TourOptions(ReportOptions):
     """Files that a tour is written to, and its report.
 

@@ -14,7 +14,7 @@ import re
 import sys
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import MISSING, Field, dataclass, field, fields, make_dataclass
+from dataclasses import MISSING, Field, dataclass, field, fields
 from inspect import signature
 from pathlib import Path
 from types import NoneType, SimpleNamespace
@@ -37,6 +37,13 @@ from tominpmp.exceptions import OptionsError
 
 if TYPE_CHECKING:
     from cyclopts.completion import CompletionContext
+    from typing_extensions import dataclass_transform
+else:
+
+    def dataclass_transform(**_: Any) -> Any:
+        """Mark nothing: the mark is for type checkers."""
+        return lambda function: function
+
 
 Completer: TypeAlias = "Callable[[CompletionContext], list[str]]"
 
@@ -44,8 +51,6 @@ Completer: TypeAlias = "Callable[[CompletionContext], list[str]]"
 ENDINGS = (".urdf", ".toml")
 # Kinds of joints that have a position.
 MOVING = ("revolute", "continuous", "prismatic")
-# Larger files are not searched for completions [bytes].
-MOST_BYTES = 4_000_000
 
 
 def supported(**marks: Any) -> dict[str, Any]:
@@ -100,10 +105,8 @@ def _elements(typed: CompletionContext, kind: str, *tags: str) -> Iterator[Eleme
     bare = (word for word in sys.argv[3:] if not word.startswith("-"))
     robot = values.get("robot") or values.get("scenario") or next(bare, "")
     try:
-        path = Path(values.get(kind) or getattr(find_robot(robot), kind) or "")
-        if not path.name or path.stat().st_size > MOST_BYTES:
-            return
-        root = read_xml(path)
+        path = values.get(kind) or getattr(find_robot(robot), kind) or ""
+        root = read_xml(Path(path))
     except (TominpmpError, OSError):
         return
     for tag in tags:
@@ -172,8 +175,11 @@ def attribute_texts(kind: type[Any]) -> dict[str, tuple[str, str]]:
     }
 
 
-def options(panel: str) -> Callable[[type[Record]], type[Record]]:
-    """Mark a dataclass: each field that it declares is an option.
+@dataclass_transform(kw_only_default=True, field_specifiers=(field,))
+def options(
+    panel: str, texts: Mapping[str, tuple[str, str]] | None = None
+) -> Callable[[type[Record]], type[Record]]:
+    """Make a frozen dataclass with keywords: each field that it declares is an option.
 
     The metadata of a field may have ``alias``, another name of its option, and
     ``panel``, a heading that replaces the heading of the class. The default of a field
@@ -181,33 +187,34 @@ def options(panel: str) -> Callable[[type[Record]], type[Record]]:
 
     Args:
         panel: Heading of the options in the help.
+        texts: By the names of the options, their metavariables and help texts; None
+            takes them from the docstring.
     """
-    return lambda kind: _marked(kind, panel, attribute_texts(kind))
 
+    def marked(kind: type[Record]) -> type[Record]:
+        kind = dataclass(frozen=True, kw_only=True)(kind)
+        declared = {item.name: item for item in fields(kind)}  # type: ignore[arg-type]
+        described = attribute_texts(kind) if texts is None else texts
+        for name, (metavar, text) in described.items():
+            item = declared[name]
+            text, hint = _with_default(text, item), _hint(kind, item)
+            more, completer = item.metadata, COMPLETIONS.get(name)
+            kind.__annotations__[name] = Annotated[
+                hint,
+                Parameter(
+                    name=more.get("name"),
+                    alias=more.get("alias"),
+                    converter=_reader(hint, more),
+                    allow_leading_hyphen=name == "output",  # - is standard output
+                    help=labelled(metavar, text),
+                    group=GROUPS[more.get("panel", panel)],
+                    negative=() if item.default is False else None,
+                    **supported(metavar=metavar or None, completer=completer),
+                ),
+            ]
+        return Parameter(name="*")(kind)
 
-def _marked(
-    kind: type[Record], panel: str, texts: Mapping[str, tuple[str, str]]
-) -> type[Record]:
-    """Mark a dataclass whose options have these metavariables and help texts."""
-    declared = {item.name: item for item in fields(kind)}  # type: ignore[arg-type]
-    for name, (metavar, text) in texts.items():
-        item = declared[name]
-        text, hint = _with_default(text, item), _hint(kind, item)
-        more, completer = item.metadata, COMPLETIONS.get(name)
-        kind.__annotations__[name] = Annotated[
-            hint,
-            Parameter(
-                name=more.get("name"),
-                alias=more.get("alias"),
-                converter=_reader(hint, more.get("also_none", False), more.get("note")),
-                allow_leading_hyphen=name == "output",  # - is standard output
-                help=labelled(metavar, text),
-                group=GROUPS[more.get("panel", panel)],
-                negative=() if item.default is False else None,
-                **supported(metavar=metavar or None, completer=completer),
-            ),
-        ]
-    return Parameter(name="*")(kind)
+    return marked
 
 
 def _with_default(text: str, item: Field[Any]) -> str:
@@ -236,9 +243,9 @@ def fields_of(
         ending: Suffix of the names of the fields; other fields are left out.
         base: Base class, whose fields are options, too.
     """
-    described = attribute_texts(kind)
-    texts = {}
-    declared = []
+    described, texts = attribute_texts(kind), {}
+    # Otherwise Cyclopts takes the class for a builtin.
+    namespace: dict[str, Any] = {"__module__": __name__, "__annotations__": {}}
     for item in fields(kind):
         hint = _hint(kind, item)
         typed, metavar = _typed(hint)
@@ -249,17 +256,10 @@ def fields_of(
         texts[item.name] = metavar, f"{_with_default(text, item)} {note}".strip()
         also_none = NoneType in get_args(hint) and metavar not in ("", PER_JOINT)
         marks = {"also_none": also_none, "note": note}
-        option = field(default=None, metadata=marks | names)
-        declared.append((item.name, typed | None, option))
-    record = make_dataclass(
-        f"{kind.__name__}Fields",
-        declared,
-        bases=(base,),
-        namespace={"__module__": __name__},  # otherwise Cyclopts takes it for a builtin
-        frozen=True,
-        kw_only=True,
-    )
-    return _marked(record, panel, texts)
+        namespace["__annotations__"][item.name] = typed | None
+        namespace[item.name] = field(default=None, metadata=marks | names)
+    record = type(f"{kind.__name__}Fields", (base,), namespace)
+    return options(panel, texts)(record)
 
 
 def typed_values(record: Any) -> dict[str, Any]:
@@ -315,15 +315,15 @@ def _typed(hint: Any) -> tuple[Any, str]:
     return kind, METAVARS.get(kind, "")
 
 
-def _reader(hint: Any, also_none: bool, note: str | None) -> Callable[..., Any] | None:
+def _reader(hint: Any, marks: Mapping[str, Any]) -> Callable[..., Any] | None:
     """Converter for whole numbers, choices and values that may be "none"; else None.
 
     Args:
         hint: Type of the field.
-        also_none: Whether the value may be "none".
-        note: Sentence that follows the message on a wrong value.
+        marks: Metadata of the field: ``also_none``, whether the value may be "none",
+            and ``note``, a sentence that follows the message on a wrong value.
     """
-    choices = _choices(hint)
+    choices, also_none, note = _choices(hint), marks.get("also_none"), marks.get("note")
     kind = next((kind for kind in (int, float) if kind in _kinds(hint)), str)
     if not also_none and not choices and kind is not int:
         return None
@@ -346,7 +346,6 @@ def _reader(hint: Any, also_none: bool, note: str | None) -> Callable[..., Any] 
 
 
 @options("General")
-@dataclass(frozen=True, kw_only=True)
 class GeneralOptions:
     """Options of all commands.
 

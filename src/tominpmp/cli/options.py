@@ -9,7 +9,7 @@ Only light modules are imported here, as each call of the help imports this modu
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
@@ -45,7 +45,6 @@ RosMessage = Literal["JointTrajectory", "FollowJointTrajectory", "RobotTrajector
 
 
 @options("Robot")
-@dataclass(frozen=True, kw_only=True)
 class RobotOptions:
     """Options that select a robot or change its description.
 
@@ -96,7 +95,6 @@ class RobotOptions:
 
 
 @options("Scene")
-@dataclass(frozen=True, kw_only=True)
 class SceneOptions(RobotOptions):
     """A robot and its obstacles.
 
@@ -114,7 +112,6 @@ class SceneOptions(RobotOptions):
 
 
 @options("Motion")
-@dataclass(frozen=True, kw_only=True)
 class ProblemOptions(SceneOptions):
     """A robot, its obstacles, a start and a goal.
 
@@ -176,7 +173,6 @@ def is_scenario(robot: str) -> bool:
 
 
 @options("Output")
-@dataclass(frozen=True, kw_only=True)
 class ReportOptions(GeneralOptions):
     """Format of the report.
 
@@ -188,7 +184,6 @@ class ReportOptions(GeneralOptions):
 
 
 @options("Output")
-@dataclass(frozen=True, kw_only=True)
 class PlanOptions(ReportOptions):
     """Warm start of a plan, files to write, and its report.
 
@@ -233,7 +228,6 @@ class PlanOptions(ReportOptions):
 
 
 @options("Output")
-@dataclass(frozen=True, kw_only=True)
 class VerifyOptions(ReportOptions):
     """Options of the judgement of a motion.
 
@@ -247,7 +241,6 @@ class VerifyOptions(ReportOptions):
 
 
 @options("Robot")
-@dataclass(frozen=True, kw_only=True)
 class PlayOptions(SceneOptions, GeneralOptions):
     """Robot and obstacles of a motion to show, and the page to write.
 

@@ -257,8 +257,14 @@ def load_problem(
 def _changes(
     args: ProblemOptions, robot: Robot, known: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Arguments of a problem from the options, which complete those of a file."""
-    limits = _limits(args, robot)
+    """Arguments of a problem from the options, which complete those of a file.
+
+    Limits that were typed override the file of --motion-limits.
+    """
+    path = args.motion_limits
+    table: dict[str, Any] = {} if path is None else {"file": str(path)}
+    table |= _values(typed_values(args), LIMITS)
+    limits = scenario.read_motion_limits(Typed(table or None), robot)
     if limits is not None:
         limits = limits.over(known.get("motion_limits"), robot.joint_names)
     typed = tuple(constraint(text) for text in args.constraint or ())
@@ -269,14 +275,6 @@ def _changes(
         "constraints": (*known.get("constraints", ()), *typed) if typed else None,
     }
     return {name: value for name, value in found.items() if value is not None}
-
-
-def _limits(args: ProblemOptions, robot: Robot) -> MotionLimits | None:
-    """The motion limits of the options, which override the file of --motion-limits."""
-    path = args.motion_limits
-    table: dict[str, Any] = {} if path is None else {"file": str(path)}
-    table |= _values(typed_values(args), LIMITS)
-    return scenario.read_motion_limits(Typed(table or None), robot)
 
 
 def load_changed_robot(

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from tominpmp.cli.option_fields import options
 from tominpmp.cli.options import ReportOptions
 
 
 @options("Planning")
-@dataclass(frozen=True, kw_only=True)
 class ReplayOptions(ReportOptions):
     """Options of the replay of a motion in MuJoCo.
 
