@@ -244,7 +244,9 @@ def test_hidden_handles_keep_their_obstacles_visible() -> None:
     """
     with opened("ur5") as page:
         handles = page.handles  # type: ignore[attr-defined]
-        handles.show(False)
+        shown = page.panel.handles_shown  # type: ignore[attr-defined]
+        shown.value = False
+        page.refresh()  # type: ignore[attr-defined]
         page.panel._add_point()  # type: ignore[attr-defined]
         page.panel._sizes[0].value = 0.1  # type: ignore[attr-defined]
         page.panel._resize()  # type: ignore[attr-defined]
@@ -252,7 +254,8 @@ def test_hidden_handles_keep_their_obstacles_visible() -> None:
         assert len(nodes) == 4
         for node in nodes:
             assert node.visible and node.disable_axes and node.disable_rotations
-        handles.show(True)
+        shown.value = True
+        page.refresh()  # type: ignore[attr-defined]
         assert not any(node.disable_axes for _, node in handles._known.values())
 
 

@@ -367,6 +367,9 @@ class Panel:
 
     Attributes:
         uploads: Folder of the URDF files that were opened on the page.
+        handles_shown: Checkbox whether handles are shown; the obstacles and balls on
+            them stay.
+        turning: Checkbox whether the handles of obstacles also turn them.
     """
 
     def __init__(self, page: Page) -> None:
@@ -480,13 +483,13 @@ class Panel:
         gui.add_button("Swap start and goal").on_click(_by_user(self._swap))
         gui.add_button("Add a via point").on_click(_by_user(self._add_point))
         self._fewer = gui.add_button("Remove the last via point")
-        show = gui.add_checkbox("Show handles", True)
+        self.handles_shown = gui.add_checkbox("Show handles", True)
         self._goals.on_update(
             _by_user(lambda: page.ask(goal=GOAL_WORDS[self._goals.value]))
         )
         self._frames.on_update(_by_user(lambda: page.ask(frame=self._frames.value)))
         self._fewer.on_click(_by_user(lambda: page.ask(via=self._request.via[:-1])))
-        show.on_update(_by_user(lambda: page.handles.show(show.value)))
+        self.handles_shown.on_update(_by_user(page.refresh))
 
     def _swap(self) -> None:
         start, goal = self._request.q_start, self._request.q_goal
@@ -535,14 +538,14 @@ class Panel:
             gui.add_slider(f"size {number + 1}", 0.01, 2.0, 0.01, 0.1)
             for number in range(3)
         ]
-        turn = gui.add_checkbox("Turn obstacles", False)
+        self.turning = gui.add_checkbox("Turn obstacles", False)
         self._remove = gui.add_button("Remove this obstacle", color="gray")
         kinds.on_click(_by_user(lambda: self._add_item(kinds.value)))
         self._items.on_update(_by_user(self._show_sizes))
         for slider in self._sizes:
             slider.on_update(_by_user(self._resize))
         self._remove.on_click(_by_user(self._remove_item))
-        turn.on_update(_by_user(lambda: page.handles.allow_turning(turn.value)))
+        self.turning.on_update(_by_user(page.refresh))
 
     def _add_item(self, kind: str) -> None:
         items = self._request.items
@@ -584,7 +587,6 @@ class Handles:
 
     def __init__(self, page: Page) -> None:
         self._page, self._scene = page, page.server.scene
-        self._turning, self._shown = False, True
         self._known: dict[str, tuple[object, Any]] = {}
         self._held: dict[str, float] = {}
 
@@ -592,16 +594,6 @@ class Handles:
         """Forget all handles, for another robot; new ones have another size [m]."""
         self._size = size
         self._known.clear()
-
-    def allow_turning(self, wanted: bool) -> None:
-        """Choose whether the handles of obstacles also turn them."""
-        self._turning = wanted
-        self._page.refresh()
-
-    def show(self, visible: bool) -> None:
-        """Show or hide all handles; the obstacles and balls on them stay."""
-        self._shown = visible
-        self._page.refresh()
 
     def refresh(self) -> None:
         """Move handles to the places of the request, except handles being dragged."""
@@ -621,7 +613,8 @@ class Handles:
             wanted.append(f"item_{item.name}")
             dragged = partial(self._drag_item, item.name)
             pose = item.position, item.quaternion
-            self._put(wanted[-1], pose, dragged, 0.9 * size, self._turning, item)
+            turns = self._page.panel.turning.value
+            self._put(wanted[-1], pose, dragged, 0.9 * size, turns, item)
         for key in set(self._known) - set(wanted):
             self._known.pop(key)[1].remove()
 
@@ -646,7 +639,8 @@ class Handles:
             body: Obstacle that is drawn with the handle; None for a handle alone.
             look: Colour and opacity of the body.
         """
-        axes, rings = self._shown, self._shown and turns
+        axes = self._page.panel.handles_shown.value
+        rings = axes and turns
         kind = scale, axes, rings, body and (body.kind, body.size)
         if key in self._known and self._known[key][0] != kind:
             self._known.pop(key)[1].remove()

@@ -217,7 +217,6 @@ def _shown(solution: Solution, frame: str, certified: bool) -> ShownMotion:
             moment to compute, instead of the samples.
     """
     motion = solution.trajectory
-    assert motion is not None  # noqa: S101
     shares = shares_of_limits(
         solution.problem, motion, np.linspace(0.0, motion.duration, INSTANTS)
     )

@@ -118,12 +118,8 @@ def verify(
     from tominpmp.files.export_check import check_file
 
     problem, options = load_problem(scenario, changes, typed_values(tolerances))
-    judgement = check_file(
-        problem,
-        motion,
-        tolerances=options.tolerances,
-        interpolation=args.interpolation,
-    )
+    allowed, how = options.tolerances, args.interpolation
+    judgement = check_file(problem, motion, tolerances=allowed, interpolation=how)
     say(json_text(check_data(judgement)) if args.json else check_text(judgement))
     return PLANNED if judgement.ok else NO_PLAN
 

@@ -268,10 +268,9 @@ def robot_text(data: dict[str, Any]) -> str:
     console = Console()
     width = max(console.width, 2 * LABEL) if console.is_terminal else sys.maxsize
     count, shapes = len(data["joints"]), data["collision_geometries"]
-    locked = [f"{name}={value:g}" for name, value in data["locked_joints"].items()]
     rows = {
         "gravity": [f"{value:g}" for value in data["gravity"]],
-        "locked": locked,
+        "locked": [f"{k}={value:g}" for k, value in data["locked_joints"].items()],
         "mimic": data["mimic_joints"],
         "passive": data["passive_joints"],
         "groups": list(data["groups"]),

@@ -354,10 +354,10 @@ READERS: dict[str, Callable[[Field], Any]] = {
     "self_collision": Field.flag,
     "constraints": lambda items: _read_each(items, PathConstraint, "constraint"),
     "payload": _read_payload,
-    "may_touch": lambda item: item.value,
+    "may_touch": attrgetter("value"),
     "stop": Field.flag,
     "dwell": Field.number,
-    "arrival": lambda item: item.value,
+    "arrival": attrgetter("value"),
 }
 
 
