@@ -147,7 +147,7 @@ BAD = {
     "margin": ("plan planar3r --start start --goal 1,1,1 --margin -1", "margin is -1"),
     "obstacle kind": (
         "plan planar3r --start start --goal 1,1,1 --obstacle torus:x:r=1",
-        "no kind 'torus'; there are: sphere, box, cylinder, capsule",
+        "torus:x:r=1': there is no kind 'torus'; there are: sphere, box, cylinder",
     ),
     "obstacle name": (
         "plan planar3r --start start --goal 1,1,1 --obstacle sphere:r=1:at=1,1,1",

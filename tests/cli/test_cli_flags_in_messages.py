@@ -72,6 +72,7 @@ def test_arguments_in_a_message_become_flags(message: str, expected: str) -> Non
             "--effort-rate has 2 numbers",
         ),
         ("effort: there is", "--planning-effort quick", "effort: there is"),
+        ("constraints[1]: no frame", "--constraint k", "--constraint: no frame"),
         ("cell.toml: goal.q: joint a", "--goal 1", "cell.toml: goal.q: joint a"),
     ],
 )

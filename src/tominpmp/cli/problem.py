@@ -74,9 +74,9 @@ class Typed(Field):
         raise error
 
     def get(self, name: str) -> Field:
-        """Value of a key of a table; positions keep the key of the option."""
-        field = super().get(name)
-        return replace(field, key=self.key) if name in ("q", "state") else field
+        """Value of a key of a table; positions and kinds keep the key of the option."""
+        field, own = super().get(name), ("q", "state", "type")
+        return replace(field, key=self.key) if name in own else field
 
 
 def words(text: str) -> list[str]:

@@ -32,8 +32,8 @@ OUTPUT = "standard output"
 
 # A Python argument with values by joint name, whose flag takes the same values.
 _BY_JOINT = re.compile(r"\b([a-z_]+)=\{([^{}]*)\}")
-# The argument at fault, at the beginning of a message.
-_FAULTY = re.compile(r"([a-z_.]+)(?=: | is | has )")
+# The argument at fault, at the beginning of a message, and the number of its item.
+_FAULTY = re.compile(r"([a-z_.]+)(\[\d+\])?(?=: | is | has )")
 # Arguments whose flag has another name.
 _RENAMED = {
     "q_start": "--start",
@@ -44,6 +44,7 @@ _RENAMED = {
     "goal.wrap": "--wrap",
     "start": "--start-from",
     "message": "--ros-message",
+    "constraints": "--constraint",
     "locked_joints": "--lock",
 }
 IN_RADIANS = "angles are in radians, not degrees"
