@@ -593,6 +593,20 @@ def test_message_about_a_wrong_scenario_names_file_and_key(
         assert f": {key}: {key}: " not in str(caught.value)
 
 
+def test_locked_joints_may_be_named_where_they_are_locked(tmp_path: Path) -> None:
+    """They were unknown joints, although a problem takes them."""
+    start = "q = {joint1 = 0.5, joint2 = 1.0, joint3 = 0.2}"
+    text = SMALL.replace('state = "start"', start).replace(
+        "[2.0, -1.0, 0.5]", "[2, -1]"
+    )
+    lock = '"planar3r"\nlocked_joints = {joint3 = 0.2}'
+    path = write(tmp_path, text.replace('"planar3r"', lock))
+    assert load_scenario(path).problem.q_start.tolist() == [0.5, 1.0]
+    path = write(tmp_path, text.replace('"planar3r"', lock.replace("0.2", "0.3")))
+    with pytest.raises(ScenarioError, match="but it is locked at"):
+        load_scenario(path)
+
+
 @pytest.mark.parametrize(
     ("obstacle", "key", "words"),
     [
