@@ -208,14 +208,13 @@ def plot_controls(
                 (curve,) = panel.plot(times, torque, color=figures.color(k))
                 curve.set(linewidth=max(2.2 - 0.7 * k, 0.8))
                 curve.set_label(f"{name} (T = {motion.duration:.4g} s)")
-        keys = [*panels[0].get_lines(), figures.line_key("limit", **figures.LIMIT_LOOK)]
         for i, panel in enumerate(panels):
-            panel.axhline(limits.effort_lower[i], **figures.LIMIT_LOOK)
+            panel.axhline(limits.effort_lower[i], label="limit", **figures.LIMIT_LOOK)
             panel.axhline(limits.effort_upper[i], **figures.LIMIT_LOOK)
             panel.set(title=task.robot.joint_names[i], ylabel=f"u{i + 1} [N m]")
         panels[-1].set_xlabel("time [s]")
         panels[-1].set_xlim(0.0, max(motion.duration for motion in motions.values()))
-        figures.add_legend(figure, keys, 4)
+        figures.add_legend(figure, 4)
         figures.finish(figure, path)
 
 
@@ -246,7 +245,7 @@ def plot_convergence(
         below.set_xticks(shown, map(str, shown))
         below.minorticks_off()
         below.set_xlim(left=-0.4)
-        figures.add_legend(figure, above.get_lines(), 4)
+        figures.add_legend(figure, 4)
         figures.finish(figure, path)
 
 

@@ -94,13 +94,13 @@ def plot(solution: tm.Solution, path: Path) -> None:
     with figures.styled():
         figure = figures.new_figure(7.0, 3.0)
         axes = figure.subplots()
-        seam = axes.axvspan(begin, end, color="0.93", label="seam")
+        axes.axvspan(begin, end, color="0.93", label="seam")
         axes.plot(times, speed, color=figures.color(0))
         look = {"label": "limit"} | figures.LIMIT_LOOK
-        (limit,) = axes.plot([begin, out], [SPEED, SPEED], **look)
+        axes.plot([begin, out], [SPEED, SPEED], **look)
         axes.set(xlabel="time [s]", ylabel="speed of the nozzle [m/s]")
         axes.set(xlim=(0.0, solution.T), ylim=(0.0, None))
-        figures.add_legend(figure, [seam, limit], 2)
+        figures.add_legend(figure, 2)
         figures.finish(figure, path)
 
 

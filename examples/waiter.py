@@ -89,13 +89,13 @@ def draw(solutions: dict[str, tm.Solution], path: Path) -> None:
             angle.plot(times, tilts(solution, times), color=color, label=label)
             grip.plot(times, reserve, color=color)
         angle.set(ylabel="tilt of the tray [deg]")
-        limit = grip.axhline(0.0, label="limit", **figures.LIMIT_LOOK)
+        grip.axhline(0.0, label="limit", **figures.LIMIT_LOOK)
         # From the verge of slipping to the glass at rest.
         grip.set(
             ylabel="reserve of friction [N]", ylim=(-0.05, FRICTION * GLASS * 9.81)
         )
         grip.set(xlabel="time [s]", xlim=(0.0, None))
-        figures.add_legend(figure, [*angle.get_lines(), limit], 3)
+        figures.add_legend(figure, 3)
         figures.finish(figure, path)
 
 

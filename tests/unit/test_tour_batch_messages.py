@@ -95,14 +95,16 @@ def test_backend_without_its_package_is_named(
 def test_legend_of_many_joints_fits_the_figure() -> None:
     pytest.importorskip("matplotlib")
     from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.lines import Line2D
 
     from tominpmp.viz.figures import add_legend, new_figure, styled
 
     with styled():
         figure = new_figure(8.0, 3.0)
         names = [f"{arm}/shoulder_lift_joint" for arm in ("left", "right") * 6]
-        add_legend(figure, [Line2D([], [], label=name) for name in names], 6)
+        panel = figure.add_subplot()
+        for name in names:
+            panel.plot([], [], label=name)
+        add_legend(figure, 6)
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
         box = figure.legends[0].get_window_extent(canvas.get_renderer())

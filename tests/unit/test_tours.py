@@ -197,7 +197,7 @@ def test_then_of_a_station_restricts_the_next_station(
     loads = [len(motion.problem.robot.payloads) for motion in found.motions]
     assert loads == [0, 1, 0, 1, 0]
     # Pages show the payload of each segment.
-    carried = [segment.payload for segment in found._whole.segments]
+    carried = [segment.payload for segment in found._solution().problem.segments]
     assert carried == [None, load, None, load, None]
     motion = found.trajectory
     assert motion is not None

@@ -91,37 +91,30 @@ def finish(figure: Figure, path: str | Path | None) -> Figure:
     return figure
 
 
-def line_key(label: str, **look: Any) -> Any:
-    """Handle of a line or marker in a legend."""
-    from matplotlib.lines import Line2D
-
-    return Line2D([], [], label=label, **look)
-
-
-def area_key(label: str, **look: Any) -> Any:
-    """Handle of an area in a legend."""
-    from matplotlib.patches import Patch
-
-    return Patch(label=label, **look)
-
-
-def add_legend(figure: Figure, handles: Sequence[Any], columns: int) -> None:
+def add_legend(figure: Figure, columns: int) -> None:
     """Put one legend above all panels, in as many columns as the width allows.
+
+    It shows the first line or area of each label; without labels there is no legend.
 
     Args:
         figure: The figure.
-        handles: Lines or areas with labels.
         columns: Largest number of columns.
     """
-    labels = [str(handle.get_label()) for handle in handles]
+    keys: dict[str, Any] = {}
+    for panel in figure.axes:
+        for key, label in zip(*panel.get_legend_handles_labels(), strict=True):
+            keys.setdefault(str(label), key)
+    if not keys:
+        return
+    labels = list(keys)
     width = figure.get_figwidth()
-    count = max(min(columns, len(labels)), 1)
+    count = min(columns, len(labels))
     while count > 1 and _legend_width(labels, count) > width:
         count -= 1
     # As few columns as fill the same number of rows.
     count = -(-len(labels) // -(-len(labels) // count))
     figure.legend(
-        handles=list(handles),
+        handles=list(keys.values()),
         loc="outside upper center",
         ncols=count,
         handlelength=1.8,

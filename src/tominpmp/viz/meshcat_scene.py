@@ -8,6 +8,7 @@ pages small.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -29,7 +30,6 @@ from tominpmp.viz.skeleton import (
     View,
     camera_view,
     end_frame,
-    last_frame,
     points_in_view,
     skeleton,
 )
@@ -146,7 +146,7 @@ def draw(
         copies = _copies("/meshcat/ghosts", movable, GHOST_OPACITY, poses)
         viewer.window.send(copies)
     for number, twin in enumerate(twins):
-        poses = _poses(robot, twin, times, last_frame(robot)).placements
+        poses = _poses(robot, twin, times, frame).placements
         path = f"/meshcat/twins/{number}"
         moving |= _robot(viewer, robot, movable, poses, path, TWIN_COLOR)
     _animate(viewer, times, moving, seen)
@@ -210,23 +210,23 @@ def _animate(
         seen: Visibility of nodes that appear or disappear, by their paths, shape (m,).
     """
     meshcat = import_meshcat().animation
-    tracks: dict[str, dict[str, Any]] = {path: {} for path in (*moving, *seen)}
+    tracks: defaultdict[str, dict[str, Any]] = defaultdict(dict)
+
+    def add(path: str, name: str, kind: str, t: Array, values: Any) -> None:
+        keys = t.tolist(), values.tolist()
+        tracks[path][name] = meshcat.AnimationTrack(name, kind, *keys)
+
     for path, placements in moving.items():
         quaternions = Rotation.from_matrix(placements[:, :3, :3]).as_quat()
         # q and -q are the same rotation; interpolation needs neighbours of equal sign.
         flips = np.einsum("ij,ij->i", quaternions[1:], quaternions[:-1]) < 0.0
         quaternions[1:] *= np.where(np.cumsum(flips) % 2, -1.0, 1.0)[:, None]
-        for name, kind, values in (
-            ("position", "vector3", placements[:, :3, 3]),
-            ("quaternion", "quaternion", quaternions),
-        ):
-            keys = times.tolist(), values.tolist()
-            tracks[path][name] = meshcat.AnimationTrack(name, kind, *keys)
+        add(path, "position", "vector3", times, placements[:, :3, 3])
+        add(path, "quaternion", "quaternion", times, quaternions)
     for path, flags in seen.items():
         # One key for each change; the viewer holds the value in between.
         changes = np.flatnonzero(np.append(True, np.diff(flags.astype(int)) != 0))
-        keys = times[changes].tolist(), flags[changes].tolist()
-        tracks[path]["visible"] = meshcat.AnimationTrack("visible", "bool", *keys)
+        add(path, "visible", "bool", times[changes], flags[changes])
     # With one frame a second the times of the keys are in seconds.
     clips = {
         viewer[path].path: meshcat.AnimationClip(track, fps=1.0, name="motion")

@@ -39,20 +39,6 @@ ARM_COLOR = "#12375f"
 # Colours of the arms of a workcell; the first arm has the colour of a single arm.
 ARM_COLORS = (ARM_COLOR, "#8a5208", "#1d6b45", "#6a3d8f")
 LOAD_COLOR = "#a8742c"
-PATH_LOOK: dict[str, Any] = {"color": figures.color(1), "linewidth": 1.1}
-END_LOOK: dict[str, Any] = {
-    "color": "#404b5c",
-    "marker": "o",
-    "markersize": 4.0,
-    "linestyle": "none",
-}
-GOAL_LOOK: dict[str, Any] = {
-    "color": figures.GOAL_COLOR,
-    "marker": "x",
-    "markersize": 8.0,
-    "markeredgewidth": 2.0,
-    "linestyle": "none",
-}
 LIGHTEST = 0.16  # opacity of the first instant; the last one is solid
 
 
@@ -108,25 +94,25 @@ def plot_motion(
         for panel, (label, motion), pose, shown in zip(
             axes, trajectories.items(), poses, outlines, strict=True
         ):
-            for outline in shown:
-                panel.add_patch(outline)
             _draw_arm(panel, view, pose)
             times = surroundings.path_times(motion)
             path_ends = skeleton(problem.robot, motion(times).q, frame).end
-            panel.plot(*view.project(path_ends).T, **PATH_LOOK, zorder=2.4)
+            look: dict[str, Any] = {"color": figures.color(1), "zorder": 2.4, "lw": 1.1}
+            panel.plot(*view.project(path_ends).T, label="path of the end", **look)
             times = surroundings.inner_segment_ends(motion)
             if times.size:
                 ends = skeleton(problem.robot, motion(times).q, frame).end
-                panel.plot(*view.project(ends).T, **END_LOOK, zorder=2.6)
+                look = {"color": "#404b5c", "zorder": 2.6, "markersize": 4.0}
+                panel.plot(*view.project(ends).T, "o", label="end of a segment", **look)
             if goal is not None:
-                panel.plot(*view.project(goal), **GOAL_LOOK, zorder=3.0)
+                look = {"color": figures.GOAL_COLOR, "zorder": 3.0, "ms": 8.0}
+                panel.plot(*view.project(goal), "x", mew=2.0, label="goal", **look)
+            for outline in shown:
+                panel.add_patch(outline)
             panel.set_title(f"{label}: T = {motion.duration:.4g} s")
             panel.margins(0.0)
             panel.update_datalim([low, high])
-        edges = set(map(_edge, itertools.chain(*around)))
-        segments = bool(surroundings.inner_segment_ends(motions[0]).size)
-        handles = _handles(edges, segments, goal is not None)
-        figures.add_legend(figure, handles, 5)
+        figures.add_legend(figure, 5)
         # Windows are widened to the aspect ratios that the layout gives their panels;
         # around panels that shrink the layout leaves too little room for labels.
         figure.draw_without_rendering()
@@ -135,21 +121,17 @@ def plot_motion(
         return figures.finish(figure, path)
 
 
-def _edge(item: surroundings.SceneItem) -> str:
-    return LOAD_COLOR if item.load else surroundings.obstacle_color(item.shape)
-
-
-def _outline_look(edge: str) -> dict[str, Any]:
-    return {"facecolor": f"{edge}40", "edgecolor": edge}
-
-
 def _outlines(items: Sequence[surroundings.SceneItem], view: View) -> list[Patch]:
     """Outlines of obstacles and loads; of moving ones where they are present."""
     from matplotlib.patches import Circle, Polygon
 
     outlines: list[Patch] = []
     for item in items:
-        surface, look = obstacle_surface(item.shape), _outline_look(_edge(item))
+        kind, edge = "load", LOAD_COLOR
+        if item.load is None:
+            kind, edge = "obstacle", surroundings.obstacle_color(item.shape)
+        look: dict[str, Any] = {"facecolor": f"{edge}40", "edgecolor": edge}
+        surface = obstacle_surface(item.shape)
         shades: list[float | None] = [None]
         if item.moves:
             shades = np.linspace(LIGHTEST, 1.0, item.present.size).tolist()
@@ -157,7 +139,8 @@ def _outlines(items: Sequence[surroundings.SceneItem], view: View) -> list[Patch
         for k, shade in enumerate(shades):
             place = item.placements[k]
             points = view.project(transform_points(surface.vertices, place))
-            look |= {"alpha": shade, "zorder": 1.5}
+            label = kind if shade in (None, 1.0) else None
+            look |= {"alpha": shade, "zorder": 1.5, "label": label}
             outline: Patch = Polygon(_hull(points), **look)
             if isinstance(item.shape, Sphere):
                 x, y = view.project(place[:3, 3]).tolist()
@@ -231,6 +214,8 @@ def _panels(count: int, extent: Array, view: View) -> tuple[Figure, list[Axes]]:
 
 def _draw_arm(panel: Axes, view: View, pose: Skeleton) -> None:
     shades = np.linspace(LIGHTEST, 1.0, len(pose.end))
+    # In the legend the line of the first instant would be too light.
+    labels = {len(shades) // 4: "start", len(shades) - 1: "end"}
     for chain, arm in zip(pose.chains, pose.arms, strict=True):
         for i, joints in enumerate(view.project(chain)):
             last = i == len(pose.end) - 1
@@ -243,23 +228,5 @@ def _draw_arm(panel: Axes, view: View, pose: Skeleton) -> None:
                 markersize=3.4 if last else 2.2,
                 markeredgewidth=0.0,
                 zorder=2.0 + 0.01 * i,
+                label=labels.get(i),
             )
-
-
-def _handles(edges: set[str], segments: bool, goal: bool) -> list[Any]:
-    handles = [
-        figures.line_key("start", color=ARM_COLOR, alpha=0.35, linewidth=1.2),
-        figures.line_key("end", color=ARM_COLOR, linewidth=2.0),
-        figures.line_key("path of the end", **PATH_LOOK),
-    ]
-    if goal:
-        handles.append(figures.line_key("goal", **GOAL_LOOK))
-    if segments:
-        handles.append(figures.line_key("end of a segment", **END_LOOK))
-    obstacles = (surroundings.HAZARD_COLOR, surroundings.FURNITURE_COLOR)
-    drawn = [edge for edge in obstacles if edge in edges]
-    if drawn:
-        handles.append(figures.area_key("obstacle", **_outline_look(drawn[0])))
-    if LOAD_COLOR in edges:
-        handles.append(figures.area_key("load", facecolor="none", edgecolor=LOAD_COLOR))
-    return handles

@@ -249,7 +249,6 @@ def show_page(page: bytes, patience: float = PATIENCE) -> bool:
 
     # A thread for each connection: browsers open connections that they never use.
     with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
-        server.daemon_threads = True
         thread = threading.Thread(target=server.serve_forever, daemon=True)
         thread.start()
         try:

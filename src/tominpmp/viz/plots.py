@@ -20,8 +20,7 @@ from tominpmp.problem.joint_limits import JointBounds, controls_in, joint_limits
 from tominpmp.problem.problem import Problem
 from tominpmp.sensitivities.records import LEAST, Sensitivities
 from tominpmp.viz import figures, surroundings
-from tominpmp.viz.figures import area_key, line_key
-from tominpmp.viz.shares import Shares, shares_of_limits
+from tominpmp.viz.shares import Shares, shares_of_limits, times_with_jumps
 from tominpmp.viz.skeleton import check_motions
 
 if TYPE_CHECKING:
@@ -37,9 +36,8 @@ MOMENT = 1e-3
 FAR_LIMIT = 2.5
 # Lines at the ends of segments: darker than the grid, lighter than the axes.
 SEGMENT_COLOR = "0.55"
-SWITCHING_COLOR = "#2b3440"
 HAMILTONIAN_COLOR = "#5b4b8a"
-SWITCHING_LOOK: dict[str, Any] = {"color": SWITCHING_COLOR, "linewidth": 0.9}
+SWITCHING_LOOK: dict[str, Any] = {"color": "#2b3440", "linewidth": 0.9}
 # Range of the torque axis in the plot of a certificate, in shares of the limits.
 BEYOND = 1.12
 # Number of collision pairs shown, which are those with the largest multipliers.
@@ -102,9 +100,7 @@ def plot_trajectory(
         for panel in axes.reshape(-1):
             for end in surroundings.inner_segment_ends(trajectory):
                 panel.axvline(end, color=SEGMENT_COLOR, linewidth=0.6, zorder=0.8)
-        beyond = area_key("beyond it", facecolor=figures.BEYOND_COLOR)
-        keys = [line_key("limit", **figures.LIMIT_LOOK), beyond]
-        figures.add_legend(figure, keys, 2)
+        figures.add_legend(figure, 2)
         return figures.finish(figure, path)
 
 
@@ -146,7 +142,7 @@ def plot_on_axes(
         shares = shares_of_limits(problem, trajectory, times)
         titled = [(f"{shares.control} over its limit", shares.torque)]
         for at in (-1.0, 1.0):
-            _show_limit(panels[0], at)
+            panels[0].axhline(at, **figures.LIMIT_LOOK)
     for panel, (title, values) in zip(panels, titled, strict=True):
         for i, name in enumerate(problem.robot.joint_names):
             panel.plot(times, values[:, i], color=figures.color(i), label=name)
@@ -199,7 +195,8 @@ def plot_certificate(
         _plot_limits(axes[n], limits)
         last, values = axes[-1], certificate.hamiltonian
         last.axhline(0.0, color=GREY, linewidth=0.8)
-        last.stairs(values, certificate.t, baseline=None, color=HAMILTONIAN_COLOR)
+        look = {"color": HAMILTONIAN_COLOR, "label": "Hamiltonian H"}
+        last.stairs(values, certificate.t, baseline=None, **look)
         largest = max(1.2 * np.max(np.abs(values), initial=0.0), 0.05)
         last.set_ylim(-largest, largest)
         last.set_ylabel("H", rotation=0, labelpad=10.0)
@@ -209,13 +206,7 @@ def plot_certificate(
             f"{100 * certificate.stationarity:.2g} % of T, signs obeyed "
             f"{100 * certificate.sign_share:.1f} % of the time"
         )
-        handles = [
-            line_key(f"{shares.control} / limit (left)", color=figures.color(0)),
-            line_key("switching function (right, reversed)", **SWITCHING_LOOK),
-            area_key("sign not obeyed", facecolor=LIMIT_COLOR, alpha=0.18),
-            line_key("Hamiltonian H", color=HAMILTONIAN_COLOR),
-        ]
-        figures.add_legend(figure, handles, 4)
+        figures.add_legend(figure, 4)
         return figures.finish(figure, path)
 
 
@@ -259,21 +250,12 @@ def plot_sensitivities(
 def curve_states(trajectory: Trajectory) -> tuple[Array, State]:
     """Sample a motion for drawing, with both sides of every jump at a node.
 
-    The last time of an interval is the largest number below the node, so that its
-    values are those before the jump. A motion of zero duration is held for a moment.
+    A motion of zero duration is held for a moment.
     """
-    intervals = trajectory.t.size - 1
-    if not intervals:
-        times = np.array([0.0, MOMENT])
-        return times, trajectory(times, hold=True)
-    share = np.linspace(0.0, 1.0, max(2, CURVE_POINTS // intervals + 1))
-    start, end = trajectory.t[:-1, None], trajectory.t[1:, None]
-    times = start + share * (end - start)
-    # The last instant that still belongs to the interval.
-    times[:, -1] = np.nextafter(trajectory.t[1:], -np.inf)
-    times[-1, -1] = trajectory.duration
-    flat = times.reshape(-1)
-    return flat, trajectory(flat)
+    times = np.array([0.0, MOMENT])
+    if trajectory.duration > 0.0:
+        times = times_with_jumps(trajectory, CURVE_POINTS)
+    return times, trajectory(times, hold=True)
 
 
 def _time_axes(panels: Any, duration: float) -> None:
@@ -306,13 +288,12 @@ def _name_look(joint: int) -> dict[str, Any]:
     return {"fontsize": 8.0, "fontweight": "bold", "color": figures.color(joint)}
 
 
-def _show_limit(panel: Axes, limit: float, edge: float | None = None) -> None:
+def _show_limit(panel: Axes, limit: float, edge: float, *labels: str) -> None:
     """Draw a limit, and shade the area between it and an edge of the panel."""
-    if edge is not None:
-        panel.axhspan(
-            limit, edge, color=figures.BEYOND_COLOR, linewidth=0.0, zorder=0.5
-        )
-    panel.axhline(limit, **figures.LIMIT_LOOK)
+    line = panel.axhline(limit, **figures.LIMIT_LOOK)
+    area = panel.axhspan(limit, edge, color=figures.BEYOND_COLOR, lw=0.0, zorder=0.5)
+    for artist, label in zip((line, area), labels, strict=False):
+        artist.set_label(label)
 
 
 def _show_limits(panel: Axes, values: Array, lower: float, upper: float) -> None:
@@ -327,7 +308,7 @@ def _show_limits(panel: Axes, values: Array, lower: float, upper: float) -> None
     panel.set_ylim(bottom - margin, top + margin)
     for limit, edge in zip((lower, upper), panel.get_ylim(), strict=True):
         if limit in drawn:
-            _show_limit(panel, limit, edge)
+            _show_limit(panel, limit, edge, "limit", "beyond it")
     named = (("lower", lower), ("upper", upper))
     far = [f"{k} limit {v:.3g}" for k, v in named if np.isfinite(v) and v not in drawn]
     if len(far) == 2:
@@ -342,7 +323,9 @@ def _plot_joint(
     panel: Axes, shares: Shares, certificate: Certificate, joint: int
 ) -> None:
     """Draw torque and switching function of a joint."""
-    panel.plot(shares.t, shares.torque[:, joint], color=figures.color(joint))
+    label = f"{shares.control} / limit (left)"
+    torque, color = shares.torque[:, joint], figures.color(joint)
+    panel.plot(shares.t, torque, color=color, label=label)
     for sign in (-1.0, 1.0):
         _show_limit(panel, sign, 2.0 * sign)
     panel.set_ylim(-BEYOND, BEYOND)
@@ -351,12 +334,14 @@ def _plot_joint(
     panel.set_ylabel(_in_lines(shares.joint_names[joint]), **_name_look(joint))
     wrong_sides = np.flatnonzero(~certificate.obeys[:, joint])
     spans = [(t[k], t[k + 1] - t[k]) for k in wrong_sides]
-    panel.broken_barh(spans, (-2.0, 4.0), color=LIMIT_COLOR, alpha=0.18, linewidth=0.0)
+    bars = panel.broken_barh(spans, (-2.0, 4.0), color=LIMIT_COLOR, alpha=0.18)
+    bars.set(linewidth=0.0, label="sign not obeyed")
     other = panel.twinx()
     other.spines["right"].set_visible(True)
     other.grid(False)
     switching = certificate.switching[:, joint]
-    other.stairs(switching, t, baseline=None, **SWITCHING_LOOK)
+    look = SWITCHING_LOOK | {"label": "switching function (right, reversed)"}
+    other.stairs(switching, t, baseline=None, **look)
     largest = float(np.max(np.abs(switching), initial=1e-3))
     # Reversed, as the torque is at its upper limit where the function is negative.
     other.set_ylim(BEYOND * largest, -BEYOND * largest)

@@ -37,6 +37,15 @@ class Shares:
     control: str = field(default="torque", kw_only=True)
 
 
+def times_with_jumps(trajectory: Trajectory, count: int) -> Array:
+    """Evenly spaced instants of a motion, and both sides of every jump at a node [s].
+
+    The largest number below a node has the values before the jump.
+    """
+    even, nodes = np.linspace(0.0, trajectory.duration, count), trajectory.t[1:-1]
+    return np.unique(np.concatenate([even, nodes, np.nextafter(nodes, -np.inf)]))
+
+
 def shares_of_limits(
     problem: Problem, trajectory: Trajectory, times: Array | None = None
 ) -> Shares:
@@ -53,9 +62,7 @@ def shares_of_limits(
             None for evenly spaced instants, and both sides of every jump at a node.
     """
     if times is None:
-        times = np.linspace(0.0, trajectory.duration, INSTANTS)
-        nodes = trajectory.t[1:-1]
-        times = np.unique(np.concatenate([times, nodes, np.nextafter(nodes, -np.inf)]))
+        times = times_with_jumps(trajectory, INSTANTS)
     state = trajectory(times, hold=True)
     limits = problem.robot.limits
     finite = np.isfinite(limits.velocity) & (limits.velocity > 0.0)

@@ -7,7 +7,7 @@ obstacles hide least.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -99,18 +99,17 @@ class Skeleton:
         return np.concatenate(self.chains, axis=1)
 
 
-def check_motions(problem: Problem, trajectories: Iterable[Trajectory]) -> None:
+def check_motions(problem: Problem, trajectories: Collection[Trajectory]) -> None:
     """Check that there are trajectories, and all are of the problem's robot.
 
     Raises:
         ProblemError: If there is no trajectory, or the joints of a trajectory differ.
     """
     instance(problem, Problem, "problem")
-    trajectory = None
     for trajectory in trajectories:
         instance(trajectory, Trajectory, "trajectory")
         trajectory._check_joints(problem.robot.joint_names)
-    if trajectory is None:
+    if not trajectories:
         raise ProblemError("there is no trajectory to plot", "trajectories")
 
 
@@ -133,10 +132,10 @@ def last_frame(robot: Robot) -> str:
 
 def _tip(robot: Robot, joint: int) -> int:
     """Index of the last body that a joint carries, or of its first frame."""
-    frames = enumerate(robot.model.frames)
-    own = [(i, frame) for i, frame in frames if frame.parentJoint == joint]
-    bodies = [i for i, frame in own if frame.type == pin.FrameType.BODY]
-    return bodies[-1] if bodies else own[0][0]
+    frames = robot.model.frames
+    own = [i for i, frame in enumerate(frames) if frame.parentJoint == joint]
+    bodies = [i for i in own if frames[i].type == pin.FrameType.BODY]
+    return (bodies or own[:1])[-1]
 
 
 def skeleton(robot: Robot, q: Array, frame: str) -> Skeleton:
@@ -219,7 +218,6 @@ def _facing(normal: Array) -> View:
     up = z - normal * (normal @ z)
     up /= np.linalg.norm(up)
     right = np.cross(up, normal)
-    right /= np.linalg.norm(right)
     if right @ x < -FLAT or (abs(right @ x) <= FLAT and right @ y < 0.0):
         right = -right
     label = "z" if up @ z > 1.0 - FLAT else "up in the plane"

@@ -43,7 +43,6 @@ CREASE = np.radians(35.0)
 # Collision geometry is not coloured; the bodies of a robot without visuals are steel.
 STEEL = (0.52, 0.58, 0.66, 1.0)
 
-UPWARDS = np.array([0.0, 0.0, 1.0])
 # Largest difference between a mesh file and Pinocchio's mesh, as a share of its size.
 MESH_AGREEMENT = 1e-3
 
@@ -54,28 +53,21 @@ MESH_AGREEMENT = 1e-3
 Buffers: TypeAlias = dict[str, NDArray[Any]]
 
 
-def _lathe(profile: ArrayLike) -> Trimesh:
-    """Surface of revolution of a profile about the z axis.
-
-    Args:
-        profile: Points with radius and height from the bottom up, shape (k, 2) [m]; the
-            first and the last lie on the axis.
-    """
-    points = np.asarray(profile, dtype=np.float64)
+def _turned(
+    make: Callable[..., Trimesh], radius: float, length: float, **facets: Any
+) -> Trimesh:
+    """A solid of revolution of trimesh about the z axis."""
     # trimesh drops triangles of less than 1e-8, whatever the size of the body.
-    unit = 1e-4 * float(np.abs(points).max())
-    mesh = trimesh.creation.revolve(points / unit, sections=AROUND)
+    unit = 1e-4 * max(radius, length)
+    mesh = make(radius=radius / unit, height=length / unit, **facets)
     mesh.apply_scale(unit)
     return mesh
 
 
 def capsule(radius: float, length: float) -> Trimesh:
     """Capsule along z about the origin; the length excludes the caps [m]."""
-    angle = np.linspace(-np.pi / 2, np.pi / 2, AROUND // 2 + 2)
-    cap = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    half = np.array([0.0, length / 2])
-    middle = [[radius, -length / 2], [radius, length / 2]] if length > 0.0 else []
-    return _lathe([*(cap[angle < 0.0] - half), *middle, *(cap[angle >= 0.0] + half)])
+    count = (AROUND // 2, AROUND)
+    return _turned(trimesh.creation.capsule, radius, length, count=count)
 
 
 def sphere(radius: float) -> Trimesh:
@@ -85,14 +77,14 @@ def sphere(radius: float) -> Trimesh:
 
 def cylinder(radius: float, length: float) -> Trimesh:
     """Cylinder along z about the origin."""
-    half = length / 2
-    return _lathe([[0.0, -half], [radius, -half], [radius, half], [0.0, half]])
+    return _turned(trimesh.creation.cylinder, radius, length, sections=AROUND)
 
 
 def cone(radius: float, length: float) -> Trimesh:
     """Cone along z with its apex up; the origin is halfway between base and apex."""
-    half = length / 2
-    return _lathe([[0.0, -half], [radius, -half], [0.0, half]])
+    mesh = _turned(trimesh.creation.cone, radius, length, sections=AROUND)
+    mesh.apply_translation([0.0, 0.0, -length / 2])
+    return mesh
 
 
 def tube(points: Array, radius: float, around: int = 8) -> Trimesh:
@@ -103,13 +95,13 @@ def tube(points: Array, radius: float, around: int = 8) -> Trimesh:
         radius: Radius [m].
         around: Number of facets around it.
     """
-    along = np.gradient(points, axis=0)
-    lengths = np.linalg.norm(along, axis=1, keepdims=True)
-    # Where the line turns back on itself the central difference vanishes.
-    chord = np.diff(points, axis=0, append=2 * points[-1:] - points[-2:-1])
-    along = np.where(lengths > 1e-12, along, chord)
+    chords = np.diff(points, axis=0)
+    chords /= np.linalg.norm(chords, axis=1, keepdims=True)
+    before, after = np.vstack([chords[:1], chords]), np.vstack([chords, chords[-1:]])
+    # Where the line turns back on itself the mean of both directions would vanish.
+    along = 0.999 * before + after
     along /= np.linalg.norm(along, axis=1, keepdims=True)
-    side = np.cross(along[0], np.eye(3)[np.argmin(np.abs(along[0]))])
+    side = np.zeros(3)
     frames = np.empty((len(points), 2, 3))
     for i, direction in enumerate(along):
         # The side vector is transported along the line without twist.
@@ -121,12 +113,11 @@ def tube(points: Array, radius: float, around: int = 8) -> Trimesh:
     angle = np.linspace(0.0, 2.0 * np.pi, around, endpoint=False)
     circle = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     rings = points[:, None] + circle @ frames
-    this = np.arange(around)
-    after = np.roll(this, -1)
-    # Two triangles for each facet between the first ring and the second one.
-    corners = [[this, after, around + after], [this, around + after, around + this]]
-    first = around * np.arange(len(points) - 1)[:, None, None, None]
-    faces = first + np.array(corners).swapaxes(1, 2)
+    index = np.arange(rings[..., 0].size).reshape(-1, around)
+    after = np.roll(index, -1, axis=1)
+    # Two triangles for each facet between a ring and the next one.
+    a, b, c, d = index[:-1], after[:-1], after[1:], index[1:]
+    faces = np.stack([a, b, c, a, c, d], axis=-1)
     return Trimesh(rings.reshape(-1, 3), faces.reshape(-1, 3), process=False)
 
 
@@ -205,9 +196,10 @@ def shaded(surface: Trimesh) -> Buffers:
     Args:
         surface: The surface; its corners may be shared between triangles or not.
     """
+    unique: Any = trimesh.grouping.unique_rows
     # Adding zero turns -0.0 into 0.0, as rows are compared by their bytes.
     exact = np.array(surface.vertices, dtype=np.float32) + np.float32(0.0)
-    first, back = _distinct_rows(exact.view(np.uint8))
+    first, back = unique(exact.view(np.int32))
     points, faces = exact[first], back[surface.faces]
     corners = points[faces].astype(np.float64)
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -215,44 +207,26 @@ def shaded(surface: Trimesh) -> Buffers:
     solid = double_area > 1e-9 * double_area.max(initial=0.0)
     faces, cross, double_area = faces[solid], cross[solid], double_area[solid]
     unit = cross / double_area[:, None]
-    normals = _corner_normals(faces, unit, cross, np.cos(CREASE))
-    parts = [
-        points[faces.reshape(-1)].view(np.uint8).reshape(-1, 12),
-        np.rint(127.0 * normals).astype(np.int8).view(np.uint8),
-    ]
+    normals = _corner_normals(faces, unit, cross)
+    corner, normal = faces.reshape(-1), np.rint(127.0 * normals).astype(np.int8)
+    corner_values = {"position": points[corner], "normal": normal}
     colors = triangle_colors(surface)
     if colors is not None:
-        parts.append(np.repeat(colors[solid], 3, axis=0))
+        corner_values["color"] = np.repeat(colors[solid], 3, axis=0)
     # Corners with equal position, normal and colour become one vertex.
-    rows = np.concatenate(parts, axis=1)
-    first, back = _distinct_rows(rows)
-    distinct = rows[first]
-    buffers: Buffers = {
-        "position": np.ascontiguousarray(distinct[:, :12]).view(np.float32),
-        "normal": np.ascontiguousarray(distinct[:, 12:15]).view(np.int8),
-        "index": back.reshape(-1, 3).astype(np.uint32),
-    }
-    return buffers if colors is None else buffers | {"color": distinct[:, 15:18]}
+    keys = [corner[:, None], *list(corner_values.values())[1:]]
+    first, back = unique(np.concatenate(keys, axis=1, dtype=np.int64))
+    buffers = {name: values[first] for name, values in corner_values.items()}
+    return buffers | {"index": back.reshape(-1, 3).astype(np.uint32)}
 
 
-def _distinct_rows(rows: NDArray[np.uint8]) -> tuple[IntArray, IntArray]:
-    """Index of the first occurrence of each distinct row, and the inverse mapping."""
-    words = np.pad(rows, ((0, 0), (0, -rows.shape[1] % 4))).view(np.uint32)
-    unique: Any = trimesh.grouping.unique_rows
-    first, back = unique(words)
-    return first.astype(np.int64), back.astype(np.int64)
-
-
-def _corner_normals(
-    faces: IntArray, unit: Array, weighted: Array, cosine: float
-) -> Array:
+def _corner_normals(faces: IntArray, unit: Array, weighted: Array) -> Array:
     """Normals of corners: averages over adjacent triangles without a sharp edge.
 
     Args:
         faces: Corners of the triangles, shape (k, 3).
         unit: Unit normals of the triangles, shape (k, 3).
         weighted: Normals weighted by area, shape (k, 3).
-        cosine: Cosine of the least angle at a sharp edge.
 
     Returns:
         Unit normals, shape (3 k, 3).
@@ -263,7 +237,7 @@ def _corner_normals(
     # All pairs of a corner and a triangle that share a point.
     pairs = (at @ at.T).tocoo()
     corner, other = pairs.row, owner[pairs.col]
-    level = np.einsum("ij,ij->i", unit[owner[corner]], unit[other]) >= cosine
+    level = np.einsum("ij,ij->i", unit[owner[corner]], unit[other]) >= np.cos(CREASE)
     sums = sparse.csr_array(
         (level.astype(np.float64), (corner, other)), (count, len(faces))
     )
@@ -406,21 +380,18 @@ def _colors(mesh: Any) -> ArrayLike | None:
 def _sticks(robot: Robot) -> list[Body]:
     """Capsules from every joint to the joints and frames that follow it."""
     model = robot.model
-    ends: list[tuple[str, int, Array]] = []
-    for joint in range(1, model.njoints):
-        place = model.jointPlacements[joint].translation
-        ends.append((str(model.names[joint]), int(model.parents[joint]), place))
+    joints = range(1, model.njoints)
+    ends = [(int(model.parents[j]), model.jointPlacements[j]) for j in joints]
     for frame in model.frames[1:]:
         if frame.type == pin.FrameType.BODY:
-            place = frame.placement.translation
-            ends.append((frame.name, int(frame.parentJoint), place))
-    longest = max((float(np.linalg.norm(end)) for _, _, end in ends), default=0.0)
-    radius = 0.02 * longest or 0.02
-    bodies = []
-    for name, joint, end in ends:
-        length = float(np.linalg.norm(end))
+            ends.append((int(frame.parentJoint), frame.placement))
+    lengths = [float(np.linalg.norm(place.translation)) for _, place in ends]
+    longest, bodies = max(lengths, default=0.0), list[Body]()
+    for (joint, place), length in zip(ends, lengths, strict=True):
         if length > 1e-6 * longest or joint:
-            turn = pin.Quaternion.FromTwoVectors(UPWARDS, end).toRotationMatrix()
-            surface = capsule(radius, length).apply_transform(transform(end / 2, turn))
-            bodies.append(Body(f"{name}_stick", joint, np.eye(4), surface, STEEL))
+            end, name = place.translation, f"stick {len(bodies)}"
+            turn = pin.Quaternion.FromTwoVectors(np.eye(3)[2], end).toRotationMatrix()
+            surface = capsule(0.02 * longest or 0.02, length)
+            surface.apply_transform(transform(end / 2, turn))
+            bodies.append(Body(name, joint, np.eye(4), surface, STEEL))
     return bodies

@@ -26,7 +26,6 @@ from tominpmp.sensitivities.records import Sensitivities, Sensitivity
 from tominpmp.solution import Solution
 from tominpmp.status import Status
 from tominpmp.viz import figures
-from tominpmp.viz.playback import play
 from tominpmp.viz.shares import shares_of_limits
 
 if TYPE_CHECKING:
@@ -175,12 +174,6 @@ class Tour:
             raise PlanningFailed(self)
         return self
 
-    @property
-    def _whole(self) -> Problem:
-        """The problem of the whole cycle, with the loads of its motions."""
-        parts = [item.problem for item in self.motions]
-        return in_sequence(self.problem, parts, self.stays[1:])
-
     def _motion(self) -> Trajectory:
         motion = self.trajectory
         if motion is None:
@@ -201,9 +194,9 @@ class Tour:
             ProblemError: If there is no tour.
             MissingDependency: If Meshcat is not installed.
         """
-        motion, name = self._motion(), self.problem.robot.name
+        whole, name = self._solution(), self.problem.robot.name
         title = f"{name}: {len(self.order)} stations, cycle {self.cycle_time:.4g} s"
-        return play(self._whole, motion, path=path, **{"title": title} | options)
+        return whole.play(path, **{"title": title} | options)
 
     def plot(self, path: str | Path | None = None) -> Figure:
         """Draw a Gantt chart: motions and dwells over time, with the joints' speeds.
@@ -223,12 +216,11 @@ class Tour:
         with figures.styled():
             figure = figures.new_figure(8.0, height + 2.4)
             panels = figure.subplots(2, 1, sharex=True, height_ratios=(height, 2.0))
-            kinds = _draw_bars(panels[0], motion.duration, visits)
+            _draw_bars(panels[0], motion.duration, visits)
             _draw_speeds(panels[1], problem, motion)
             panels[1].set_xlabel("time [s]")
             panels[1].set_xlim(0.0, motion.duration)
-            lines = panels[1].get_lines()[: problem.robot.n]
-            figures.add_legend(figure, [*kinds, *lines], 6)
+            figures.add_legend(figure, 6)
             return figures.finish(figure, path)
 
     gantt = plot
@@ -271,10 +263,10 @@ class Tour:
         Raises:
             ProblemError: If there is no tour.
         """
-        motion = self._motion()
+        motion, parts = self._motion(), [item.problem for item in self.motions]
         return replace(
             self.motions[0],
-            problem=self._whole,
+            problem=in_sequence(self.problem, parts, self.stays[1:]),
             trajectory=motion,
             planning_time=self.planning_time,
             verification=None,
@@ -316,21 +308,14 @@ def _place(
     return replace(matching[0], subject=station.name) if matching else None
 
 
-def _draw_bars(axes: Axes, duration: float, bars: Sequence[Visit]) -> list[Any]:
-    """Draw a row for each station: the motion to it, then the dwell.
-
-    Returns:
-        Handles of motions and dwells for a legend.
-    """
+def _draw_bars(axes: Axes, duration: float, bars: Sequence[Visit]) -> None:
+    """Draw a row for each station: the motion to it, then the dwell."""
     least, before = LEAST_BAR * duration, 0.0
     for row, bar in enumerate(bars):
         motion, stay = bar.arrival - before, max(bar.departure - bar.arrival, least)
-        kinds = [
-            axes.barh(row, motion, left=before, color=MOTION_COLOR, label="motion"),
-            axes.barh(
-                row, stay, left=bar.arrival, color=figures.GOAL_COLOR, label="dwell"
-            ),
-        ]
+        axes.barh(row, motion, left=before, color=MOTION_COLOR, label="motion")
+        color = figures.GOAL_COLOR
+        axes.barh(row, stay, left=bar.arrival, color=color, label="dwell")
         before = bar.departure
     home = duration - before
     names = [bar.station for bar in bars]
@@ -342,7 +327,6 @@ def _draw_bars(axes: Axes, duration: float, bars: Sequence[Visit]) -> list[Any]:
     axes.set_yticks(shown, [shortened(names[row], LONGEST_NAME) for row in shown])
     axes.set_ylim(len(names) - 0.4, -0.6)
     axes.grid(False, axis="y")
-    return kinds
 
 
 def _draw_speeds(axes: Axes, problem: Problem, trajectory: Trajectory) -> None:
