@@ -52,7 +52,7 @@ def test_improved_base_placement_shortens_the_tasks() -> None:
     assert len(found.solutions) == 2
     again = [tm.plan(s.problem, **QUICK).T for s in found.solutions]
     assert sum(again) == pytest.approx(found.T, rel=5e-3)
-    assert "was" in repr(found)
+    assert "T_before" in repr(found)
     assert pickle.loads(pickle.dumps(found)) == found
 
 
@@ -86,10 +86,10 @@ def test_base_is_not_placed_where_a_task_has_no_motion() -> None:
     [
         ({"robot": 3}, "robot is 3"),
         ({"tasks": []}, "tasks is"),
-        ({"tasks": [3]}, "tasks: number 1 of 1 is 3"),
-        ({"bounds": {}}, "bounds is empty"),
+        ({"tasks": [3]}, r"tasks\[0\] is 3"),
+        ({"bounds": {}}, "bounds is {}"),
         ({"bounds": 3}, "bounds is 3"),
-        ({"bounds": {"w": (0, 1)}}, "bounds: 'w'"),
+        ({"bounds": {"w": (0, 1)}}, r"bounds\['w'\] is \(0, 1\), expected"),
         ({"bounds": {"x": (0.5, 1)}}, "a range about zero"),
         ({"bounds": {"yaw": (-1, 1)}, "moves": "goals"}, "only the base"),
         ({"moves": "table"}, "moves is 'table'"),

@@ -157,11 +157,11 @@ def test_cycles_and_unknown_names_in_precedence_are_named() -> None:
     ]
     with pytest.raises(ProblemError, match=r"cycle: .*'?a before b before c before a"):
         Rules.of(circle, [("b", "c")])
-    with pytest.raises(ProblemError, match="precedence names 'x'"):
+    with pytest.raises(ProblemError, match="precedence: there is no station 'x'"):
         Rules.of(circle, [("a", "x")])
     with pytest.raises(ProblemError, match="precedence"):
         Rules.of(circle, "ab")  # type: ignore[arg-type]
-    with pytest.raises(ProblemError, match="after names 'x'"):
+    with pytest.raises(ProblemError, match="after: there is no other station 'x'"):
         checked_stations([Station("a", ANY, after=["x"])])
     with pytest.raises(ProblemError, match="both called 'a'"):
         checked_stations([Station("a", ANY), Station("a", ANY)])

@@ -319,7 +319,7 @@ def test_message_about_a_wrong_tour_names_the_station_or_field(
         with pytest.raises(ProblemError, match="moves"):
             tm.plan_tour(
                 tm.load_robot("planar3r"),
-                np.zeros(3),
+                [0.5, 1.2, -0.7],
                 [tm.JointGoal(np.ones(3))],
                 scene=scene,
             )

@@ -21,7 +21,7 @@ from tominpmp.arrays import Array, Record, array_or_nan, frozen_array
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance, whole, wrong
 from tominpmp.combined_robots import base_placement
-from tominpmp.exceptions import ProblemError, TominpmpError, brief, naming
+from tominpmp.exceptions import ProblemError, TominpmpError, naming
 from tominpmp.options import Options
 from tominpmp.planner.planning import plan
 from tominpmp.problem.problem import Problem
@@ -177,23 +177,12 @@ class ImprovedPlacement(Record):
 
     names: tuple[str, ...]
     values: Array
-    placement: pin.SE3
+    placement: pin.SE3 = field(repr=False)
     T: float
     T_before: float
     plans: int
     trials: tuple[Trial, ...] = field(repr=False)
     solutions: tuple[Solution, ...] = field(repr=False, compare=False)
-
-    def __repr__(self) -> str:
-        """The placement and the times before and after, on one line."""
-        where = ", ".join(
-            f"{name} {value:+.4g}"
-            for name, value in zip(self.names, self.values.tolist(), strict=True)
-        )
-        return (
-            f"<ImprovedPlacement {where}: T = {self.T:.4f} s, was "
-            f"{self.T_before:.4f} s, {self.plans} plans>"
-        )
 
 
 @on_one_thread
@@ -266,25 +255,17 @@ def _checked(tasks: Any, bounds: Any) -> tuple[list[Problem], Array, Array]:
         raise wrong(tasks, "tasks", expected)
     for number, task in enumerate(tasks):
         if not isinstance(task, Problem) or task.segments:
-            raise ProblemError(
-                f"tasks: number {number + 1} of {len(tasks)} is {brief(task)}, "
-                f"expected {expected}",
-                f"tasks[{number}]",
-            )
-    instance(bounds, Mapping, "bounds", "ranges by the names of coordinates")
+            raise wrong(task, f"tasks[{number}]", expected)
+    if not isinstance(bounds, Mapping) or not bounds:
+        raise wrong(bounds, "bounds", "ranges by the names of coordinates")
     rows = []
     for name, pair in bounds.items():
         row = array_or_nan(pair)
         fine = row.shape == (2,) and row[0] <= 0.0 <= row[1] and row[0] < row[1]
         if name not in COORDINATES or not fine or not np.all(np.isfinite(row)):
-            raise ProblemError(
-                f"bounds: {brief(name)} is {brief(pair)}, expected one of "
-                f"{', '.join(COORDINATES)} with a range about zero [m or rad]",
-                "bounds",
-            )
+            expected = f"a range about zero of one of {', '.join(COORDINATES)}"
+            raise wrong(pair, f"bounds[{name!r}]", f"{expected} [m or rad]")
         rows.append(row)
-    if not rows:
-        raise ProblemError("bounds is empty, expected a coordinate or more", "bounds")
     table = np.array(rows)
     return list(tasks), table[:, 0], table[:, 1]
 
@@ -301,11 +282,8 @@ def _moved(
     if isinstance(moves, str) and moves == BASE:
         return BASE
     if not set(names) <= set(TRANSLATIONS):
-        raise ProblemError(
-            f"bounds has {', '.join(names)}, expected some of "
-            f"{', '.join(TRANSLATIONS)}: only the base can be rotated",
-            "bounds",
-        )
+        expected = f"some of {', '.join(TRANSLATIONS)}: only the base can be rotated"
+        raise wrong(names, "bounds", expected)
     if isinstance(moves, str) and moves == GOALS:
         for number, task in enumerate(tasks):
             with _of_task(number, len(tasks)):

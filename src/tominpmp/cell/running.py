@@ -24,7 +24,7 @@ from tominpmp.cli.output_files import (
     check_target,
     write_files,
 )
-from tominpmp.cli.report import json_text, rows_text
+from tominpmp.cli.report import json_text, plain, rows_text
 from tominpmp.cli.signals import present
 from tominpmp.cli.terminal import (
     INTERRUPTED,
@@ -46,11 +46,6 @@ from tominpmp.status import Status
 ENDING = ".toml"
 # Largest number of failed problems that a report names.
 MOST_NAMED = 20
-# Fields of an outcome in a report in JSON.
-OF_PROBLEMS = (
-    *("index", "name", "success", "status", "message", "gap", "verified", "T"),
-    *("path", "seconds", "resumed"),
-)
 # Fields of a tour in a report in JSON, in addition to its motions and files.
 OF_TOURS = (
     *("success", "status", "message", "cycle_time", "lower_bound", "gap", "verified"),
@@ -98,8 +93,7 @@ def run_batch(source: Path, options: Mapping[str, Any], args: BatchOptions) -> i
         "seconds": time.perf_counter() - begin,
     }
     if args.json:
-        names = {name: "file" if name == "path" else name for name in OF_PROBLEMS}
-        each = [{names[k]: getattr(row, k) for k in names} for row in rows]
+        each = [plain(row) | {"file": row.path} for row in rows]
         say(json_text(data | {"outcomes": each}))
     else:
         for row in failed[:MOST_NAMED]:
@@ -213,27 +207,21 @@ def run_tour(scenario: Path, args: TourOptions) -> int:
     return NO_PLAN if fault or not tour.success else PLANNED
 
 
-def _write(tour: Tour, args: TourOptions) -> tuple[list[Path], str]:
+def _write(tour: Tour, args: TourOptions) -> tuple[list[str], str]:
     """Write the files that the options name.
 
     Returns:
         Their paths; and the reason why the motion as written does not pass, empty if it
         does.
     """
-    fault = ""
-    if args.output is not None:
-        options = PlanOptions(output=str(args.output), dt=args.dt)
-        _, judgement = write_files(tour._solution(), options, args.output)
-        fault = "" if judgement is None or judgement.ok else judgement.message
-    if args.plot is not None:
-        tour.plot(args.plot)
-    if args.html is not None:
-        tour.play(args.html)
-    files = [path for path in (args.output, args.plot, args.html) if path is not None]
-    return files, fault
+    files: Any = {"output": str(args.output), "plot": args.plot, "html": args.html}
+    options, whole = PlanOptions(dt=args.dt, **files), tour._solution()
+    written, judgement = write_files(whole, options, args.output, drawn=tour)
+    fault = "" if judgement is None or judgement.ok else judgement.message
+    return list(written.values()), fault
 
 
-def _tour_text(tour: Tour, files: list[Path]) -> str:
+def _tour_text(tour: Tour, files: list[str]) -> str:
     lines = [tour.message]
     if tour.success:
         bound = LowerBound(tour.lower_bound, tour.bound_reason)

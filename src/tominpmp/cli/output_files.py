@@ -11,7 +11,7 @@ from importlib.util import find_spec
 from itertools import chain, count
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tominpmp.cli.options import PlanOptions
 from tominpmp.cli.terminal import OUTPUT, say
@@ -86,7 +86,7 @@ def motion_file(options: PlanOptions) -> Path | None:
 
 
 def write_files(
-    solution: Solution, options: PlanOptions, motion: Path | None
+    solution: Solution, options: PlanOptions, motion: Path | None, drawn: Any = None
 ) -> tuple[dict[str, str], ExportCheck | None]:
     """Write the files of a plan, and judge the motion as it was written.
 
@@ -94,6 +94,7 @@ def write_files(
         solution: The plan.
         options: The options of the command.
         motion: File for the motion, from :func:`motion_file`.
+        drawn: The object whose methods draw the plots; None for the solution.
 
     Returns:
         Paths of the files by their labels; and the judgement of the motion as written,
@@ -128,7 +129,7 @@ def write_files(
     for field, (kind, _, method) in FILES.items():
         path = getattr(options, field)
         if path is not None:
-            attrgetter(method)(solution)(path)
+            attrgetter(method)(drawn or solution)(path)
             written[kind] = str(path)
     return written, judgement
 

@@ -36,6 +36,7 @@ from tominpmp.problem.segments import (
     Segment,
     check_names,
     checked_segments,
+    known_names,
 )
 from tominpmp.problem.state_checks import StateChecks, joint_vector, onto_limits
 from tominpmp.robot.robot import Robot, datasheet_hint
@@ -124,7 +125,7 @@ class Problem(Record):
         if self.motion_limits is not None:
             limits = self.motion_limits.over(limits, names)
         self._keep(motion_limits=limits)
-        check_names(self.may_touch, self.robot, self.scene)
+        check_names(self.may_touch, known_names(self.robot, self.scene))
         if not self.segments:
             _check_controls(self.robot, limits)
             self.goal.validate(self.robot)
@@ -236,7 +237,7 @@ class Problem(Record):
             may_touch=(*self.may_touch, *segment.may_touch),
             segments=(),
         )
-        check_names(segment.may_touch, robot, scene)
+        check_names(segment.may_touch, known_names(robot, scene))
         last = number == len(self.segments) - 1
         goal = segment.goal if last else segment.goal_on_the_way()
         with naming("goal", "goal"):

@@ -210,13 +210,12 @@ def known_names(robot: Robot, scene: Scene) -> set[str]:
     return links | {item.name for item in scene.obstacles}
 
 
-def check_names(pairs: Sequence[tuple[str, str]], robot: Robot, scene: Scene) -> None:
-    """Check that pairs name links of a robot, or obstacles of a scene.
+def check_names(pairs: Sequence[tuple[str, str]], known: set[str]) -> None:
+    """Check that pairs name bodies among those with known names.
 
     Raises:
         ProblemError: If a name is neither a link nor an obstacle.
     """
-    known = known_names(robot, scene)
     for pair in pairs:
         for body in pair:
             if body not in known:

@@ -18,6 +18,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -42,9 +43,8 @@ from tominpmp.status import Status
 
 # The list of the results of the last batch, in the folder of the results.
 LIST = "results.txt"
-ARRAYS = ("t", "q", "v", "u")
-# Arrays that only some motions have.
-OPTIONAL_ARRAYS = ("a", "segment_ends")
+# Arrays of a motion; the last two only some motions have.
+ARRAYS = ("t", "q", "v", "u", "a", "segment_ends")
 VERSION = 1
 # Fields of an outcome that its file holds under their names.
 STORED_FIELDS = (
@@ -128,6 +128,22 @@ class Outcome(Record):
         )
 
 
+def make_folder(folder: Path) -> Path:
+    """Make a folder of results, unless it is there, and check that it is writable.
+
+    Raises:
+        ScenarioError: If the path is a file, or the folder is not writable.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        text = f"results: {folder}: {error.strerror}, expected a folder to write to"
+        raise ScenarioError(text, folder) from error
+    return folder
+
+
 def file_of(folder: Path, name: str, digest: str) -> Path:
     """The file of the result of a problem, by the digest of all it depends on."""
     plain = re.sub(r"[^A-Za-z0-9._-]", "_", name)[:80]
@@ -165,16 +181,12 @@ def write_outcome(
     }
     motion = None if solution is None else solution.trajectory
     if motion is not None:
-        nodes = {name: getattr(motion, name) for name in (*ARRAYS, *OPTIONAL_ARRAYS)}
+        nodes = {name: getattr(motion, name) for name in ARRAYS}
         arrays |= {name: rows for name, rows in nodes.items() if rows is not None}
         arrays["joint_names"] = np.array(motion.joint_names)
         arrays["torques_follow"] = np.array(motion.inverse_dynamics is not None)
 
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise ScenarioError(f"{path.parent}: {reason}", path.parent) from error
+    make_folder(path.parent)
     write_file(path, lambda file: np.savez(file, **arrays))
 
 
@@ -270,7 +282,7 @@ class Entry(Record):
         """The motion without its dynamics."""
         arrays = self.arrays
         names = tuple(str(name) for name in arrays["joint_names"].tolist())
-        nodes = {k: arrays[k] for k in (*ARRAYS, *OPTIONAL_ARRAYS) if k in arrays}
+        nodes = {k: arrays[k] for k in ARRAYS if k in arrays}
         return Trajectory(names, **nodes)
 
     def trajectory(self, problem: Problem | None = None) -> Trajectory | None:
@@ -289,11 +301,8 @@ class Entry(Record):
         if not bool(self.arrays["torques_follow"]):
             return motion
         problem = self.load().problem if problem is None else problem
-        by_segment = tuple(torques_of(p.robot) for p in problem.phases)
-        return motion.with_torques(
-            torques_of(problem.robot),
-            by_segment if len(by_segment) > 1 else (),
-        )
+        whole, *segments = (torques_of(p.robot) for p in (problem, *problem.phases))
+        return motion.with_torques(whole, tuple(segments) if len(segments) > 1 else ())
 
     def outcome(self, problem: Problem | None, options: Options) -> Outcome:
         """The outcome in the file; with its solution if the problem is given."""
@@ -301,6 +310,8 @@ class Entry(Record):
         solution = None
         if problem is not None and about["status"] in Status.__members__:
             bound = about.get("lower_bound")
+            if bound is not None:
+                bound = LowerBound(bound, about.get("lower_bound_reason", ""))
             solution = Solution(
                 problem=problem,
                 options=options,
@@ -309,9 +320,7 @@ class Entry(Record):
                 feasible=bool(about.get("feasible")),
                 trajectory=self.trajectory(problem),
                 planning_time=float(about["seconds"]),
-                lower_bound=None
-                if bound is None
-                else LowerBound(bound, about.get("lower_bound_reason", "")),
+                lower_bound=bound,
             )
         return Outcome(
             success=self.success,

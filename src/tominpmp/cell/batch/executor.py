@@ -7,13 +7,12 @@ The caller chooses the backend by its name or by ``joblib.parallel_config``: "lo
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from importlib import import_module
 from typing import Any, TypeVar
 
 from tominpmp.exceptions import MissingDependency, ProblemError, brief, quiet, shortened
-from tominpmp.initial_guess.parallel import available_processes
 
 T = TypeVar("T")
 
@@ -29,7 +28,7 @@ class Executor:
         backend: Name of a backend of joblib; None for the configured backend.
 
     Attributes:
-        workers: Number of work items done at once; None for the default of the backend.
+        workers: Number of work items done at once; -1 for the number of cores.
 
     Raises:
         ProblemError: If the backend is unknown, or cannot be used.
@@ -53,7 +52,7 @@ class Executor:
 
     @contextmanager
     def _running(
-        self, work: Iterable[tuple[int, Any]], workers: int | None
+        self, work: Iterable[tuple[int, Any]], workers: int
     ) -> Iterator[Iterator[tuple[int, Any]]]:
         """Context with the results as they finish, with the numbers of their work."""
         from joblib import delayed
@@ -105,7 +104,7 @@ class Executor:
                         yield label, None
 
 
-def _chosen(name: str | None, workers: int | None) -> tuple[Any, int | None]:
+def _chosen(name: str | None, workers: int | None) -> tuple[Any, int]:
     """The backend, and the number of work items done at once.
 
     The configuration is read now, as the results may be taken after it has ended.
@@ -117,35 +116,22 @@ def _chosen(name: str | None, workers: int | None) -> tuple[Any, int | None]:
     from joblib import parallel_config
     from joblib.parallel import get_active_backend
 
-    configured: Any
-    configured, count = get_active_backend()
-    if name in ("dask", "ray"):  # backends that come with packages of their own
-        import_module("distributed" if name == "dask" else "ray")
-        if name == "ray":
-            # Ray is no dependency of this library.
-            import_module("ray.util.joblib").register_ray()
-        # From the name alone joblib would make a Dask backend that fails.
-        with parallel_config(name, n_jobs=-1):
-            configured, count = get_active_backend()
-    elif name is not None:
-        configured, count = name, available_processes()
-    elif count in (None, 1) and type(configured).__name__ == "LokyBackend":
-        # The caller has configured no backend: one process for each core.
-        configured, count = None, available_processes()
+    if name == "dask":
+        import_module("distributed")
+    elif name == "ray":  # which is no dependency of this library
+        import_module("ray.util.joblib").register_ray()
+    # From the name alone joblib would make a Dask backend that fails.
+    with nullcontext() if name is None else parallel_config(name, n_jobs=-1):
+        configured, count = get_active_backend()
+    if count in (None, 1) and type(configured).__name__ == "LokyBackend":
+        count = -1  # the caller has configured no backend: one process for each core
     return configured, count if workers is None else workers
 
 
 def _wrong(name: str | None, error: Exception) -> Exception:
     """The error to raise for a backend that cannot be used."""
-    missing = isinstance(error, ImportError)
-    if name == "dask" and missing:
+    if name == "dask" and isinstance(error, ImportError):
         return MissingDependency("distributed", "cluster", "the backend 'dask'")
-    if name == "ray" and missing:
-        return ProblemError(
-            "backend is 'ray', which needs the package ray, which is not installed: "
-            "pip install ray",
-            "backend",
-        )
     reason = shortened(" ".join(str(error).split()), 300)
     if isinstance(error, ValueError) and reason.startswith("Invalid backend"):
         reason = "joblib does not know it"

@@ -7,12 +7,12 @@ no data that depend on a problem.
 
 from __future__ import annotations
 
+import copyreg
 import hashlib
 import io
 import math
 import os
 import pickle
-import tempfile
 import time
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
@@ -26,7 +26,14 @@ from weakref import WeakSet
 import numpy as np
 
 from tominpmp.arrays import Record
-from tominpmp.cell.batch.dataset import LIST, Entry, Outcome, file_of, write_outcome
+from tominpmp.cell.batch.dataset import (
+    LIST,
+    Entry,
+    Outcome,
+    file_of,
+    make_folder,
+    write_outcome,
+)
 from tominpmp.cell.batch.executor import Executor
 from tominpmp.cell.batch.neighbours import Start, nearest_start, rounds_of
 from tominpmp.checks import flag, instance, whole, wrong
@@ -128,10 +135,12 @@ def plan_many(
     """
     items = _iterator(problems)
     Options.of(options).changed(changes)
-    folder = None if results is None else _folder(results)
+    folder = None
+    if results is not None:
+        # Errors are raised before planning.
+        folder = make_folder(checked_path(results, "results").absolute())
     if workers is not None:
-        expected = f"a number from 1 to {MOST_WORKERS}"
-        workers = whole(workers, "workers", 1, MOST_WORKERS, expected)
+        workers = whole(workers, "workers", 1, MOST_WORKERS)
     ordered, warm_start = flag(ordered, "ordered"), flag(warm_start, "warm_start")
     seed = whole(seed, "seed", most=math.inf)
     if backend is not None:
@@ -140,8 +149,8 @@ def plan_many(
         raise wrong(progress, "progress", "a function")
     executor = Executor(_run_packed, workers, backend)
     total = len(problems) if isinstance(problems, Sized) else None
-    settings = Settings(options, changes, folder, seed)
-    tasks = (_task(index, item, settings) for index, item in enumerate(items))
+    fixed = {"options": options, "changes": changes, "folder": folder}
+    tasks = (_task(k, item, seed, **fixed) for k, item in enumerate(items))
     run = _in_rounds if warm_start else _outcomes
     outcomes = run(executor, tasks)
     if folder is not None:
@@ -152,35 +161,10 @@ def plan_many(
 
 
 def _iterator(problems: Any) -> Iterator[Any]:
-    if isinstance(problems, str | Path):
-        expected = "problems or paths, one after the other: [path] for one"
-        raise wrong(problems, "problems", expected)
-    if isinstance(problems, Mapping):
-        problems = problems.items()
-    try:
-        return iter(problems)
-    except TypeError as error:
+    if isinstance(problems, str | Path) or not isinstance(problems, Iterable):
         expected = "problems, scenarios or paths, one after the other or by name"
-        raise wrong(problems, "problems", expected) from error
-
-
-def _folder(results: str | Path) -> Path:
-    """Make the folder of the results, so that errors are raised before planning.
-
-    Raises:
-        ScenarioError: If the path is a file, or the folder is not writable.
-    """
-    folder = checked_path(results, "results").absolute()
-    if folder.exists() and not folder.is_dir():
-        raise ScenarioError(f"{folder} is a file, expected a folder", folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise ScenarioError(f"results: {folder}: {reason}", folder) from error
-    return folder
+        raise wrong(problems, "problems", f"{expected}: [path] for one")
+    return iter(problems.items() if isinstance(problems, Mapping) else problems)
 
 
 def _outcomes(executor: Executor, tasks: Iterable[BatchTask]) -> Iterator[Outcome]:
@@ -269,58 +253,46 @@ class BatchTask:
         seed: The seed of its plan.
         source: A Problem, a Scenario or the path of a scenario file, as the caller gave
             it; an object of another type becomes a failed outcome.
-        settings: Settings of the batch.
+        options: Options of all plans; None for the options of scenarios, or the
+            defaults.
+        changes: Options by name, which take precedence over ``options``.
+        folder: Folder of the results; None to store no results.
         start: Its warm start; None for a cold one.
+        parent: Id of the process that hands out the work.
     """
 
     index: int
     name: str
     seed: int
     source: Any
-    settings: Settings
+    options: Options | None
+    changes: Mapping[str, Any]
+    folder: Path | None
     start: Start | None = None
+    parent: int = field(default_factory=os.getpid)
 
     def failed(self, status: str, message: str) -> Outcome:
         """The outcome of a task that was not planned."""
         return Outcome(self.index, self.name, self.seed, False, status, message)
 
 
-def _task(index: int, item: Any, settings: Settings) -> BatchTask:
+def _task(index: int, item: Any, seed: int, **fixed: Any) -> BatchTask:
     """Name a problem, and derive the seed of its plan.
 
     Args:
         index: Number of the problem.
         item: A problem, a scenario, a path, or a pair of a name and one of these.
-        settings: Settings of the batch.
+        seed: The seed of the batch.
+        **fixed: Options and folder, which all tasks of the batch share.
     """
     named = isinstance(item, tuple) and len(item) == 2 and isinstance(item[0], str)
     name, source = item if named else (None, item)
     if name is None and isinstance(source, str | Path):
         name = Path(source).stem
     key = index if name is None else zlib.crc32(name.encode())
-    numbers = np.random.SeedSequence([settings.seed, key]).generate_state(1)
+    numbers = np.random.SeedSequence([seed, key]).generate_state(1)
     name = name or f"problem {index}"
-    return BatchTask(index, name, int(numbers[0]), source, settings)
-
-
-@dataclass(frozen=True, eq=False)
-class Settings:
-    """Settings that all plans of a batch share.
-
-    Attributes:
-        options: Options of the plans; None for the options of scenarios, or the
-            defaults.
-        changes: Options by name, which take precedence over ``options``.
-        folder: Folder of the results; None to store no results.
-        seed: The seed of the batch, from which those of the plans are derived.
-        parent: Id of the process that hands out the work.
-    """
-
-    options: Options | None
-    changes: Mapping[str, Any]
-    folder: Path | None
-    seed: int
-    parent: int = field(default_factory=os.getpid)
+    return BatchTask(index, name, int(numbers[0]), source, **fixed)
 
 
 # Number of robots that a process caches.
@@ -341,14 +313,6 @@ def _robot(content: bytes) -> Robot:
     return _cached(pickle.loads(content))[0]
 
 
-class _Pickler(pickle.Pickler):
-    def reducer_override(self, item: Any) -> Any:
-        """Replace a robot by its pickle, which each process reads once."""
-        if isinstance(item, Robot):
-            return _robot, (_cached(item)[1],)
-        return NotImplemented
-
-
 def _packed(item: Any) -> bytes:
     """Pickle an object.
 
@@ -356,7 +320,11 @@ def _packed(item: Any) -> bytes:
         Exception: If the object, or a part of it, cannot be pickled.
     """
     file = io.BytesIO()
-    _Pickler(file, protocol=pickle.HIGHEST_PROTOCOL).dump(item)
+    pickler = pickle.Pickler(file, protocol=pickle.HIGHEST_PROTOCOL)
+    # A robot is replaced by its pickle, which each process reads once.
+    by_pickle: Any = {Robot: lambda robot: (_robot, (_cached(robot)[1],))}
+    pickler.dispatch_table = copyreg.dispatch_table | by_pickle
+    pickler.dump(item)
     return file.getvalue()
 
 
@@ -371,7 +339,7 @@ def _run_packed(number: int, packed: bytes) -> tuple[int, bytes]:
     task = pickle.loads(packed)
     if isinstance(task, Outcome):
         return number, packed
-    _end_with(task.settings.parent)
+    _end_with(task.parent)
     return number, _packed(_planned(task))
 
 
@@ -384,11 +352,10 @@ def _end_with(handing_out: int) -> None:
 
 def _planned(task: BatchTask) -> Outcome:
     """Plan a problem and store the result, unless a former run has stored it."""
-    settings = task.settings
-    folder, text, reason, digest = settings.folder, "", "", ""
+    folder, text, reason, digest = task.folder, "", "", ""
     try:
-        problem, options = _problem(task.source, settings.options)
-        options = options.changed(settings.changes)
+        problem, options = _problem(task.source, task.options)
+        options = options.changed(task.changes)
         options = replace(options, callback=None, processes=1, seed=task.seed)
         number, motion = (None if problem.segments else task.start) or (None, None)
         if folder is not None:

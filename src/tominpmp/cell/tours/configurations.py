@@ -1,8 +1,8 @@
 """Configurations at which a robot meets the goals of stations.
 
 Goals on frames leave a choice: inverse kinematics has several branches, and a drill may
-spin about its axis. Some configurations are found from random starts, others from the
-configurations of neighbouring stations, so that the arm need not change its branch.
+spin about its axis. Configurations are found from random starts. (Starts at the
+configurations of neighbouring stations made tours of UR5 and Panda no shorter.)
 
 Configurations are then improved for a given order, as spins and redundant joints are
 not on a grid: for each station, trials begin near its configuration, towards those of
@@ -27,11 +27,14 @@ from tominpmp.goals.base import Goal
 from tominpmp.goals.frames import FrameTarget, frame_target
 from tominpmp.goals.joints import nearest_turns
 from tominpmp.goals.place import Scales
+from tominpmp.goals.sets import passed
+from tominpmp.initial_guess.unreachable import unreachable
 from tominpmp.kinematics import FrameMotions, RobotKinematics, times
 from tominpmp.least_squares import least_squares
 from tominpmp.problem.problem import Problem
-from tominpmp.problem.state_checks import holding, unheld
+from tominpmp.problem.state_checks import holding
 from tominpmp.robot.robot import Robot
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 
 class GoalRows:
@@ -126,8 +129,6 @@ DISTINCT = 0.02
 CHUNK = 8_192
 # Number of random starts for a station, and for a station that they did not solve.
 STARTS, MORE_STARTS = 24, 400
-# Number of nearby stations whose configurations are starts for a station.
-NEIGHBOURS = 4
 # Rounds of the refinement, random trials of a station in each round, and the radius of
 # the trials in the first round [rad].
 ROUNDS, TRIALS, RADIUS = 24, 4, 0.4
@@ -196,12 +197,13 @@ class Configurations:
         limits = self.problem.robot.limits
         for begin in range(0, len(q), CHUNK):
             chunk = slice(begin, begin + CHUNK)
+            which, scales = aim[chunk], self._scales[aim[chunk]]
             out[chunk], residual[chunk] = least_squares(
-                partial(self._residual, aim[chunk]),
+                partial(self._residual, which),
                 q[chunk],
                 (limits.position_lower, limits.position_upper),
-                self._scales[aim[chunk]] / self.weights,
-                LONGEST_STEP * self._scales[aim[chunk]],
+                scales / self.weights,
+                LONGEST_STEP * scales,
                 reached=REACHED,
                 steps=STEPS,
             )
@@ -260,63 +262,27 @@ class Configurations:
             if len(rows) < len(fixed):
                 searched.append(g)
         self._from_starts(pools, searched, STARTS)
-        self._from_neighbours(pools, searched)
         empty = [g for g in searched if not len(pools[g])]
         self._from_starts(pools, empty, MORE_STARTS)
         return [self.spread(rows, count) for rows in pools]
 
     def _from_starts(self, pools: list[Array], which: list[int], count: int) -> None:
-        """Add solutions from random starts to the pools of stations."""
-        home, starts, aims = self.problem.q_start, [], []
-        for g in which:
-            # Alternatives are aimed at in turn.
-            aim = self._first[g] + np.arange(count) % self._counts[g]
-            q = self._random(self.rng, g, count)
-            q[0] = home
-            # Joints that do not carry the frame keep their positions.
-            starts.append(np.where(self._idle[aim], home, q))
-            aims.append(aim)
-        if starts:
-            self._add(pools, np.concatenate(starts), np.concatenate(aims))
-
-    def _random(self, rng: np.random.Generator, g: int, count: int) -> Array:
-        """Random configurations within half a turn of the start, shape (count, n)."""
-        limits, home = self.problem.robot.limits, self.problem.q_start
-        around = AROUND * self._scales[self._first[g]]
-        low = np.maximum(limits.position_lower, home - around)
-        high = np.minimum(limits.position_upper, home + around)
-        return rng.uniform(low, high, (count, home.size))
-
-    def _from_neighbours(self, pools: list[Array], which: list[int]) -> None:
-        """Add solutions from configurations in the pools of nearby stations."""
-        nearby = self._nearest()
-        pairs = [(g, self.spread(pools[o], 12)) for g in which for o in nearby[g]]
-        if pairs:
-            starts = np.concatenate([rows for _, rows in pairs])
-            owner = np.repeat([g for g, _ in pairs], [len(rows) for _, rows in pairs])
-            self._add(pools, starts, self._nearest_alternatives(starts, owner))
-
-    def _nearest(self) -> list[list[int]]:
-        """By station, the nearest stations whose goals have a known place in space."""
-        middle = np.full((len(self.goals), 3), np.nan)
-        for g, goal in enumerate(self.goals):
-            if goal.ball is not None:
-                middle[g] = goal.ball.centre
-        out = []
-        for g in range(len(self.goals)):
-            apart = np.linalg.norm(middle - middle[g], axis=1)
-            apart[g] = np.inf
-            order = np.argsort(apart, kind="stable")[:NEIGHBOURS]
-            out.append(order[np.isfinite(apart[order])].tolist())
-        return out
-
-    def _add(self, pools: list[Array], starts: Array, aim: IntArray) -> None:
-        """Project starts onto alternatives; add new, free results to the pools."""
-        (q, good), problem = self._solved(starts, aim), self.problem
-        owner = np.searchsorted(self._first, aim, side="right") - 1
+        """Add new, free solutions from random starts to the pools of stations."""
+        robot, home = self.problem.robot, self.problem.q_start
+        owner: IntArray = np.repeat(np.array(which, dtype=np.int64), count)
+        # Alternatives are aimed at in turn.
+        number = np.tile(np.arange(count), len(which))
+        aim = self._first[owner] + number % self._counts[owner]
+        # Starts are within half a turn of the start of the tour.
+        around = AROUND * self._scales[self._first[owner]]
+        low = np.maximum(robot.limits.position_lower, home - around)
+        high = np.minimum(robot.limits.position_upper, home + around)
+        starts = self.rng.uniform(low, high)
+        starts[::count] = home
+        # Joints that do not carry the frame keep their positions.
+        q, good = self._solved(np.where(self._idle[aim], home, starts), aim)
         for g in np.unique(owner[good]).tolist():
-            rows = q[good & (owner == g)]
-            mine = np.array(nearest_turns(problem.robot, rows, problem.q_start))
+            mine = nearest_turns(robot, q[good & (owner == g)], home)
             new = distinct(np.concatenate([pools[g], mine]))[len(pools[g]) :]
             pools[g] = np.concatenate([pools[g], new[self.free(new, g)]])
 
@@ -403,32 +369,11 @@ class Configurations:
 
     def unreached(self, g: int) -> str:
         """The reason why no configuration was found for a station, in a clause."""
-        starts = self._random(np.random.default_rng(0), g, 60)
-        q, good = self.projected(starts, np.full(60, g, dtype=np.int64))
-        if not np.any(good):
-            goal, kinematics = self.goals[g], self._rows.kinematics
-            rests = [np.max(np.abs(goal.place_residual(kinematics, x)[0])) for x in q]
-            return (
-                "no configuration within the position limits reaches its goal; the "
-                f"nearest one misses it by {min(rests):.2g} m or rad"
-            )
-        row, loaded = q[good][0], self.leaving.get(g)
-        load = "with what is carried from there"
-        for problem, more in ((self.problem, ""), (loaded, f" {load}")):
-            if problem is None:
-                continue
-            contact = problem.checker.closest(row, problem.margins)
-            if contact is not None and contact.distance < contact.margin:
-                return (
-                    "all configurations found that reach its goal are in collision"
-                    f"{more}, as {contact.link!r} with {contact.obstacle!r} "
-                    f"({contact.distance:.3g} m)"
-                )
-        if loaded is not None and self.stations[g].stop:
-            for row in q[good]:
-                if _keeps(self.problem, row) and _keeps(loaded, row):
-                    return f"{load}, {unheld(loaded.robot, row)}"
-        return "all configurations that reach its goal break a constraint"
+        station, problem = self.stations[g], self.leaving.get(g, self.problem)
+        goal = station.goal if station.stop else passed(station.goal)
+        system = ProblemFunctions.of(problem._altered(goal=goal.alternatives[0]))
+        reason = str(unreachable(system, np.random.default_rng(0)))
+        return reason.removeprefix("goal: ")
 
 
 def _keeps(problem: Problem, q: Array) -> bool:
@@ -442,8 +387,7 @@ def _keeps(problem: Problem, q: Array) -> bool:
 def distinct(rows: Array) -> Array:
     """Remove configurations, rows of shape (k, n), that are near to an earlier one."""
     chosen: list[int] = []
-    for i in range(len(rows)):
-        if chosen and np.min(np.max(np.abs(rows[chosen] - rows[i]), axis=1)) < DISTINCT:
-            continue
-        chosen.append(i)
+    for i, row in enumerate(rows):
+        if np.all(np.max(np.abs(rows[chosen] - row), axis=1) >= DISTINCT):
+            chosen.append(i)
     return rows[chosen]

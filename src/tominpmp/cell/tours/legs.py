@@ -15,12 +15,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, IntArray
 from tominpmp.cell.tours.station import Rules, Station, label_of
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError
@@ -43,6 +43,10 @@ CHUNK = 2_000_000
 # instants are equal, as a share of the duration.
 ZERO_LENGTH = 1e-9
 SAME = 1e-9
+
+
+# A number of ends at which the arm is at rest, or such numbers.
+Resting: TypeAlias = int | IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,13 +86,14 @@ class JointTimes:
             return np.asarray(slow)
         return np.asarray(np.sqrt(slow**2 + 1.0 / self.acceleration))
 
-    def between(self, a: Array, b: Array, resting: int = 2) -> Array:
+    def between(self, a: Array, b: Array, resting: Resting = 2) -> Array:
         """Least times between configurations.
 
         Args:
             a: Configurations, shape (..., n) [rad or m].
             b: Other configurations, of a shape that broadcasts against ``a``.
-            resting: Number of ends, of the two, at which the arm is at rest.
+            resting: Number of ends, of the two, at which the arm is at rest; for all
+                of them, or shape (...).
 
         Returns:
             Times [s], shape (...).
@@ -96,40 +101,39 @@ class JointTimes:
         times = self.of_joints(np.abs(b - a), resting)
         return np.asarray(np.max(times, axis=-1, initial=0.0))
 
-    def matrix(self, a: Array, b: Array, resting: int = 2) -> Array:
+    def matrix(self, a: Array, b: Array, resting: Resting = 2) -> Array:
         """Least times from each configuration of a set to each of another set.
 
         Args:
             a: Configurations, shape (k, n) [rad or m].
             b: Configurations, shape (m, n) [rad or m].
-            resting: Number of ends, of the two, at which the arm is at rest.
+            resting: Number of ends, of the two, at which the arm is at rest; for all
+                of them, or shape (k, m).
 
         Returns:
             Times [s], shape (k, m).
         """
         out = np.empty((len(a), len(b)))
+        resting = np.broadcast_to(resting, out.shape)
         rows = max(1, CHUNK // max(1, b.size))
         for begin in range(0, len(a), rows):
             chunk = slice(begin, begin + rows)
-            out[chunk] = self.between(a[chunk, None], b[None], resting)
+            out[chunk] = self.between(a[chunk, None], b[None], resting[chunk])
         return out
 
-    def of_joints(self, distance: Array, resting: int = 2) -> Array:
+    def of_joints(self, distance: Array, resting: Resting = 2) -> Array:
         """Least times [s] of joints for distances [rad or m], shape (..., n) both."""
-        v, a, jerky = self.velocity, self.acceleration, np.isfinite(self.jerk)
+        v, a, rests = self.velocity, self.acceleration, np.asarray(resting)[..., None]
+        jerky = np.isfinite(self.jerk) & (rests == 2)
         # Without limits a joint takes no time, whatever the distance.
         with np.errstate(divide="ignore", invalid="ignore"):
-            cruise = distance / v
-            if resting == 0:
-                return np.asarray(cruise)
-            short = distance * a < 0.5 * resting * v * v
-            peak = np.sqrt(2.0 * resting * distance / a)
-            speeding = np.where(np.isfinite(a), 0.5 * resting * v / a, 0.0)
-            times = np.where(short, peak, cruise + speeding)
-            if resting == 2 and np.any(jerky):
-                limits = (limit[jerky] for limit in (v, a, self.jerk))
-                times[..., jerky] = _with_jerk(distance[..., jerky], *limits)
-            return times
+            short = distance * a < 0.5 * rests * v * v
+            peak = np.sqrt(2.0 * rests * distance / a)
+            speeding = np.where(np.isfinite(a) & (rests > 0), 0.5 * rests * v / a, 0.0)
+            times = np.where(short, peak, distance / v + speeding)
+            if np.any(jerky):
+                times = np.where(jerky, _with_jerk(distance, v, a, self.jerk), times)
+            return np.asarray(times)
 
 
 def _with_jerk(distance: Array, v: Array, a: Array, jerk: Array) -> Array:
@@ -208,10 +212,8 @@ class LegTable:
 
     def time(self, leg: Leg) -> float:
         """Time of a leg, known or estimated [s]."""
-        if leg in self.known:
-            return self.known[leg]
-        resting = self.resting(leg[0], leg[2])
-        return self.factor * float(self.times.between(*self.rows(leg), resting))
+        i, a, j, b = leg
+        return float(self.block(i, j)[a, b])
 
     def calibrate(self) -> None:
         """Set the factor of estimates to the median of known over least times, or 1."""
@@ -231,12 +233,8 @@ class LegTable:
         """Times between the nodes with one configuration each, shape (nodes, nodes)."""
         rows = zip(self.nodes, chosen, strict=True)
         q = np.stack([rows_of[c] for rows_of, c in rows])
-        out = np.empty((len(q), len(q)))
         rests = np.array(self.rests, dtype=int)
-        resting = rests[:, None] + rests
-        for count in np.unique(resting).tolist():
-            which = resting == count
-            out[which] = self.factor * self.times.matrix(q, q, count)[which]
+        out = self.factor * self.times.matrix(q, q, rests[:, None] + rests)
         for (i, a, j, b), seconds in self.known.items():
             if (a, b) == (chosen[i], chosen[j]):
                 out[i, j] = seconds
@@ -374,15 +372,6 @@ class Legs:
             self._settings[key] = carrying(self.problem, payload, touch)
         return self._settings[key]
 
-    def _problem(self, leg: Leg, ends: Ends) -> Problem:
-        """The problem of a leg between two stations.
-
-        Raises:
-            ProblemError: If an end of the leg is not admissible.
-        """
-        q_start, q_end = self.table.rows(leg)
-        return self._setting(*ends).with_ends(q_start, JointGoal(q_end, wrap=False))
-
     def stays(self, leg: Leg) -> bool:
         """Whether a leg begins and ends at the same configuration."""
         begin, end = self.table.rows(leg)
@@ -402,7 +391,11 @@ class Legs:
         if leg not in self.motions:
             check()
             ends = self.table.station(leg[0]), self.table.station(leg[2])
-            self.motions[leg] = self._solved(partial(self._problem, leg, ends), ends)
+            q_start, q_end = self.table.rows(leg)
+            goal = JointGoal(q_end, wrap=False)
+            self.motions[leg] = self._solved(
+                lambda: self._setting(*ends).with_ends(q_start, goal), ends
+            )
         return self.motions[leg]
 
     def _solved(

@@ -60,7 +60,8 @@ def _least_times(task: TourTask) -> Array:
         Times [s], shape (m, m): from the place of the row to the place of the column.
     """
     problem, stations, rules = task.problem, task.stations, task.rules
-    start, end = JointGoal(problem.q_start), JointGoal(task.q_end)
+    q_end = np.asarray(problem.goal.configuration)
+    start, end = JointGoal(problem.q_start), JointGoal(q_end)
     goals: list[Goal] = rules.along(start, (s.goal for s in stations), end)
     rests = rules.along(True, (station.stop for station in stations), True)
     loaded = {k for k, s in enumerate(stations, 1) if s.payload is not None}

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Sequence
-from itertools import combinations, pairwise, permutations
+from itertools import pairwise, permutations
 
 import numpy as np
 
@@ -38,8 +38,9 @@ MOST_REMOVED, SKIPPED = 8, 0.03
 # of a search from scratch; initial temperature and steps of a warm start.
 HOT, COLD = 3.0, 0.01
 STEPS, WARM, FEW_STEPS = 60, 0.1, 10
-# Alternations of order and configurations.
-ROUNDS = 12
+# Alternations of order and configurations; configurations of each station that a search
+# from scratch begins with.
+ROUNDS, FEW = 12, 8
 
 # Time of all legs [s], infinite if no order is allowed; stations, from 0, in their
 # order; and the index of the configuration of each node in that order, with start and
@@ -80,11 +81,10 @@ def exact_order(
     before_end = full >> 1
     need = [0, *(1 | sum(2 << i for i in needed) for needed in rules.needs), before_end]
     between = np.full((edges[-1], edges[-1]), np.inf)
-    for i, j in permutations(range(len(block_of)), 2):
-        inner = max(i, j) <= n
-        allowed = rules.follows(i - 1, j - 1) if inner else rules.may_end(i - 1)
-        if j and i <= n and (i == 0 or allowed):
-            between[block_of[i], block_of[j]] = block(i, j) if inner or ends else 0.0
+    for i, j in permutations(range(n + 2), 2):
+        if j and i <= n and rules.follows[i, j]:
+            times = block(i, j) if ends or j <= n else 0.0
+            between[block_of[i], block_of[j]] = times
     # By set: best time for each last configuration.
     never = np.full(edges[-1], np.inf)
     cost = defaultdict[int, Array](never.copy)
@@ -127,8 +127,10 @@ def search_order(
     """
     order, length, rules = list(begin), np.inf, table.rules
     if not order:
-        first = _OrderSearch(_least_times(table), rules, rng)
-        order = first.improved([], HOT, STEPS)
+        nodes = range(len(table.nodes))
+        few = table.along(nodes, [rows[:FEW] for rows in table.nodes])
+        least = np.array([[few.block(i, j).min() for j in nodes] for i in nodes])
+        order = _OrderSearch(least, rules, rng).improved([], HOT, STEPS)
     for left in range(ROUNDS, -1, -1):
         before = length
         length, chosen = table.best_configurations(table.way(order))
@@ -141,17 +143,6 @@ def search_order(
     if not rules.allow(order):
         return np.inf, (), ()
     return length, tuple(order), tuple(chosen)
-
-
-def _least_times(table: LegTable) -> Array:
-    """Least times between nodes, over some configurations of each, shape (n, n) [s]."""
-    n = len(table.nodes)
-    least = np.zeros((n, n))
-    few = [rows[:8] for rows in table.nodes]
-    for i, j in combinations(range(n), 2):
-        seconds = table.factor * np.min(table.times.matrix(few[i], few[j]))
-        least[i, j] = least[j, i] = seconds
-    return least
 
 
 class _OrderSearch:
@@ -169,9 +160,7 @@ class _OrderSearch:
         if not rules.ends:
             # An open end is a node that every station reaches in zero time.
             cost = np.pad(cost, ((0, 1), (0, 1)))
-        for i, allowed in rules.then.items():
-            others = [j + 1 for j in range(n) if j not in allowed]
-            cost[i + 1, [*others, n + 1]] = FORBIDDEN
+        cost[~rules.follows] = FORBIDDEN
         self.cost, self.n, self.rng = cost, n, rng
         inner = cost[1 : n + 1, 1 : n + 1]
         self.near = np.argsort(inner + inner.T, axis=1, kind="stable") + 1
@@ -193,7 +182,8 @@ class _OrderSearch:
         """
         rng, path = self.rng, [0, *(k + 1 for k in order), self.n + 1]
         missing = sorted({*range(1, self.n + 1)} - {*path})
-        self._insert(path, rng.permutation(missing).tolist())
+        none_skipped = np.zeros((len(missing), self.n + 2), dtype=bool)
+        self._insert(path, rng.permutation(missing).tolist(), none_skipped)
         best, length = path, self.length(path)
         least, mean = length, min(length, FORBIDDEN) / (self.n + 1)
         for step in range(steps * self.n if self.n > 1 else 0):
@@ -226,7 +216,7 @@ class _OrderSearch:
         return removed
 
     def _insert(
-        self, path: list[int], nodes: Sequence[int], skipped: BoolArray | None = None
+        self, path: list[int], nodes: Sequence[int], skipped: BoolArray
     ) -> None:
         """Insert nodes into a path, each at the allowed place where it costs least.
 
@@ -240,8 +230,7 @@ class _OrderSearch:
             before, after = here[:-1], here[1:]
             D = self.cost
             more = D[before, node] + D[node, after] - D[before, after]
-            if skipped is not None:
-                more = more + FORBIDDEN * skipped[number, : more.size]
+            more = more + FORBIDDEN * skipped[number, : more.size]
             first, last = 0, more.size
             for k, other in enumerate(path):
                 if other in self.earlier[node]:

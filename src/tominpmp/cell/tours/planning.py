@@ -7,7 +7,6 @@ the best order are planned. The times of other orders then rest on estimates.
 
 from __future__ import annotations
 
-import itertools
 import logging
 import time
 from collections.abc import Mapping, Sequence
@@ -38,7 +37,7 @@ from tominpmp.cell.tours.station import (
 from tominpmp.cell.tours.tour import Tour
 from tominpmp.checks import JointsLike, flag, instance, raised_as, whole, wrong
 from tominpmp.constraints.path import PathConstraint
-from tominpmp.exceptions import OptionsError, ProblemError, brief, naming, warn_caller
+from tominpmp.exceptions import OptionsError, ProblemError, naming, warn_caller
 from tominpmp.goals.base import Goal
 from tominpmp.goals.frames import place_of
 from tominpmp.goals.joints import JointGoal
@@ -47,10 +46,10 @@ from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 from tominpmp.problem.joint_limits import accelerations_alone
 from tominpmp.problem.problem import Problem
-from tominpmp.problem.segments import known_names
+from tominpmp.problem.segments import check_names, known_names
 from tominpmp.problem.state_checks import joint_vector, onto_limits
 from tominpmp.robot.robot import Robot
-from tominpmp.scene.scene import Scene, as_scene
+from tominpmp.scene.scene import Scene
 from tominpmp.solution import Solution
 from tominpmp.status import Status
 from tominpmp.stopping import Stop, bounded
@@ -112,14 +111,17 @@ class TourSearch:
         by_station = self.configurations.search(count)
         for number, rows in enumerate(by_station):
             if not len(rows):
+                label = label_of(number + 1, stations[number].name)
+                load = " with its payload" if stations[number].payload else ""
+                reason = self.configurations.unreached(number)
                 raise ProblemError(
-                    f"{label_of(number + 1, stations[number].name)} cannot be reached: "
-                    f"{self.configurations.unreached(number)}",
+                    f"{label} cannot be reached{load}: {reason}",
                     f"stations[{number}]",
                 )
         if not exact:
             times = replace(times, acceleration=_accelerations(problem, by_station))
-        nodes = rules.along(problem.q_start[None], by_station, task.q_end[None])
+        end = np.asarray(problem.goal.configuration)
+        nodes = rules.along(problem.q_start[None], by_station, end[None])
         rests = rules.along(True, (station.stop for station in stations), True)
         self.table = LegTable(nodes, rests, times, rules)
         self.legs = Legs(problem, stations, options, self.table)
@@ -223,10 +225,9 @@ class TourSearch:
                     continue
             for place in places:
                 leg = (*route[place - 1], *route[place])
-                motion = None if legs.stays(leg) else legs.motion(leg)
-                if motion is None and not legs.stays(leg):
+                if np.isinf(legs.seconds(leg)):
                     return None
-                motions.append((motion, [place]))
+                motions.append((legs.motions.get(leg), [place]))
         return motions
 
     def _assembled(self, route: Route, status: Status) -> Tour:
@@ -422,13 +423,6 @@ def _problem(
     if isinstance(q_end, str) and q_end != "start":
         raise wrong(q_end, "q_end", 'a configuration, "start" or None')
     instance(robot, Robot, "robot", "a Robot (see load_robot)")
-    fields["scene"] = as_scene(fields["scene"], "scene")
-    if fields["scene"].moving:
-        raise ProblemError(
-            "scene: an obstacle moves, and when a tour comes by is not known "
-            "beforehand; expected obstacles at rest",
-            "scene",
-        )
     anywhere = q_end is None or isinstance(q_end, str)
     name, end = ("q_start", q_start) if anywhere else ("q_end", q_end)
     position = joint_vector(robot, end, name)
@@ -436,12 +430,19 @@ def _problem(
     for message in snapped:
         warn_caller(message)
     try:
-        return Problem(robot, q if anywhere else q_start, JointGoal(q), **fields)
+        problem = Problem(robot, q if anywhere else q_start, JointGoal(q), **fields)
     except ProblemError as error:
         if error.field != "goal":
             raise
         text = name + str(error).removeprefix("goal")
         raise ProblemError(text, name) from error
+    if problem.scene.moving:
+        raise ProblemError(
+            "scene: an obstacle moves, and when a tour comes by is not known "
+            "beforehand; expected obstacles at rest",
+            "scene",
+        )
+    return problem
 
 
 def _checked_task(
@@ -472,12 +473,6 @@ def _checked_task(
                 "stations",
             )
     for k, station in enumerate(checked):
-        for name in itertools.chain.from_iterable(station.may_touch):
-            if name not in known:
-                raise ProblemError(
-                    f"{label_of(k + 1, station.name)}: may_touch names {brief(name)}, "
-                    "expected a link with a shape, an obstacle or a load of a "
-                    f"station: one of {brief(', '.join(sorted(known)))}",
-                    f"stations[{k}].may_touch",
-                )
+        with naming(label_of(k + 1, station.name), f"stations[{k}]"):
+            check_names(station.may_touch, known)
     return TourTask(problem, tuple(checked), rules)

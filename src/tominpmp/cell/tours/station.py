@@ -12,9 +12,9 @@ from typing import Annotated, Any, TypeAlias, TypeVar
 
 import numpy as np
 
-from tominpmp.arrays import Array, Record, record
-from tominpmp.checks import Seconds, of_type, wrong
-from tominpmp.exceptions import ProblemError, brief, naming
+from tominpmp.arrays import Array, BoolArray, Record, record
+from tominpmp.checks import Seconds, instance, of_type, wrong
+from tominpmp.exceptions import ProblemError, brief, naming, unknown
 from tominpmp.goals.base import Goal
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import Flag, Pairs, PayloadOrNone, checked_pairs
@@ -102,7 +102,7 @@ class Visit:
     departure: float
 
 
-def checked_stations(stations: object) -> tuple[Station, ...]:
+def checked_stations(stations: Any) -> tuple[Station, ...]:
     """Check a caller's stations.
 
     Args:
@@ -112,28 +112,33 @@ def checked_stations(stations: object) -> tuple[Station, ...]:
         ProblemError: If an item is not a station, two stations have the same name, or a
             name in their rules is unknown.
     """
-    expected = "a list of Station or of goals, or goals by name"
     if isinstance(stations, Mapping):
         stations = [_named(k, *item) for k, item in enumerate(stations.items(), 1)]
-    if isinstance(stations, str | Goal | Station) or not isinstance(stations, Sequence):
+    listed = isinstance(stations, Sequence) and not isinstance(stations, str)
+    if not listed or not 0 < len(stations) <= MOST_STATIONS:
+        expected = f"1 to {MOST_STATIONS} of Station or of goals, or goals by name"
         raise wrong(stations, "stations", expected)
-    if not 0 < len(stations) <= MOST_STATIONS:
-        raise ProblemError(
-            f"stations has {len(stations)} items, expected {expected}, 1 to "
-            f"{MOST_STATIONS}",
-            "stations",
-        )
-    checked: list[Station] = []
+    checked, numbers = list[Station](), dict[str, int]()
     for k, item in enumerate(stations, 1):
         if isinstance(item, Goal):
             item = _named(k, f"station {k}", item)
-        if not isinstance(item, Station):
-            raise ProblemError(
-                f"stations: number {k} is {brief(item)}, expected {expected}",
-                f"stations[{k - 1}]",
-            )
+        instance(item, Station, f"stations[{k - 1}]", "a Station or a goal")
         checked.append(item)
-    _check_names(checked)
+        first = numbers.setdefault(item.name, k)
+        if first != k:
+            raise ProblemError(
+                f"stations: numbers {first} and {k} are both called "
+                f"{brief(item.name)}, expected distinct names",
+                "stations",
+            )
+    for k, station in enumerate(checked, 1):
+        for field in ("after", "then"):
+            for name in getattr(station, field):
+                if name not in numbers or name == station.name:
+                    others = sorted(numbers.keys() - {station.name})
+                    with naming(f"{label_of(k, station.name)}: {field}", "station"):
+                        why = unknown("other station", name, others)
+                        raise ProblemError(why, field)
     return tuple(checked)
 
 
@@ -157,30 +162,6 @@ def _named(number: int, name: Any, item: Any) -> Station:
         text = str(error).removeprefix(f"station {brief(name)}: ")
         where = label_of(number, name) if isinstance(name, str) else f"station {number}"
         raise ProblemError(f"{where}: {text}", error.field) from error
-
-
-def _check_names(stations: Sequence[Station]) -> None:
-    numbers: dict[str, int] = {}
-    for k, station in enumerate(stations, 1):
-        first = numbers.setdefault(station.name, k)
-        if first != k:
-            raise ProblemError(
-                f"stations: numbers {first} and {k} are both called "
-                f"{brief(station.name)}, expected distinct names",
-                "stations",
-            )
-    for k, station in enumerate(stations, 1):
-        for field in ("after", "then"):
-            for name in getattr(station, field):
-                if name not in numbers or name == station.name:
-                    others = sorted(numbers.keys() - {station.name})
-                    known = brief(", ".join(others))
-                    there = f"one of the others: {known}" if others else "none"
-                    raise ProblemError(
-                        f"{label_of(k, station.name)}: {field} names "
-                        f"{brief(name)}, expected {there}",
-                        f"station.{field}",
-                    )
 
 
 @dataclass(frozen=True)
@@ -223,11 +204,8 @@ class Rules:
         ordered = checked_pairs(precedence, "precedence", expected)
         for name in itertools.chain.from_iterable(ordered):
             if name not in index:
-                raise ProblemError(
-                    f"precedence names {brief(name)}, expected one of the stations "
-                    f"{brief(', '.join(index))}",
-                    "precedence",
-                )
+                why = unknown("station", name, list(index))
+                raise ProblemError(f"precedence: {why}", "precedence")
         pairs |= {(index[earlier], index[later]) for earlier, later in ordered}
         then = {
             i: frozenset(index[name] for name in station.then)
@@ -239,10 +217,8 @@ class Rules:
         try:
             _ = rules.needs
         except CycleError as error:
-            cycle = error.args[1][1:]
-            first = cycle.index(min(cycle))
-            way = [*cycle[first:], *cycle[: first + 1]]
-            cycle = brief(" before ".join(stations[k].name for k in way), 300)
+            names = [stations[k].name for k in error.args[1]]
+            cycle = brief(" before ".join(names), 300)
             raise ProblemError(
                 f"precedence has a cycle: {cycle}", "precedence"
             ) from None
@@ -263,22 +239,24 @@ class Rules:
         """Items of start, stations and end; that of the end is left out without one."""
         return [start, *stations, *([end] if self.ends else [])]
 
-    def follows(self, last: int, station: int) -> bool:
-        """Whether a station may come directly after another."""
-        return last not in self.then or station in self.then[last]
+    @cached_property
+    def follows(self) -> BoolArray:
+        """Whether a node may come directly after another, shape (count + 2, count + 2).
 
-    def may_end(self, station: int) -> bool:
-        """Whether a station may be the last one."""
-        return station not in self.then
+        Nodes are the start (0), the stations from 1, and the end, which may be open.
+        """
+        follows = np.ones((self.count + 2, self.count + 2), dtype=bool)
+        for station, others in self.then.items():
+            follows[station + 1] = False
+            follows[station + 1, [other + 1 for other in others]] = True
+        return follows
 
     def allow(self, order: Sequence[int]) -> bool:
         """Whether an order of all stations keeps the rules."""
         place = {station: k for k, station in enumerate(order)}
-        return (
-            all(place[i] < place[j] for i, j in self.before)
-            and self.may_end(order[-1])
-            and all(self.follows(i, j) for i, j in itertools.pairwise(order))
-        )
+        way = np.array([*order, self.count]) + 1
+        kept = all(place[i] < place[j] for i, j in self.before)
+        return kept and bool(np.all(self.follows[way[:-1], way[1:]]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,7 +264,8 @@ class TourTask:
     """The task of a tour.
 
     Attributes:
-        problem: Robot, start, obstacles and limits.
+        problem: Robot, start, obstacles and limits; its goal is the end of the tour, if
+            the tour has one.
         stations: The stations.
         rules: Orders that are allowed.
     """
@@ -294,11 +273,6 @@ class TourTask:
     problem: Problem
     stations: tuple[Station, ...]
     rules: Rules
-
-    @property
-    def q_end(self) -> Array:
-        """Configuration of the end, if the tour has one, shape (n,) [rad or m]."""
-        return np.asarray(self.problem.goal.configuration)
 
 
 def arm_of(robot: Robot, goal: Goal) -> str | None:
@@ -329,14 +303,11 @@ def least_stays(robot: Robot, stays: Sequence[tuple[Goal, float]]) -> float:
     """
     if not robot.parts:
         return sum(stay for _, stay in stays)
-    by_arm, any_arm, all_arms = dict[str, float](), 0.0, 0.0
+    # By the name of the arm; None for any arm, and an empty name for all arms.
+    by_arm: defaultdict[str | None, float] = defaultdict(float)
     for goal, stay in stays:
-        arm = arm_of(robot, goal)
-        if arm is not None:
-            by_arm[arm] = by_arm.get(arm, 0.0) + stay
-        elif any(item.frame_name is not None for item in goal.alternatives):
-            any_arm += stay
-        else:
-            all_arms += stay
+        framed = any(item.frame_name is not None for item in goal.alternatives)
+        by_arm[arm_of(robot, goal) if framed else ""] += stay
+    any_arm, all_arms = by_arm.pop(None, 0.0), by_arm.pop("", 0.0)
     even = (sum(by_arm.values()) + any_arm) / len(robot.parts)
     return all_arms + max(even, *by_arm.values(), 0.0)
