@@ -117,14 +117,9 @@ class MujocoArm:
         self.data.qpos[self._order], self.data.qvel[self._order] = q, v
 
     @property
-    def q(self) -> Array:
-        """Positions, shape (n,) [rad or m]."""
-        return np.array(self.data.qpos[self._order])
-
-    @property
-    def v(self) -> Array:
-        """Velocities, shape (n,) [rad/s or m/s]."""
-        return np.array(self.data.qvel[self._order])
+    def state(self) -> tuple[Array, Array]:
+        """Positions and velocities, shape (n,) each [rad or m, rad/s or m/s]."""
+        return self.data.qpos[self._order], self.data.qvel[self._order]
 
     def inverse(self, q: Array, v: Array, a: Array) -> Array:
         """Inverse dynamics: torques at one instant, all shapes (n,) [N m or N]."""

@@ -205,14 +205,14 @@ def follow(
     corrections = [np.zeros(arm.robot.n)] * delay
     arm.set_state(plan.q[0], plan.v[0])
     for k, seconds in enumerate(np.diff(times).tolist()):
-        q[k], v[k] = arm.q, arm.v
+        q[k], v[k] = arm.state
         error, rate = plan.q[k] - q[k] - noise_q[k], plan.v[k] - v[k] - noise_v[k]
         corrections.append(stiffness * error + damping * rate)
         u[k] = feedforward[k] + corrections[k]
         if cutoff is not None:
             u[k] = np.clip(u[k], *cutoff)
         arm.step(u[k], seconds)
-    q[-1], v[-1], u[-1] = arm.q, arm.v, plan.u[-1]
+    (q[-1], v[-1]), u[-1] = arm.state, plan.u[-1]
     return q, v, u
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -37,15 +38,12 @@ def run_replay(
         raise OptionsError(message, "MOTION")
     problem, options = load_problem(source, changes)
     if args.robustness:
+        names = [item.name for item in fields(Disturbances)]
+        largest = {name: getattr(args, f"random_{name}") for name in names}
         trials = robustness(
             problem,
             options,
-            disturbances=Disturbances(
-                payload=args.random_payload,
-                friction=args.random_friction,
-                delay=args.random_delay,
-                noise=args.random_noise,
-            ),
+            disturbances=Disturbances(**largest),
             samples=args.samples,
             tolerance=args.tracking_tolerance,
             bandwidth=args.bandwidth,

@@ -18,7 +18,6 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array, FrozenArray, Record, array_or_nan
 from tominpmp.checks import instance, number, positive, whole, wrong
-from tominpmp.exceptions import naming
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
@@ -56,10 +55,7 @@ class Disturbances(Record):
     delay: Amount = 0.002
     noise: Amount = 1e-5
 
-    def __post_init__(self) -> None:
-        """Check the numbers."""
-        with naming("disturbances"):
-            super().__post_init__()
+    _owner = "disturbances."
 
     @property
     def message(self) -> str:
@@ -182,8 +178,27 @@ def robustness(
     whole(samples, "samples", 1, MOST_SAMPLES)
     whole(seed, "seed")
     arm = MujocoArm(problem.robot)  # a missing package is reported before planning
-    carrier = _carrier(problem, frame)
-    T, kept, errors = [], [], []
+    carrier, limits, n = _carrier(problem, frame), problem.robot.limits, problem.robot.n
+    low, high = limits.effort_lower, limits.effort_upper
+
+    def error(motion: Trajectory, gains: Any, rng: np.random.Generator) -> float:
+        """Largest distance of a joint from a motion in one random trial [rad or m]."""
+        loaded = MujocoArm(problem.robot)
+        loaded.load(rng.uniform(0.0, largest.payload), *carrier)
+        friction = rng.uniform(0.0, largest.friction, n) * np.maximum(-low, high)
+        loaded.add_friction(friction)
+        delay = round(rng.uniform(0.0, largest.delay) / period)
+        count = max(int(np.ceil(motion.duration / period)), 1)
+        times = np.linspace(0.0, motion.duration, count + 1)
+        loaded.choose_integrator(float(times[1]), motion.q[0])
+        noise = rng.normal(0.0, 1.0, (2, times.size, n)) * largest.noise
+        noise[1] *= 10.0
+        q, _, _ = follow(
+            loaded, motion, times, gains, cutoff=(low, high), delay=delay, noise=noise
+        )
+        return float(np.abs(q - motion(times).q).max())
+
+    rows = []
     for reserve in shares.tolist():
         solution = plan(_with_reserve(problem, reserve), options)
         if solution.status is Status.INTERRUPTED:
@@ -191,21 +206,13 @@ def robustness(
         trials = np.full(samples, np.inf)
         if solution.success:
             rng, motion = np.random.default_rng(seed), solution.trajectory
-            case = carrier, arm.gains(motion.q, bandwidth), period, largest, rng
-            trials = np.array([_error(problem, motion, *case) for _ in range(samples)])
-        T.append(solution.T)
-        kept.append(float(np.mean(trials <= tolerance)))
-        errors.append(float(np.quantile(trials, REQUIRED, method="higher")))
-    return Robustness(
-        reserves=shares,
-        T=np.array(T),
-        kept=np.array(kept),
-        errors=np.array(errors),
-        tolerance=float(tolerance),
-        samples=samples,
-        disturbances=largest,
-        effort_scale=(problem.motion_limits or MotionLimits()).effort_scale,
-    )
+            gains = arm.gains(motion.q, bandwidth)
+            trials = np.array([error(motion, gains, rng) for _ in range(samples)])
+        worst = np.quantile(trials, REQUIRED, method="higher")
+        rows.append((solution.T, np.mean(trials <= tolerance), worst))
+    T, kept, errors = np.array(rows).T
+    scale = (problem.motion_limits or MotionLimits()).effort_scale
+    return Robustness(shares, T, kept, errors, tolerance, samples, largest, scale)
 
 
 def _checked_reserves(reserves: object) -> Array:
@@ -247,30 +254,3 @@ def _carrier(problem: Problem, frame: str | None) -> tuple[int, Array]:
     item: pin.Frame = robot.model.frames[index]
     joint = int(item.parentJoint) or robot.model.njoints - 1
     return joint, np.array(item.placement.translation)
-
-
-def _error(
-    problem: Problem,
-    trajectory: Trajectory,
-    carrier: tuple[int, Array],
-    gains: tuple[Array, Array],
-    period: float,
-    largest: Disturbances,
-    rng: np.random.Generator,
-) -> float:
-    """Largest distance of a joint from a motion in one random trial [rad or m]."""
-    limits, n = problem.robot.limits, problem.robot.n
-    low, high = limits.effort_lower, limits.effort_upper
-    arm = MujocoArm(problem.robot)
-    arm.load(rng.uniform(0.0, largest.payload), *carrier)
-    arm.add_friction(rng.uniform(0.0, largest.friction, n) * np.maximum(-low, high))
-    delay = round(rng.uniform(0.0, largest.delay) / period)
-    count = max(int(np.ceil(trajectory.duration / period)), 1)
-    times = np.linspace(0.0, trajectory.duration, count + 1)
-    arm.choose_integrator(float(times[1]), trajectory.q[0])
-    noise = rng.normal(0.0, 1.0, (2, times.size, n)) * largest.noise
-    noise[1] *= 10.0
-    disturbed = follow(
-        arm, trajectory, times, gains, cutoff=(low, high), delay=delay, noise=noise
-    )
-    return float(np.abs(disturbed[0] - trajectory(times).q).max())
