@@ -2,7 +2,8 @@
 
 Goals on frames leave a choice: inverse kinematics has several branches, and a drill may
 spin about its axis. Configurations are found from random starts. (Starts at the
-configurations of neighbouring stations made tours of UR5 and Panda no shorter.)
+configurations of neighbouring stations made tours of UR5 and Panda no shorter in the
+mean.)
 
 Configurations are then improved for a given order, as spins and redundant joints are
 not on a grid: for each station, trials begin near its configuration, towards those of
