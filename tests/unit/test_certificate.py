@@ -26,6 +26,7 @@ from tominpmp.certificate.motion import (
     Perturbations,
     certificate_grid,
 )
+from tominpmp.collision.checker import CollisionChecker
 from tominpmp.constraints.base import Partials, States
 from tominpmp.constraints.orientation import KeepUpright
 from tominpmp.constraints.tool_speed import ToolSpeed
@@ -427,9 +428,6 @@ def test_every_limit_row_matches_differences(rng: np.random.Generator) -> None:
     )
     inverse = RobotDynamics(problem.robot).inverse
     N, n = 40, 3
-    # Accelerations are continuous and piecewise linear.
-    a = rng.normal(0.0, 2.0, (N + 1, n))
-    a[[0, -1]] = 0.0
     h = rng.uniform(0.02, 0.03, N)
 
     def build(a: Array, h: Array) -> Trajectory:
@@ -457,7 +455,14 @@ def test_every_limit_row_matches_differences(rng: np.random.Generator) -> None:
         rows = limits_of(motion)
         return dict(zip(keyed(rows), rows.upper.tolist(), strict=True))
 
-    base = build(a, h)
+    checker = CollisionChecker(problem.robot, scene)
+    while True:
+        # Accelerations are continuous and piecewise linear.
+        a = rng.normal(0.0, 2.0, (N + 1, n))
+        a[[0, -1]] = 0.0
+        base = build(a, h)
+        if checker.is_free(base.q[-1], 0.02):  # it is the goal, see below
+            break
     speed = ToolSpeed("tip", 1.0)
     tilt = KeepUpright("tip", (1.0, 0.0, 0.0), (1.0, 0.0, 0.0), 1.0)
     states = States(base.t, base.q, base.v, a)

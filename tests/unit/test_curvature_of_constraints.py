@@ -69,7 +69,9 @@ def test_curvature_equals_second_differences_of_the_values(item, ur5):
                 ]
                 one = values(np.array(corners))[:, k]
                 bend = (one[0] - one[1] - one[2] + one[3]) / (4.0 * STEP**2)
-                assert root[:, i] @ root[:, j] == pytest.approx(bend, abs=2e-5)
+                # The error of the differences grows with the curvature: slow tools.
+                expected = pytest.approx(bend, rel=2e-5, abs=2e-5)
+                assert root[:, i] @ root[:, j] == expected
 
 
 def test_region_constraints_report_no_curvature(ur5):

@@ -655,6 +655,8 @@ def test_odd_values_in_messages_raise_only_scenario_error(
         try:
             load_moveit(planar3r, *paths)
         except ScenarioError as error:
-            assert str(paths[case % 2]) in str(error)
+            # A misplaced obstacle may hit the arm at the start of the request.
+            message = str(error)
+            assert str(paths[case % 2]) in message or "start in collision" in message
             refused += 1
     assert 80 < refused < 200
