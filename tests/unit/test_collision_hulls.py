@@ -171,4 +171,6 @@ def test_disc_with_many_corners_is_taken_as_a_thin_plate(
     plate = tm.Mesh("m", vertices=rim, triangles=triangles, position=(1.0, 0.0, -0.5))
     checker = CollisionChecker(arm, tm.Scene([plate]))
     found = checker.distances(np.zeros((1, 1)))[0, 0]
-    assert found == pytest.approx(0.49, abs=shapes.THINNEST)
+    # The largest disc is 2 km wide: its least thickness is a share of that.
+    room = max(shapes.THINNEST, shapes.THIN_SHARE * unit)
+    assert found == pytest.approx(0.49, abs=room * (1.0 + 1e-6))

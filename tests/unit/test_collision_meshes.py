@@ -480,7 +480,8 @@ def test_invalid_mesh_argument_is_named_in_the_error(
 def test_height_field_has_distances_surface_and_pickle(ball: Robot) -> None:
     heights = np.zeros((3, 5))
     heights[1, 3] = 0.5  # a peak at x = 1, y = 0
-    ground = HeightField("g", heights=heights, size=(4.0, 2.0), position=(0, 0, -1))
+    low = (0, 0, -1)
+    ground = HeightField("g", heights=heights, size=(4.0, 2.0), position=low)
     assert ground.grid[0].tolist() == [-2, -1, 0, 1, 2]
     assert ground.cells.shape == (8, 8, 3)
     assert ground.base == pytest.approx(-0.04)
@@ -488,6 +489,11 @@ def test_height_field_has_distances_surface_and_pickle(ball: Robot) -> None:
     flat = HeightField("f", heights=np.full((2, 2), 0.2), size=(4, 4), base=-0.3)
     box = Box("b", size=(4, 4, 0.5), position=(0, 0, -0.05))
     assert clearance(ball, flat) == pytest.approx(clearance(ball, box), abs=1e-6)
+    # Coal would end the process for cells that are so thin for their length.
+    wide = HeightField(
+        "w", heights=np.full((2, 2), 0.2), size=(1e5, 1e-3), position=low
+    )
+    assert clearance(ball, wide) == pytest.approx(1.0 - 0.2 - 0.1, abs=1e-6)
     surface = obstacle_surface(ground)
     used = surface.vertices[surface.faces]
     assert used[..., 2].max() == 0.5

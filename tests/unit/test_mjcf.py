@@ -495,6 +495,16 @@ def test_unsupported_elements_give_a_warning() -> None:
         ),
         ((('range="-90 90"', 'range="-90"'),), "'range' does not .* line 8"),
         ((('mass="2"', 'mass="two"'),), "'mass' Element 'inertial', line 16"),
+        # A product that overflows is no limit.
+        (
+            (("<motor joint", '<general gainprm="1e308" ctrlrange="-1 1" joint'),),
+            "no effort limit for turn",
+        ),
+        ((('pos="0 0 0.15"', 'pos="0 inf 0.15"'),), "'upper': ipos is .0.0, inf"),
+        (
+            (('mass="2"', 'mass="1e308"'), ("0.02 0.02 0.004", "1e308 1e308 1e308")),
+            "mass matrix is not finite",
+        ),
         ((('mass="2"', 'mass="-2"'),), "mass .* must be larger .*'upper'"),
         ((('size="0.03 0.03 0.05"', 'size="0.03"'),), "size 1 must be positive"),
         ((('pos="0 0 0.1" c', 'pos="0 inf 0" c'),), "'upper': pos is .0.0, inf, 0.0."),
@@ -507,6 +517,16 @@ def test_errors_name_the_wrong_element(
 ) -> None:
     with pytest.raises(tm.RobotLoadError, match=message):
         tm.load_robot(changed(*pairs))
+
+
+def test_heavy_bodies_with_turned_axes_are_read() -> None:
+    """Regression: rounding made their inertias asymmetric, which Pinocchio refuses."""
+    heavy = 'mass="1e6" quat="0.3 0.2 0.1 0.8"'
+    moments = "1e5 2e5 2.5e5"
+    pairs = ('mass="2"', heavy), ("0.02 0.02 0.004", moments)
+    inertia = tm.load_robot(changed(*pairs)).model.inertias[1].inertia
+    found = np.linalg.eigvalsh(inertia)
+    np.testing.assert_allclose(found, np.fromstring(moments, sep=" "))
 
 
 def test_reference_poses_of_meshes_match_mujoco(tmp_path: Path) -> None:

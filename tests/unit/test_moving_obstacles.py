@@ -162,6 +162,7 @@ WRONG = [
         lambda: tm.Waypoints([0, 1], [(0, 0, 0), (np.nan, 0, 0)]),
         r"positions has a value that is not finite, at index \[1, 0\]",
     ),
+    (lambda: tm.Waypoints([0], [(0, -1e200, 0)]), r"1e\+200 m away, expected at most"),
     (
         lambda: tm.Waypoints([0, np.inf], np.zeros((2, 3))),
         "times has a value",

@@ -12,7 +12,7 @@ import pytest
 
 import tominpmp as tm
 from tominpmp.exceptions import ScenarioError
-from tominpmp.files.limits import load_joint_limits
+from tominpmp.files.limits import load_joint_limits, load_motion_limits
 from tominpmp.robot.robot import load_robot
 
 FULL = """
@@ -65,6 +65,26 @@ def test_joint_limits_file_is_read_into_limits_of_each_joint(tmp_path: Path) -> 
     assert limits.acceleration_scaling == 0.5
     with pytest.raises(TypeError):
         limits.velocity["joint1"] = 1.0  # type: ignore[index]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "joint_limits: {joint1: {max_velocity: 1e308}}",
+        "jerk: 1e308",
+        "joints: {joint1: {effort_curve: {stall: 1e308, no_load_speed: 3}}}",
+    ],
+)
+def test_files_with_numbers_that_are_too_large_are_named(
+    text: str, tmp_path: Path
+) -> None:
+    """Regression: the errors were those of a caller's arguments."""
+    path = write(tmp_path, text)
+    with pytest.raises(ScenarioError, match=f"{path.name}: .* is 1e.308, expected"):
+        if text.startswith("joint_limits"):
+            load_joint_limits(path)
+        else:
+            load_motion_limits(path, load_robot("planar3r"))
 
 
 def test_joint_limits_can_be_copied_and_pickled(tmp_path: Path) -> None:
@@ -148,7 +168,6 @@ def test_limits_of_ros2_control_warn_about_unused_keys(tmp_path: Path) -> None:
             "b.ros__parameters.joint_limits",
             "is in the table a, too",
         ),
-        ("joint_limits: {joint1: {max_jerk: 1e308}}", "", "jerk of joint 'joint1'"),
     ],
 )
 def test_message_about_wrong_joint_limits_names_the_key(

@@ -29,6 +29,9 @@ ROUNDING = 1e-9
 # Tolerance of the goal [rad or m], and tolerance as a share of the braking distance, in
 # accordance with the tolerances of the verification.
 TOLERANCE, SHARE = 1e-3, 5e-3
+# Tolerance of the final velocity [rad/s or m/s], in accordance with the verification:
+# a speed at which the torque is exhausted is approached, but never attained.
+SPEED = 1e-2
 # Number of bisections for a peak, and the peak speed that counts as infinite.
 HALVINGS, FASTEST = 60, 1e12
 # Relative change of an acceleration below which it is integrated by Simpson's rule, as
@@ -330,8 +333,10 @@ class Drive:
         side = 1.0 if way >= 0.0 else -1.0
         v0, v1 = side * ends[0], side * ends[1]
         up, down = self.ahead if way >= 0.0 else self.back
-        time, integral = (up if v1 >= v0 else down).abrupt(min(v0, v1), max(v0, v1))
-        braking = max(v0, v1) * time - integral
+        nearest = min(max(v0, v1 - SPEED), v1 + SPEED)
+        low, high = min(v0, nearest), max(v0, nearest)
+        time, integral = (up if nearest >= v0 else down).abrupt(low, high)
+        braking = high * time - integral
         if braking - abs(way) <= TOLERANCE + SHARE * abs(braking) or math.isinf(time):
             return self._one_way(side, (v0, v1)).least_time(abs(way))
         # Braking takes longer than the displacement: the motion overshoots and returns.

@@ -13,8 +13,9 @@ from scipy.spatial import ConvexHull
 
 from tominpmp.arrays import Array, IntArray
 
-# Thickness that flat meshes get [m], as Coal crashes on hulls without volume.
-THINNEST = 1e-4
+# Thickness that flat meshes get [m], and that all hulls get as a share of their largest
+# extent, as Coal crashes on hulls without volume, as flat as 1e-7 of their extent.
+THINNEST, THIN_SHARE = 1e-4, 1e-6
 # Number of corners of the polygon that encloses a round edge.
 CORNERS = 16
 # Coal supports at most 254 neighbours of a corner of a hull. If a corner has more, all
@@ -62,7 +63,7 @@ def convex_hull(mesh: Any) -> Any:
     """Convex hull of a mesh, cached with the mesh if possible."""
     if mesh.convex is None:  # not built for an earlier checker
         vertices = np.array(mesh.vertices(), dtype=np.float64)
-        points = _thickened(vertices)
+        points = _thickened(vertices, THINNEST)
         if len(points) > len(vertices):
             return hull_of(points)
         # buildConvexRepresentation would treat a mesh with dents as if it were convex,
@@ -81,6 +82,7 @@ def hull_of(points: Array) -> Any:
     millionth of its diagonal (``BLUNT``). Faces stay polygons: in the triangulation of
     a disc, a corner may have more neighbours than Coal supports.
     """
+    points = _thickened(points)
     try:
         return _hull(points)
     except RuntimeError:  # too many neighbours
@@ -135,13 +137,14 @@ def _ring(hull: ConvexHull, tip: int, radius: float) -> Array:
     return np.asarray(hull.points[tip] + radius * ring)
 
 
-def _thickened(points: Array) -> Array:
-    """Points of a mesh, (k, 3) [m], copied to both sides of its plane if it is flat."""
+def _thickened(points: Array, least: float = 0.0) -> Array:
+    """Points, (k, 3) [m], copied to both sides of their plane if they are flat."""
     centred = points - points.mean(axis=0)
     axes = np.linalg.eigh(centred.T @ centred)[1].T
     extents = np.ptp(points @ axes.T, axis=0)
-    for axis in axes[extents < THINNEST]:
-        shift = 0.5 * THINNEST * axis
+    thinnest = max(least, THIN_SHARE * float(extents.max()))
+    for axis in axes[extents < thinnest]:
+        shift = 0.5 * thinnest * axis
         points = np.concatenate([points - shift, points + shift])
     return points
 

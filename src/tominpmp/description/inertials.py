@@ -145,8 +145,8 @@ def check_inertia(
         description: The robot, for messages.
 
     Raises:
-        RobotLoadError: If joints move impossible bodies, or the mass matrix is
-            singular; names the joints.
+        RobotLoadError: If joints move impossible bodies, or the mass matrix is not
+            finite or singular; names the joints.
     """
     names = table.joint_names
     matrix = np.eye(len(names)) if matrix is None else matrix
@@ -170,6 +170,12 @@ def check_inertia(
         q = matrix @ rng.uniform(low, high) + shift
         upper = np.triu(pin.crba(model, data, q))
         mass = matrix.T @ (upper + np.triu(upper, 1).T) @ matrix
+        if not np.isfinite(mass).all():
+            raise RobotLoadError(
+                f"{path}: the mass matrix is not finite: correct the <inertial> "
+                "elements and the placements of bodies and joints",
+                path,
+            )
         singular = np.flatnonzero(singular_directions(mass))
         if singular.size:
             joints = [names[i] for i in singular]

@@ -44,16 +44,13 @@ SHOWN_GROUPS = 3
 # Colour that stands for "not given" in MuJoCo.
 UNCOLOURED = (0.5, 0.5, 0.5, 1.0)
 
-# Numbers of a compiled model that MuJoCo does not check, and their largest sizes [SI].
-LARGEST = {
-    **dict.fromkeys(("body_pos", "body_ipos", "jnt_pos", "site_pos"), FARTHEST),
-    **dict.fromkeys(("geom_pos", "geom_size"), FARTHEST),
-    **dict.fromkeys(("body_mass", "body_inertia", "jnt_axis"), np.finfo(float).max),
-    **dict.fromkeys(("dof_armature", "dof_damping"), np.finfo(float).max),
-    "dof_frictionloss": np.finfo(float).max,
+# Numbers of a compiled model that MuJoCo does not check, by the kind of their object.
+NUMBERS = {
+    "body": ("body_pos", "body_ipos"),
+    "joint": ("jnt_pos", "dof_armature", "dof_damping", "dof_frictionloss"),
+    "geom": ("geom_pos", "geom_size"),
+    "site": ("site_pos",),
 }
-# Objects of such numbers, if their names differ from the prefixes of these.
-OBJECTS = {"dof": "joint", "jnt": "joint"}
 
 Range = tuple[float, float]
 
@@ -193,17 +190,14 @@ def _check_numbers(model: Any, context: XmlContext) -> None:
     Raises:
         RobotLoadError: If there are any.
     """
-    for name, most in LARGEST.items():
-        rows = np.atleast_2d(getattr(model, name).T).T
-        wrong = ~np.all(np.abs(rows) <= most, axis=1)
-        if np.any(wrong):
-            row, (kind, _, quantity) = int(np.argmax(wrong)), name.partition("_")
-            kind = OBJECTS.get(kind, kind)
-            context.fail(
-                f"{kind} {brief(getattr(model, kind)(row).name)}: {quantity} is "
-                f"{brief(rows[row].tolist())}, expected finite numbers of at most "
-                f"{most:.3g} in size"
-            )
+    for kind, name in ((kind, name) for kind in NUMBERS for name in NUMBERS[kind]):
+        for row, value in enumerate(getattr(model, name)):
+            if not np.all(np.abs(value) <= FARTHEST):
+                owner, quantity = getattr(model, kind)(row), name.partition("_")[2]
+                context.fail(
+                    f"{kind} {brief(owner.name)}: {quantity} is {brief(value.tolist())}, "
+                    f"expected finite numbers of at most {FARTHEST:g} in size"
+                )
 
 
 class _MjcfReader:
@@ -301,11 +295,13 @@ class _MjcfReader:
             if shape is not None and geom.group[0] < SHOWN_GROUPS:
                 seen.append(shape)
         axes = _placement(own.ipos, own.iquat).rotation
+        # Rounding makes the product of a heavy body too asymmetric for Pinocchio.
+        lower = np.tril(axes * own.inertia @ axes.T)
         return LinkDescription(
             self.bodies[body],
             float(own.mass[0]) or None,
             frozen_array(own.ipos),
-            frozen_array(axes * own.inertia @ axes.T),
+            frozen_array(lower + np.tril(lower, -1).T),
             tuple(solids),
             tuple(seen),
         )
@@ -371,6 +367,7 @@ class _MjcfReader:
         }
         return SemanticDescription(tuple(sorted(named)), states, path)
 
+    @np.errstate(over="ignore")  # infinite products are no limits
     def _efforts(self) -> dict[str, Range]:
         """Total force limits of the actuators, for each joint with finite limits."""
         model, sums = self.model, dict[int, Array]()

@@ -26,6 +26,7 @@ from tominpmp.arrays import (
     record,
 )
 from tominpmp.checks import (
+    HUGE,
     PointOrNone,
     RotationLike,
     Seconds,
@@ -371,6 +372,11 @@ class Waypoints(Motion):
                     f"{name} has shape {value.shape}, expected "
                     f"{' or '.join(map(str, shapes))}, as there are {count} times"
                 )
+        far = 0.0 if self.positions is None else float(np.abs(self.positions).max())
+        if far > HUGE:
+            raise ProblemError(
+                f"positions are {far:.3g} m away, expected at most {HUGE:g} m"
+            )
         if self.rotations is not None:
             self._keep(rotations=_matrices(self.rotations))
 
