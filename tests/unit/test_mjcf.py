@@ -501,15 +501,11 @@ def test_unsupported_elements_give_a_warning() -> None:
             "no effort limit for turn",
         ),
         ((('pos="0 0 0.15"', 'pos="0 inf 0.15"'),), "'upper': ipos is .0.0, inf"),
-        (
-            (('mass="2"', 'mass="1e308"'), ("0.02 0.02 0.004", "1e308 1e308 1e308")),
-            "mass matrix is not finite",
-        ),
         ((('mass="2"', 'mass="-2"'),), "mass .* must be larger .*'upper'"),
         ((('size="0.03 0.03 0.05"', 'size="0.03"'),), "size 1 must be positive"),
         ((('pos="0 0 0.1" c', 'pos="0 inf 0" c'),), "'upper': pos is .0.0, inf, 0.0."),
         ((('0 0 0.25"', '0.4 -1e9 0"'),), "geom '': pos is .*at most 1e[+]06 in size"),
-        ((('armature="0.02"', 'armature="inf"'),), "joint 'turn': armature is .inf."),
+        ((('armature="0.02"', 'armature="inf"'),), "joint 'turn': armature is inf"),
     ],
 )
 def test_errors_name_the_wrong_element(

@@ -260,6 +260,12 @@ def test_unsupported_shapes_are_refused(model: pin.Model) -> None:
         tm.load_robot(model, geometry=geometry)
 
 
+def test_model_with_an_infinite_mass_matrix_is_refused(model: pin.Model) -> None:
+    model.armature = np.full(model.nv, np.inf)
+    with pytest.raises(tm.RobotLoadError, match="the mass matrix is not finite"):
+        tm.load_robot(model)
+
+
 def test_contact_points_are_left_out(model: pin.Model) -> None:
     geometry = pin.GeometryModel()
     for name, radius in (("foot", 0.0), ("knee", 0.1)):

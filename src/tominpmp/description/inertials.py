@@ -171,10 +171,9 @@ def check_inertia(
         upper = np.triu(pin.crba(model, data, q))
         mass = matrix.T @ (upper + np.triu(upper, 1).T) @ matrix
         if not np.isfinite(mass).all():
-            raise RobotLoadError(
-                f"{path}: the mass matrix is not finite: correct the <inertial> "
-                "elements and the placements of bodies and joints",
-                path,
+            description.fail(
+                "the mass matrix is not finite: correct the <inertial> elements and "
+                "the placements of bodies and joints"
             )
         singular = np.flatnonzero(singular_directions(mass))
         if singular.size:

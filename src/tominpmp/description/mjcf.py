@@ -44,12 +44,12 @@ SHOWN_GROUPS = 3
 # Colour that stands for "not given" in MuJoCo.
 UNCOLOURED = (0.5, 0.5, 0.5, 1.0)
 
-# Numbers of a compiled model that MuJoCo does not check, by the kind of their object.
+# Numbers of a compiled model that MuJoCo does not check, with the kind of their object.
 NUMBERS = {
-    "body": ("body_pos", "body_ipos"),
-    "joint": ("jnt_pos", "dof_armature", "dof_damping", "dof_frictionloss"),
-    "geom": ("geom_pos", "geom_size"),
-    "site": ("site_pos",),
+    **dict.fromkeys(("body_pos", "body_ipos"), "body"),
+    **dict.fromkeys(("geom_pos", "geom_size"), "geom"),
+    **dict.fromkeys(("jnt_pos", "dof_armature", "dof_damping"), "joint"),
+    **{"dof_frictionloss": "joint", "site_pos": "site"},
 }
 
 Range = tuple[float, float]
@@ -190,13 +190,14 @@ def _check_numbers(model: Any, context: XmlContext) -> None:
     Raises:
         RobotLoadError: If there are any.
     """
-    for kind, name in ((kind, name) for kind in NUMBERS for name in NUMBERS[kind]):
+    for name, kind in NUMBERS.items():
         for row, value in enumerate(getattr(model, name)):
             if not np.all(np.abs(value) <= FARTHEST):
                 owner, quantity = getattr(model, kind)(row), name.partition("_")[2]
                 context.fail(
-                    f"{kind} {brief(owner.name)}: {quantity} is {brief(value.tolist())}, "
-                    f"expected finite numbers of at most {FARTHEST:g} in size"
+                    f"{kind} {brief(owner.name)}: {quantity} is "
+                    f"{brief(value.tolist())}, expected finite numbers of at most "
+                    f"{FARTHEST:g} in size"
                 )
 
 
