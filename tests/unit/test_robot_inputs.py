@@ -260,8 +260,12 @@ def test_unsupported_shapes_are_refused(model: pin.Model) -> None:
         tm.load_robot(model, geometry=geometry)
 
 
-def test_model_with_an_infinite_mass_matrix_is_refused(model: pin.Model) -> None:
-    model.armature = np.full(model.nv, np.inf)
+def test_model_with_an_infinite_mass_matrix_is_refused() -> None:
+    model, at = pin.Model(), pin.SE3.Identity()
+    ends = (np.array([size]) for size in (10.0, 3.0, -3.0, 3.0))
+    joint = model.addJoint(0, pin.JointModelRZ(), at, "turn", *ends)
+    model.appendBodyToJoint(joint, pin.Inertia.Random(), at)
+    model.armature = np.array([np.inf])
     with pytest.raises(tm.RobotLoadError, match="the mass matrix is not finite"):
         tm.load_robot(model)
 
