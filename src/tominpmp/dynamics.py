@@ -169,7 +169,7 @@ class RobotDynamics:
         return zip(robot.expand(q), *rates, strict=True)
 
     def _smooth(self, q: Array, v: Array, a: Array) -> Array:
-        robot, (model, data) = self.robot, self.robot.model_and_data
+        robot, (model, data) = self.robot, self.robot._model_and_data
         rnea, rows = pin.rnea, self._states(q, v, a)
         tau = np.array([rnea(model, data, *row) for row in _interruptible(rows)])
         return robot.reduce_tangent(tau.reshape(-1, model.nv)) + robot.damping * v
@@ -188,7 +188,7 @@ class RobotDynamics:
 
     def mass(self, q: Array) -> Array:
         """Mass matrices at positions of shape (m, n), shape (m, n, n)."""
-        robot, (model, data) = self.robot, self.robot.model_and_data
+        robot, (model, data) = self.robot, self.robot._model_and_data
         out = np.empty((len(q), model.nv, model.nv))
         for i, row in enumerate(_interruptible(robot.expand(q))):
             out[i] = pin.crba(model, data, row)
@@ -212,7 +212,7 @@ class RobotDynamics:
         Returns:
             Torque and derivatives with respect to q, v and a.
         """
-        robot, (model, data) = self.robot, self.robot.model_and_data
+        robot, (model, data) = self.robot, self.robot._model_and_data
         m, nv = q.shape[0], model.nv
         tau = np.empty((m, nv))
         parts = np.empty((3, m, nv, nv))
@@ -265,7 +265,7 @@ class RobotDynamics:
         return a
 
     def _acceleration(self, q: Array, v: Array, u: Array) -> Array:
-        robot, (model, data) = self.robot, self.robot.model_and_data
+        robot, (model, data) = self.robot, self.robot._model_and_data
         if robot.expansion_matrix is not None:
             rest = u - self._smooth(q, v, np.zeros_like(v))
             return np.asarray(np.linalg.solve(self.mass(q), rest[..., None])[..., 0])
@@ -287,7 +287,7 @@ class RobotDynamics:
         Returns:
             Accelerations, shape (n,).
         """
-        robot, (model, data) = self.robot, self.robot.model_and_data
+        robot, (model, data) = self.robot, self.robot._model_and_data
         force = u - robot.damping * v
         S, offset = robot.expansion_matrix, robot.expansion_offset
         if S is None or offset is None:
@@ -323,7 +323,7 @@ class RobotDynamics:
 
     def _acceleration_slopes(self, q: Array, v: Array, u: Array) -> tuple[Array, Array]:
         """Accelerations, and their derivatives by q, v and u, shape (3, m, n, n)."""
-        robot, (model, data) = self.robot, self.robot.model_and_data
+        robot, (model, data) = self.robot, self.robot._model_and_data
         if robot.expansion_matrix is not None:
             acceleration = self._acceleration(q, v, u)
             parts = self.inverse_jacobians(q, v, acceleration)

@@ -50,7 +50,7 @@ class RobotKinematics:
             FrameNotFound: If there is no such frame.
         """
         index = self.robot.frame_id(frame)
-        model, data = self.robot.model_and_data
+        model, data = self.robot._model_and_data
         pin.forwardKinematics(model, data, self.robot.expand(q))
         return pin.updateFramePlacement(model, data, index).copy()
 
@@ -68,7 +68,7 @@ class RobotKinematics:
         """
         robot, axes = self.robot, LOCAL if local else WORLD
         index, row = robot.frame_id(frame), robot.expand(q)
-        jacobian = pin.computeFrameJacobian(*robot.model_and_data, row, index, axes)
+        jacobian = pin.computeFrameJacobian(*robot._model_and_data, row, index, axes)
         # Pinocchio drops the second dimension of arms with a single joint.
         return robot.reduce_tangent(np.reshape(jacobian, (6, -1)))
 
@@ -180,7 +180,7 @@ class FrameMotions:
 
     def placements(self, q: Array) -> Placements:
         """Placements of the frame at positions, shape (m, n) [rad or m]."""
-        (model, data), index = self.robot.model_and_data, self._index
+        (model, data), index = self.robot._model_and_data, self._index
         (rows,) = self._expanded(q)
         found = np.empty((len(rows), 4, 4))
         for k, row in enumerate(rows):
@@ -196,7 +196,7 @@ class FrameMotions:
             local: Whether the axes are those of the frame; otherwise those of the
                 world.
         """
-        (model, data), index = self.robot.model_and_data, self._index
+        (model, data), index = self.robot._model_and_data, self._index
         axes, nv = LOCAL if local else WORLD, self.robot.model.nv
         (rows,) = self._expanded(q)
         found = np.empty((len(rows), 6, nv))
@@ -228,7 +228,7 @@ class FrameMotions:
         self, quantity: Callable[..., pin.Motion], q: Array, **rates: Array
     ) -> Array:
         """Linear part of a quantity of Pinocchio in the world, shape (m, 3)."""
-        (model, data), index = self.robot.model_and_data, self._index
+        (model, data), index = self.robot._model_and_data, self._index
         parts = self._expanded(q, **rates)
         found = np.empty((len(parts[0]), 3))
         for k, state in enumerate(zip(*parts, strict=True)):
@@ -244,7 +244,7 @@ class FrameMotions:
             v: Velocities, shape (m, n).
             a: Accelerations, shape (m, n).
         """
-        (model, data), index = self.robot.model_and_data, self._index
+        (model, data), index = self.robot._model_and_data, self._index
         parts = self._expanded(q, v=v, a=a)
         m = len(parts[0])
         found = SpatialStates(np.empty((m, 3, 3)), np.empty((m, 6)), np.empty((m, 6)))
@@ -270,7 +270,7 @@ class FrameMotions:
             velocities by v, which are those of accelerations by a; shape (4, m, 3, n),
             or (4, m, 6, n) for spatial vectors.
         """
-        (model, data), frame = self.robot.model_and_data, self._index
+        (model, data), frame = self.robot._model_and_data, self._index
         derivatives = pin.getFrameAccelerationDerivatives
         place: tuple[object, ...] = frame, LOCAL
         if not spatial:

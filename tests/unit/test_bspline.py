@@ -214,7 +214,7 @@ def test_motion_limits_of_other_joints_are_rejected():
 
 
 def test_invalid_effort_curves_are_rejected_and_power_curves_are_exact():
-    with pytest.raises(ProblemError, match="3 speeds and 2 torques"):
+    with pytest.raises(ProblemError, match="a torque for each of 3 speeds"):
         EffortCurve(np.array([0.0, 1.0, 2.0]), np.array([1.0, 0.0]))
     with pytest.raises(ProblemError, match="increase"):
         EffortCurve(np.array([0.0, 2.0, 1.0]), np.array([1.0, 0.5, 0.0]))

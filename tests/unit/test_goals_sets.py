@@ -358,7 +358,7 @@ def test_bad_values_are_refused(case: str) -> None:
 def test_goals_that_do_not_fit_the_robot_are_refused(ur5: Robot) -> None:
     with pytest.raises(JointNotFound, match="there is no joint 'elbow'"):
         JointRegionGoal([1.0], 0.0, ["elbow"]).validate(ur5)
-    with pytest.raises(ProblemError, match="1 numbers, expected 6"):
+    with pytest.raises(ProblemError, match="1 number, expected 6"):
         JointRegionGoal([1.0]).validate(ur5)
     with pytest.raises(ProblemError, match="'elbow_joint' is 8 rad, outside"):
         Problem(ur5, Q, JointRegionGoal([9.0], 1.0, ["elbow_joint"]))

@@ -209,7 +209,7 @@ class Robot(Record):
         return ScratchData(self.model)
 
     @property
-    def model_and_data(self) -> tuple[pin.Model, pin.Data]:
+    def _model_and_data(self) -> tuple[pin.Model, pin.Data]:
         """The model, and data of the calling thread for Pinocchio's algorithms."""
         return self.model, self._scratch.data
 
