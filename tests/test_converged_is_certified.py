@@ -9,7 +9,7 @@ import pytest
 
 import tominpmp as tm
 from tests.schedules import carried_out
-from tominpmp.certificate.motion import no_certificate
+from tominpmp.certificate.dwells import no_certificate
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.planner import optimality
 from tominpmp.planner.automatic_options import resolve_options

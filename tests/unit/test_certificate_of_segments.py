@@ -9,7 +9,7 @@ import pytest
 
 import tominpmp as tm
 from tests.sample_arms import make_arm, rod, slide
-from tominpmp.certificate.motion import without_dwells
+from tominpmp.certificate.dwells import without_dwells
 
 OPTIONS = {"intervals": 40, "control": "constant"}
 

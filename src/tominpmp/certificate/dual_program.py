@@ -15,8 +15,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array
+from tominpmp.certificate.dwells import rest_nodes
 from tominpmp.certificate.limits import PASSIVE, TRUST, LimitRows, limits_of
-from tominpmp.certificate.motion import GridMotion, rest_nodes
+from tominpmp.certificate.motion import GridMotion
 from tominpmp.linear_programs.piqp import PiqpSolver, Termination
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.problem.joint_limits import control_kind

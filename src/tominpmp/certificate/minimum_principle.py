@@ -39,8 +39,9 @@ from tominpmp.arrays import Array, BoolArray
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.certificate.certificate import ActiveLimit, Certificate
 from tominpmp.certificate.dual_program import PLACES, DualSolution, solve_dual_program
+from tominpmp.certificate.dwells import without_dwells
 from tominpmp.certificate.limits import PASSIVE
-from tominpmp.certificate.motion import GridMotion, without_dwells
+from tominpmp.certificate.motion import GridMotion
 from tominpmp.certificate.optimality_report import (
     conditions_kept,
     failed_conditions,

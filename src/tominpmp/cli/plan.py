@@ -59,7 +59,7 @@ def run_plan(
     """
     motion = motion_file(args)
     # Importing the libraries takes long, and may be interrupted.
-    from tominpmp.certificate.motion import no_certificate
+    from tominpmp.certificate.dwells import no_certificate
     from tominpmp.cli.problem import load_problem
     from tominpmp.files.export import load_motion
     from tominpmp.files.scenario import save_scenario

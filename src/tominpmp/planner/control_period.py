@@ -20,8 +20,8 @@ from functools import cached_property, partial
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.certificate.dwells import no_certificate, with_dwells
 from tominpmp.certificate.minimum_principle import TOLERANCE, certify, clock_share
-from tominpmp.certificate.motion import no_certificate, with_dwells
 from tominpmp.exceptions import OptionsError
 from tominpmp.motion.trajectory import MAX_SAMPLES, Trajectory
 from tominpmp.options import FEWEST_PERIODS

@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tominpmp.certificate.dwells import no_certificate
 from tominpmp.certificate.minimum_principle import TOLERANCE, Examination, examine
-from tominpmp.certificate.motion import no_certificate
 from tominpmp.options import Options
 from tominpmp.planner.automatic_options import warm_start_options
 from tominpmp.planner.candidate import Candidate

@@ -35,6 +35,7 @@ import pinocchio as pin
 from tominpmp.arrays import Array
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.certificate.dual_program import solve_dual_program
+from tominpmp.certificate.dwells import without_dwells
 from tominpmp.certificate.limits import (
     GOAL,
     PASSIVE,
@@ -43,7 +44,7 @@ from tominpmp.certificate.limits import (
     SampledConstraint,
     limits_of_joints,
 )
-from tominpmp.certificate.motion import GridMotion, without_dwells
+from tominpmp.certificate.motion import GridMotion
 from tominpmp.checks import instance
 from tominpmp.constraints.torque import MotorLimit, TorqueLimit
 from tominpmp.dynamics import RobotDynamics

@@ -11,7 +11,7 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.certificate.certificate import ActiveLimit, Certificate
-from tominpmp.certificate.motion import without_dwells
+from tominpmp.certificate.dwells import without_dwells
 from tominpmp.checks import instance, whole, wrong
 from tominpmp.kinematics import prismatic_joints
 from tominpmp.motion.trajectory import State, Trajectory
