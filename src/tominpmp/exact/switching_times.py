@@ -273,7 +273,8 @@ def polish(
     for _ in range(CLEANINGS):
         last = found or optimised
         arcs = last.arcs.cleaned().saturated()
-        if found is not None and arcs.count == found.arcs.count:
+        same = found is not None and arcs.count == found.arcs.count
+        if same or not arcs.duration:
             break
         after = solve_lengths(system, arcs, last.states, budget, total)
         if after is None or (found is not None and not after.feasible):
@@ -318,10 +319,10 @@ def refine_arcs(
         The optimised arcs; None if no motion was found that keeps goal and limits.
     """
     found = solve_lengths(system, arcs, states, budget, FEWER_STEPS)
-    if found is None or not found.feasible:
+    cleaned = None if found is None else polish(found, budget, FEWER_STEPS)
+    if cleaned is None and (found is None or not found.feasible):
         return None
-    found = polish(found, budget, FEWER_STEPS) or found
-    return improve(found, budget, FEWER_STEPS)
+    return improve(cleaned or found, budget, FEWER_STEPS)
 
 
 def sharpen(optimised: OptimisedArcs) -> OptimisedArcs:
@@ -339,7 +340,7 @@ def sharpen(optimised: OptimisedArcs) -> OptimisedArcs:
         if change > ACCURACY and total <= CHANGED_STEPS:
             # The motion violated a limit between the coarser steps, at which an arc may
             # have to be inserted.
-            finer = improve(finer, budget, total)
+            finer = improve(finer, Budget(), total)
         optimised = finer
         if change < ACCURACY:
             break
