@@ -87,8 +87,7 @@ def _checked_parts(
     parts: Sequence[Part],
 ) -> tuple[dict[str, Robot], dict[str, pin.SE3]]:
     wrong = partial(ProblemError, field="robots")
-    robots: dict[str, Robot] = {}
-    bases: dict[str, pin.SE3] = {}
+    robots, bases = dict[str, Robot](), dict[str, pin.SE3]()
     listed: Sequence[Any] = parts if isinstance(parts, Sequence) and parts else [parts]
     for part in listed:
         if not isinstance(part, Sequence) or len(part) != 3:

@@ -27,7 +27,7 @@ from tominpmp.checks import (
     wrong,
 )
 from tominpmp.checks import names as joints_named
-from tominpmp.exceptions import naming
+from tominpmp.exceptions import ProblemError, naming
 
 PerJoint: TypeAlias = "float | ArrayLike | Mapping[str, float] | None"
 
@@ -162,10 +162,11 @@ class LimitKind:
             ProblemError: If a bound is not a positive number.
         """
         bounds = array_or_nan(value)
-        few = bounds.ndim <= (joint is None)
         known = (TINY <= bounds) & ((bounds <= HUGE) | (bounds == np.inf))
-        if not few or not np.all(known):
-            raise wrong(value, key, f"positive numbers [{self.unit}]")
+        if bounds.ndim > (joint is None) or not np.all(known):
+            name = key if joint is None else f"{key}: joint {joint!r}"
+            message = str(wrong(value, name, f"positive numbers [{self.unit}]"))
+            raise ProblemError(message, key)
         return bounds if joint is None else float(bounds)
 
     def excess(

@@ -243,7 +243,7 @@ def changed_csv(
         (3, 0, "0.0", "time: must increase, but is 0.055"),
         (2, 0, "1e-300", "time: must increase, but is 0.0"),
         (0, 0, "\x1b[1m", r"line 1: .* found: '\\x1b\[1m, q_joint1"),
-        (3, 0, "nan", "t: is nan in row 3"),
+        (3, 0, "nan", "t: is nan in row 3: expected a finite number"),
     ],
 )
 def test_invalid_csv_entry_is_named_in_the_error(

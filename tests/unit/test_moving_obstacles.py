@@ -196,6 +196,7 @@ WRONG = [
         lambda: mover(WAY, position=(1, 2, 3)),
         r"position is \[1.*motion begins with \[-2",
     ),
+    (lambda: mover(WAY, position=(-2, 6 + 5e-5, 0)), "begins with .* the same, or no"),
     (lambda: mover(WAY, rotation=(0, 0, 1, 1)), "rotation is .*begins with"),
 ]
 

@@ -324,6 +324,8 @@ def test_mesh_with_vertices_that_are_not_finite_is_refused(
 def test_missing_package_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RobotLoadError, match="package_dirs: there is no folder"):
         load(tmp_path, one_joint(), package_dirs=[tmp_path / "none"])
+    with pytest.raises(RobotLoadError, match="is 5, expected paths of folders"):
+        load(tmp_path, one_joint(), package_dirs=5)
     # One folder instead of a list of folders is accepted, as many will write it.
     arm = load(tmp_path, one_joint(), package_dirs=str(tmp_path))
     assert arm.package_dirs == (tmp_path,)

@@ -220,6 +220,7 @@ def test_effort_of_zero_makes_a_joint_passive(tmp_path: Path) -> None:
     ("option", "value", "message"),
     [
         ("effort", math.nan, "got nan, expected one number, or 2 numbers"),
+        ("effort", [1, math.nan], "joint j2 got nan, expected a number from 0"),
         ("effort", -1, "joint j1 got -1.*expected a number from 0"),
         ("effort", {"j2": -1}, "joint j2 got -1"),
         ("effort", math.inf, "joint j1 got inf, expected a finite number"),

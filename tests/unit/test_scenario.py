@@ -467,6 +467,11 @@ joint_limits:
             "joint joint1 got -1",
         ),
         (
+            ('"planar3r"', '"planar3r"\npackage_dirs = ["none"]'),
+            "robot.package_dirs",
+            "there is no folder",
+        ),
+        (
             ('"planar3r"', '"planar3r"\nlocked_joints = {elbow = 1.0}'),
             "robot.locked_joints",
             "no joint 'elbow'",
@@ -568,6 +573,11 @@ joint_limits:
             "expected positive numbers",
         ),
         (
+            ("[goal]", '[motion_limits]\njerk = {joint2 = "x"}\n[goal]'),
+            "motion_limits",
+            "jerk: joint 'joint2' is 'x', expected positive numbers",
+        ),
+        (
             ("[goal]", '[motion_limits]\nfile = "no.yaml"\n[goal]'),
             "motion_limits.file",
             r"there is no file .*no\.yaml",
@@ -605,6 +615,16 @@ def test_locked_joints_may_be_named_where_they_are_locked(tmp_path: Path) -> Non
     path = write(tmp_path, text.replace('"planar3r"', lock.replace("0.2", "0.3")))
     with pytest.raises(ScenarioError, match="but it is locked at"):
         load_scenario(path)
+    # A locked joint has no velocity, whatever its position.
+    text = text.replace('"planar3r"', lock)
+    for rate in "va":
+        path = write(tmp_path, text.replace(start, f"{start}\n{rate} = {{joint3 = 0}}"))
+        assert load_scenario(path).problem.v_start.tolist() == [0.0, 0.0]
+        path = write(
+            tmp_path, text.replace(start, f"{start}\n{rate} = {{joint3 = 0.2}}")
+        )
+        with pytest.raises(ScenarioError, match=rf"start.{rate}: .*locked at 0$"):
+            load_scenario(path)
 
 
 @pytest.mark.parametrize(

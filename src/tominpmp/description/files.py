@@ -195,17 +195,15 @@ def check_folders(package_dirs: Sequence[str | os.PathLike[str]]) -> tuple[Path,
     Raises:
         RobotLoadError: If a folder does not exist.
     """
-    several = isinstance(package_dirs, Sequence) and not isinstance(
-        package_dirs, str | bytes
-    )
-    folders = tuple(
-        checked_path(folder, "package_dirs", RobotLoadError).absolute()
-        for folder in (package_dirs if several else [package_dirs])
-    )
-    for folder in folders:
+    single = isinstance(package_dirs, str | bytes)
+    single = single or not isinstance(package_dirs, Sequence)
+    named, folders = ("package_dirs", RobotLoadError, "paths of folders"), list[Path]()
+    for given in [package_dirs] if single else package_dirs:
+        folder = checked_path(given, *named).absolute()
         if not folder.is_dir():
             raise RobotLoadError(f"package_dirs: there is no folder {folder}", folder)
-    return folders
+        folders.append(folder)
+    return tuple(folders)
 
 
 def resolve_resource(

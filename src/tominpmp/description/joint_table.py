@@ -379,7 +379,7 @@ class JointTable:
         if not isinstance(values, Mapping):
             array = array_or_nan(values)
             fits = array.shape in ((), (n,)) or (pairs and array.shape == (n, 2))
-            if not fits or np.isnan(array).any():
+            if not fits or np.isnan(array).all():  # no numbers at all
                 forms = f"{n} numbers" + f" or {n} pairs (lower, upper)" * pairs
                 raise OptionsError(
                     f"{option}: got {brief(values)}, expected one number, or {forms} "

@@ -131,12 +131,11 @@ def _not_finite(samples: Samples) -> Iterator[tuple[str, str]]:
     """Quantities with values that are not finite, and the first value, in a clause."""
     for key in ("t", *tables.known_quantities(samples)):
         values = getattr(samples, key)
-        wrong = np.argwhere(~np.isfinite(values)).tolist()
-        if wrong:
-            row, *joint = wrong[0]
-            place = f"in row {row + 1}, at {samples.t[row]:.6g} s"
-            place += "".join(f", joint {brief(samples.joint_names[i])}" for i in joint)
-            value = values[tuple(wrong[0])]
+        for row, *joint in np.argwhere(~np.isfinite(values)).tolist()[:1]:
+            value, place = values[(row, *joint)], f"in row {row + 1}"
+            for i in joint:  # a time has none
+                name = brief(samples.joint_names[i])
+                place += f", at {samples.t[row]:.6g} s, joint {name}"
             yield key, f"is {value} {place}: expected a finite number"
 
 

@@ -463,7 +463,8 @@ def read_robot(table: Field) -> Robot:
             limits = limits.over(robot.motion_limits, robot.joint_names)
             robot = replace(robot, motion_limits=limits)
     except TominpmpError as error:
-        option = getattr(error, "option", None) or getattr(error, "field", None)
+        named = getattr(error, "option", None) or getattr(error, "field", None)
+        option = named or str(error).partition(":")[0]
         if isinstance(error, ScenarioError):  # of this file, or of that of MoveIt
             option = "joint_limits"
         with blaming(table.get(option) if option in ROBOT_KEYS else table):

@@ -160,7 +160,7 @@ def _agreed_start(given: Placement, begins: Placement) -> Placement:
         ("rotation", given.R, begins.R, np.eye(3)),
     ):
         free = np.array_equal(value, usual)
-        if not free and not np.allclose(value, first, atol=SAME):
+        if not free and not np.allclose(value, first, rtol=0.0, atol=SAME):
             raise SceneError(
                 f"{name} is {value.tolist()}, and its motion begins with "
                 f"{first.tolist()}: expected the same, or no {name}"
