@@ -247,7 +247,7 @@ class SolverNotFound(_NotFound):
     Attributes:
         name: Name of the missing solver.
         available: Names of the installed solvers.
-        field: Empty: no argument but ``lp_solver`` has such a name.
+        field: Empty: only ``lp_solver`` names a solver.
     """
 
     _noun, _owner = "solver", "there are"

@@ -213,7 +213,7 @@ def stack_parts(
         ProblemError: If a robot is missing or unknown, or a length is wrong.
     """
     if not names:
-        fault = "the robot was not combined from several, whose values to stack"
+        fault = "the robot was not combined from several: expected combine_robots()"
         raise ProblemError(fault, "robots")
     for name in (*values, *names):
         if name not in names or name not in values:

@@ -67,8 +67,8 @@ MESSAGES: dict[str, tuple[str, ...]] = {
     "FollowJointTrajectory": ("trajectory",),
     "RobotTrajectory": ("joint_trajectory",),
 }
-# Longest line of a message in YAML [characters].
-LONGEST_LINE = 2**30
+# Form of names in YAML: on one line, and quoted, as some readers take 1e5 for a number.
+QUOTED: Any = {"default_flow_style": True, "default_style": '"', "width": 2**30}
 # Default message type.
 MESSAGE = "JointTrajectory"
 # Nodes closer than this to the previous one are left out [ns]: over less time, the last
@@ -170,12 +170,17 @@ def write_json(samples: Samples, file: BinaryIO, message: str = MESSAGE) -> None
 
 def write_yaml(samples: Samples, file: BinaryIO, message: str = MESSAGE) -> None:
     """Write samples as a YAML message, one line per quantity of a point."""
+    # JSON, which is YAML, except for its escapes in texts: PyYAML would take ten times
+    # the time and the memory for the numbers.
     data = _message_data(samples)
-    for key in MESSAGES[message]:
-        data = {key: data}
-    dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-    form: Any = {"default_flow_style": None, "sort_keys": False, "width": LONGEST_LINE}
-    yaml.dump(data, file, dumper, encoding="utf-8", **form)
+    names = yaml.safe_dump(data["joint_names"], **QUOTED).strip()
+    lines = [f"header: {_json(data['header'])}", f"joint_names: {names}", "points:"]
+    for point in data["points"]:
+        first, *others = (f"{name}: {_json(part)}" for name, part in point.items())
+        lines += [f"- {first}", *(f"  {part}" for part in others)]
+    for key in reversed(MESSAGES[message]):
+        lines = [f"{key}:", *(f"  {line}" for line in lines)]
+    file.write("\n".join([*lines, ""]).encode())
 
 
 def parse_json(content: bytes, path: Path) -> Any:

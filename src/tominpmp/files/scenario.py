@@ -313,15 +313,6 @@ def _read_segment(table: Field, robot: Robot, before: Array | None) -> Segment:
         key_of(table, error.field).fail(str(error))
 
 
-def _read_payload(table: Field) -> Payload:
-    """Read a payload.
-
-    Raises:
-        ScenarioError: If the table is not a valid payload.
-    """
-    return make(Payload, table, classes(Obstacle))
-
-
 def key_of(
     table: Field, field: str | None, keys: Collection[str] = SEGMENT_KEYS
 ) -> Field:
@@ -353,7 +344,7 @@ READERS: dict[str, Callable[[Field], Any]] = {
     "margin": Field.number,
     "self_collision": Field.flag,
     "constraints": lambda items: _read_each(items, PathConstraint, "constraint"),
-    "payload": _read_payload,
+    "payload": lambda item: make(Payload, item, classes(Obstacle)),
     "may_touch": attrgetter("value"),
     "stop": Field.flag,
     "dwell": Field.number,
@@ -471,7 +462,7 @@ def read_robot(table: Field) -> Robot:
             raise
     for item in table.get("payloads").items():
         with blaming(item):
-            robot = robot.with_payload(_read_payload(item))
+            robot = robot.with_payload(READERS["payload"](item))
     return robot
 
 

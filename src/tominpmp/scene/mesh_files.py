@@ -38,7 +38,7 @@ ARCHIVES = (b"PK", b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"7z\xbc\xaf", b"Rar!")
 LONGEST_LINE = 100_000
 # Matches lines that are not empty, as there may be millions of empty lines.
 _LINE = re.compile(rb"[^\s][^\r\n]*")
-# Corner of a face in an OBJ file: a vertex, and what it has of texture and normal.
+# Corner of a face in an OBJ file: a vertex, and its texture and normal, if it has any.
 _CORNER = re.compile(rb"([-+]?[0-9]{1,18})(/.*)?")
 STL_HEADER = 84
 STL_TRIANGLE = 50

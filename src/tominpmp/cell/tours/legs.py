@@ -45,7 +45,7 @@ ZERO_LENGTH = 1e-9
 SAME = 1e-9
 
 
-# A number of ends at which the arm is at rest, or such numbers.
+# Number of ends at which the arm is at rest, of one motion or of each of several.
 Resting: TypeAlias = int | IntArray
 
 
