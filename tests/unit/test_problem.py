@@ -146,7 +146,7 @@ def test_start_is_needed(planar3r: Robot) -> None:
         (
             "v_start",
             {"v_start": (0, -101, 0)},
-            r"'joint2' is -101 rad/s, outside its velocity limits \[-100, 100\] rad/s",
+            r"'joint2' is -101 rad/s, outside its velocity limits \[-100, 100\] rad/s$",
         ),
         (
             "a_start",

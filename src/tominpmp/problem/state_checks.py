@@ -20,7 +20,7 @@ from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals.base import Goal
 from tominpmp.goals.sets import restricted
-from tominpmp.kinematics import RobotKinematics, prismatic_joints, units_of
+from tominpmp.kinematics import RobotKinematics, units_of
 from tominpmp.motion_limits import EFFORT, joint_kinds
 from tominpmp.robot.robot import Robot
 from tominpmp.scene.scene import Scene
@@ -349,7 +349,7 @@ def onto_limits(
             f"outside its {quantity} limits [{lower[i]:.10g}, {upper[i]:.10g}] {unit}"
         )
         if excess[i] > slack[i]:
-            degrees = np.any(np.abs(values[~prismatic_joints(robot)]) > LARGE_ANGLE)
+            degrees = unit == "rad" and np.any(np.abs(values) > LARGE_ANGLE)
             field = name.split(" ")[0]
             raise ProblemError(beyond + (IN_RADIANS if degrees else ""), field)
         snapped.append(f"{beyond}, by {excess[i]:.1e}, and was set to the limit")
