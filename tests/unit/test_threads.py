@@ -12,6 +12,7 @@ import pytest
 import tominpmp as tm
 from tominpmp.arrays import Array
 from tominpmp.collision.checker import CollisionChecker
+from tominpmp.collision.narrow import NarrowPhase
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.kinematics import FrameMotions
 
@@ -73,3 +74,26 @@ def test_values_in_several_threads_equal_those_of_one_thread(
         found = list(pool.map(evaluate, q))
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def test_distances_while_another_thread_sets_up_the_same_pairs(
+    robot: tm.Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Regression: bodies were placed in one narrow phase, and measured in another.
+
+    From Python 3.12 on, two threads that use a checker for the first time each set up
+    its narrow phase, and the later one replaces the other.
+    """
+    checker = CollisionChecker(robot, tm.Scene([tm.Sphere("ball", radius=0.2)]))
+    q, place = np.random.default_rng(0).uniform(-1.5, 1.5, (3, robot.n)), []
+    expected = checker.distances(q)
+    usual = NarrowPhase.place
+
+    def replaced(narrow: NarrowPhase, *given: Array) -> None:
+        usual(narrow, *given)
+        place.append(given)
+        vars(checker)["narrow"] = NarrowPhase(robot.model, *checker.watched)
+
+    monkeypatch.setattr(NarrowPhase, "place", replaced)
+    np.testing.assert_array_equal(checker.distances(q), expected)
+    assert len(place) == len(q)

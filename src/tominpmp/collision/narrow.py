@@ -149,13 +149,12 @@ class NarrowPhase(threading.local):
             return normal
         # Coal returns no normal if the axes of two shapes cross; use the direction
         # between their centres, along which the overlap ends.
-        first, second = (
-            self._results.oMg[body].translation for body in self._pairs[index].tolist()
-        )
-        length = np.linalg.norm(second - first)
+        (first, second), places = self._pairs[index].tolist(), self._results.oMg
+        way = places[second].translation - places[first].translation
+        length = np.linalg.norm(way)
         if length < 1e-9:
             return np.array([1.0, 0.0, 0.0])
-        return np.asarray((second - first) / length)
+        return np.asarray(way / length)
 
 
 def _request(request: Any) -> Any:

@@ -92,10 +92,8 @@ class PairDistances:
         A coordinate changes the distance of a pair if it moves exactly one of its
         bodies.
         """
-        one, other = (
-            self.placements.moves[self._model_joint(bodies)]
-            for bodies in (self.broad.first, self.broad.second)
-        )
+        one = self.placements.moves[self._model_joint(self.broad.first)]
+        other = self.placements.moves[self._model_joint(self.broad.second)]
         return np.asarray(one != other)
 
     def _model_joint(self, bodies: IntArray) -> IntArray:
@@ -213,28 +211,30 @@ class PairDistances:
     ) -> Array:
         """Exact distances of single pairs at configurations of the model, (k,) [m]."""
         out = np.empty(instant.size)
-        for chosen, pairs in self._placed(rows, instant, pair, times):
-            out[chosen] = self.narrow.distances(pairs)
+        for narrow, chosen, pairs in self._placed(rows, instant, pair, times):
+            out[chosen] = narrow.distances(pairs)
         return out
 
     def _placed(
         self, rows: Array, instant: IntArray, pair: IntArray, times: Array
-    ) -> Iterator[tuple[IntArray, list[int]]]:
+    ) -> Iterator[tuple[NarrowPhase, IntArray, list[int]]]:
         """Place the bodies at one configuration after the other.
 
         Yields:
-            Indices into ``instant`` and ``pair`` of the queries at the configuration,
-            and their pairs.
+            The narrow phase whose bodies are placed, indices into ``instant`` and
+            ``pair`` of the queries at the configuration, and their pairs.
         """
+        # Threads that set up the property at once may replace the object of another.
+        narrow = self.narrow
         order = np.argsort(instant, kind="stable")
         starts = np.flatnonzero(np.diff(instant[order], prepend=-1))
         groups = instant[order[starts]]
         R, p = self.obstacles.placements(times[groups])
         ends = [*starts[1:].tolist(), order.size]
         for k, (begin, end) in enumerate(zip(starts.tolist(), ends, strict=False)):
-            self.narrow.place(rows[groups[k]], R[k], p[k])
+            narrow.place(rows[groups[k]], R[k], p[k])
             chosen = order[begin:end]
-            yield chosen, pair[chosen].tolist()
+            yield narrow, chosen, pair[chosen].tolist()
 
     def derivatives_at(
         self,
@@ -293,8 +293,8 @@ class PairDistances:
             (3, k, 3).
         """
         rows, found = self.robot.expand(q), np.empty((3, len(pairs), 3))
-        for chosen, some in self._placed(rows, instants, pairs, times):
-            found[:, chosen] = self.narrow.witnesses(some)
+        for narrow, chosen, some in self._placed(rows, instants, pairs, times):
+            found[:, chosen] = narrow.witnesses(some)
         return found
 
     def decrease(
