@@ -11,6 +11,7 @@ import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tests.schedules import carried_out
 from tominpmp.initial_guess.guess import Guess, GuessRequest
+from tominpmp.initial_guess.segments import segmented_guesses
 from tominpmp.planner.candidate import Candidate, Fallback, KeptIterate, as_candidate
 from tominpmp.planner.coarse_search import CoarseSearch
 from tominpmp.planner.descent import descent_work
@@ -165,6 +166,35 @@ def test_faster_coarse_motion_replaces_a_slow_incumbent():
     solution = _finish(state, tm.Status.TIME_LIMIT)
     assert solution.success and solution.status is tm.Status.TIME_LIMIT
     assert solution.T < 1.3 * iterate.duration < slow.duration
+
+
+def test_fallback_as_slow_as_the_incumbent_is_not_tried_after_a_dwell(monkeypatch):
+    """Regression: the duration of the fallback was compared without its dwells."""
+    goals = tm.JointGoal((0.5, 1.4, -1.0)), tm.JointGoal((0.5, 1.0, 1.0))
+    segments = tm.Segment(goals[0], dwell=1.0), tm.Segment(goals[1])
+    start = planar()
+    problem = tm.Problem(start.robot, start.q_start, segments=segments)
+    system, options = ProblemFunctions.of(problem), tm.Options(**RESOLVED)
+    request = GuessRequest(1, np.random.default_rng(0))
+    guess = next(segmented_guesses(system, request))
+    program, z = first_program(system, options, guess)
+    kept = KeptIterate(program, Iterate.of(program, z, 1.0), True)
+    state = PlanState(problem, options)
+    replayed = as_candidate("slow", kept, kept, tm.Status.TIME_LIMIT)
+    replayed = replayed.verified(problem, options)
+    confirmed = replace(replayed.verification, ok=True, violations=())
+    incumbent = replace(replayed, verification=confirmed)
+    state.candidates.append(incumbent)
+    assert state.incumbent is incumbent
+    state.fallbacks, tried = [Fallback("slow", kept, kept, problem)], []
+
+    def scaled(fallback, candidate, options):
+        tried.append(fallback)
+        return candidate
+
+    monkeypatch.setattr("tominpmp.planner.work._scaled", scaled)
+    use_fallback(state, tm.Status.TIME_LIMIT)
+    assert not tried
 
 
 def test_slowed_guess_is_returned_if_all_starts_fail():

@@ -279,9 +279,9 @@ def use_fallback(state: PlanState, status: Status) -> None:
     tried: list[Candidate] = []
     with state.saving():
         for fallback in tries:
-            if fallback.kept.iterate.duration >= best:
-                continue
             candidate = replace(fallback.candidate(status), remark=remark)
+            if candidate.trajectory.duration >= best:
+                continue
             try:
                 candidate = _scaled(fallback, candidate, state.options)
             except (Stop, KeyboardInterrupt) as stop:
