@@ -8,7 +8,7 @@ from planar_samples import OBSTACLE, START, planar
 from sample_arms import DOWNWARD, make_arm, rod, slide
 
 import tominpmp as tm
-from tominpmp.constraints.torque import Signs
+from tominpmp.constraints.friction import Signs
 from tominpmp.linear_programs.choice import make_solver
 from tominpmp.solvers import loop
 from tominpmp.solvers.objective import MinimumTime

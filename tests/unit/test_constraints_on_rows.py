@@ -12,7 +12,7 @@ from test_tool_constraints import ITEMS as TOOLS
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tominpmp.constraints.base import States
-from tominpmp.goals.frames import deviations
+from tominpmp.goals.direction import deviations
 from tominpmp.initial_guess.guess import straight_guess
 from tominpmp.transcription.problem_functions import ProblemFunctions
 

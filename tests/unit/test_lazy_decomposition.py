@@ -21,7 +21,7 @@ from tominpmp.cli.plan import LOGGER, Progress
 from tominpmp.collision import decomposition, decomposition_cache
 from tominpmp.collision.checker import CollisionChecker
 from tominpmp.stopping import Stop
-from tominpmp.verification.closest_approach import nearest_pair
+from tominpmp.verification.nearest import nearest_pair
 
 ENDS = [0.0, -1.2, 1.0, 0.0, 0.5, 0.0], [1.5, -0.8, 0.4, 0.3, -0.5, 1.0]
 MESHES = 7

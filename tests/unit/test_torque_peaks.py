@@ -11,7 +11,7 @@ import pytest
 
 import tominpmp as tm
 from tests.sample_arms import make_arm, rod
-from tominpmp.constraints.torque import EFFORT_TOLERANCE
+from tominpmp.constraints.friction import EFFORT_TOLERANCE
 from tominpmp.transcription.blocks import SampledRows, blocks_of
 from tominpmp.transcription.bspline import INSPECTED, TORQUE_SHARES
 from tominpmp.transcription.exchange import REVERSAL_OFFSET, Inspection

@@ -345,8 +345,8 @@ def _of_joints(part: GridMotion, item: JointLimit | MotorLimit) -> Iterator[Limi
             middles[:] = part.load
         # A joint without a motor has its equation of motion instead of a limit.
         passive = np.zeros(chosen.shape, dtype=bool)
-        passive[:, MIDDLE] = np.isin(item.of_joints, part.driven, invert=True)
-        chosen[:, :, ~np.isin(item.of_joints, part.driven)] = False
+        passive[:, MIDDLE] = ~part.system.driven[item.of_joints]
+        chosen[:, :, ~part.system.driven[item.of_joints]] = False
         yield sampled.rows(PASSIVE, item.of_joints, passive.reshape(shape), equal=True)
     yield sampled.rows(item.kind.name, item.of_joints, chosen.reshape(shape), unit)
 

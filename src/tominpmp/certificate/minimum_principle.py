@@ -23,6 +23,9 @@ between the instants at which a state limit is active, where the costate decreas
 the multiplier times the gradient of the limit. The program uses accelerations and the
 inverse dynamics, the adjoint equation torques and the forward dynamics: each checks the
 other.
+
+On the clock of a controller, segments last whole periods: a predicted gain may then be
+as large as the share of T that rounding to periods may have cost (:func:`clock_share`).
 """
 
 from __future__ import annotations
@@ -202,7 +205,7 @@ def _certificate(
     rounding: float,
 ) -> Certificate:
     """The certificate of a motion from its costates and multipliers."""
-    h, driven, sigma = motion.changes.h, motion.driven, dual.switching
+    h, driven, sigma = motion.changes.h, motion.system.driven, dual.switching
     T, H, limits = float(h.sum()), dual.hamiltonian, motion.system.motion_limits
     load = motion.loads
     if motion.changes.profile == "torques":
@@ -213,7 +216,7 @@ def _certificate(
     slack, slope = np.where(sigma < 0.0, above, below), np.abs(sigma)
     # Torques also obey where the Hamiltonian can decrease only within the tolerance.
     obeys = (slack <= AT_LIMIT) | (slope <= SINGULAR) | (slope * slack <= tolerance)
-    obeys[:, np.setdiff1d(np.arange(motion.changes.n), driven)] = True
+    obeys[:, ~driven] = True
     saturated = (np.minimum(above, below) <= ON_LIMIT)[:, driven].any(axis=1)
     # Additional gain of torques that switch within the intervals.
     mean = np.where(sigma < 0.0, 1.0 - motion.load, 1.0 + motion.load)

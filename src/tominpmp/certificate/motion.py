@@ -245,11 +245,6 @@ class GridMotion:
         every = (part.system.problem.constraints for part in self.segments)
         return [item for items in every for item in items]
 
-    @property
-    def driven(self) -> IntArray:
-        """Indices of the joints with a motor."""
-        return self.system.driven_joints
-
     # -- states ------------------------------------------------------------------------
 
     def instants(self, *shares: float) -> Instants:

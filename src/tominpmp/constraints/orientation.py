@@ -11,7 +11,7 @@ import pinocchio as pin
 from tominpmp.arrays import Array, default, record
 from tominpmp.checks import Direction, positive
 from tominpmp.constraints.path import EMPTY, FrameRows, Linear
-from tominpmp.goals.frames import deviations
+from tominpmp.goals.direction import deviations
 from tominpmp.scene.obstacles import Turn
 
 PositiveAngle: TypeAlias = Annotated[float, partial(positive, unit="rad", most=np.pi)]

@@ -20,7 +20,7 @@ from tominpmp.exact.radau import NODES, STAGES, IntegratedArcs, integrate
 from tominpmp.exact.structure import Arcs
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.stopping import check
-from tominpmp.transcription.base import NOT_INTEGRATED, Rows
+from tominpmp.transcription.base import Rows
 from tominpmp.transcription.controls import scale_of_goal
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -104,11 +104,6 @@ class Shot:
     slopes: Array
     equations: int
     by_stages: Array
-
-    @property
-    def equal(self) -> Array:
-        """Residuals of the equations, shape (e,)."""
-        return self.rows.value[: self.equations]
 
     @property
     def margin(self) -> Array:
@@ -212,7 +207,7 @@ class ArcProgram:
         """Row values."""
         shot = self.shoot(z)
         if shot is None:
-            return np.full(self.rows.size, -NOT_INTEGRATED)
+            return -self.rows.not_integrated
         return shot.rows.value
 
     def time_scale(self, z: Array, factor: float) -> Array:

@@ -3,7 +3,8 @@
 The same problem often has several locally time-optimal motions, which differ by the
 order of their switches and are not connected by small changes. Other initial guesses
 lead to them (multi-start): an optimisation of torques on a coarse grid turns each guess
-into a motion near a local optimum, whose arcs are then optimised.
+into a motion near a local optimum, whose arcs are then optimised. Approximate arcs of a
+motion are read from its torques and speeds (:func:`arcs_of`).
 """
 
 from __future__ import annotations
@@ -136,7 +137,7 @@ class Search:
 
     def run(self, plan: Trajectory) -> None:
         """Optimise arcs of the plan, of other guesses, and of finer grids."""
-        small = self.system.driven_joints.size <= EXPLORED_MOTORS
+        small = self.system.driven.sum() <= EXPLORED_MOTORS
         options = self.state.options
         near = self.optimise(plan, EVALUATIONS)
         # No multi-start for options with a single start, nor with assumed velocity
@@ -219,7 +220,7 @@ def exact_switches(
         # Arcs are found in torques less dry friction.
         smooth = replace(system, signs=signs)
         plan = plan.with_torques(smooth.dynamics.inverse)
-    few = system.driven_joints.size <= EXPLORED_MOTORS
+    few = system.driven.sum() <= EXPLORED_MOTORS
     budget = Budget(np.inf, PATIENCE if few else PATIENCE_OF_MANY)
     limit = np.inf
     if best.feasible:
@@ -250,9 +251,8 @@ def arcs_of(system: ProblemFunctions, trajectory: Trajectory) -> Arcs:
     ends = [trajectory(t[:-1] + INSIDE * h).u, trajectory(t[1:] - INSIDE * h).u]
     first, last = ((u - system.effort_middle) / system.effort_half for u in ends)
     shares = np.where(np.abs(first) >= np.abs(last), first, last)
-    driven = np.isin(np.arange(system.n), system.driven_joints)
     speeds = trajectory.v / system.problem.robot.limits.velocity
-    return read_arcs(h, np.clip(shares, -1.0, 1.0), speeds, driven)
+    return read_arcs(h, np.clip(shares, -1.0, 1.0), speeds, system.driven)
 
 
 def constant_signs(system: ProblemFunctions, trajectory: Trajectory) -> Array | None:

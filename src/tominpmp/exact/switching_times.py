@@ -163,7 +163,7 @@ def solve_lengths(
 def _violation(shot: Shot) -> float:
     """Largest residual of equations, or scaled violation of limits beyond the slack."""
     return max(
-        float(np.max(np.abs(shot.equal), initial=0.0)),
+        float(np.max(np.abs(shot.rows.value[: shot.equations]), initial=0.0)),
         float(np.max(-shot.margin, initial=0.0)) - SLACK,
     )
 

@@ -163,7 +163,7 @@ class GuessRequest:
         passes: Whether the arm may pass the goal, although the guesses stop there.
         onward: Estimates the time that the motion takes after the goal [s] from its
             final configuration, shape (n,); None if it ends there, or for no estimate.
-        searches: Success of the searches for paths, which further ones update.
+        searches: Success of the searches for paths, which further searches update.
     """
 
     count: int
@@ -294,14 +294,8 @@ def along(
     if timing is None:
         return _untimed_guess(system, path.evaluate(_quintic())[0], name)
     times = np.linspace(0.0, timing.duration, SAMPLES)
-    return _paced(system, times, timing.position(times), name, timed=True)
-
-
-def _paced(
-    system: ProblemFunctions, times: Array, q: Array, name: str, *, timed: bool
-) -> Guess:
-    """A path over time, slowed down for limits of accelerations, jerks and loads."""
-    return Guess(name, slowdown(system, times, q) * times, q, timed)
+    q = timing.position(times)
+    return Guess(name, slowdown(system, times, q) * times, q, True)
 
 
 def _via_guess(system: ProblemFunctions, via: Array, q_end: Array) -> Guess:
@@ -325,7 +319,7 @@ def _quintic() -> Array:
 def _untimed_guess(system: ProblemFunctions, q: Array, name: str) -> Guess:
     duration = DURATION_FACTOR * least_time(system, q)
     times = duration * np.linspace(0.0, 1.0, SAMPLES)
-    return _paced(system, times, q, name, timed=False)
+    return Guess(name, slowdown(system, times, q) * times, q, False)
 
 
 def least_time(system: ProblemFunctions, q: Array) -> float:

@@ -1,4 +1,4 @@
-"""Configurations that reach a goal on a frame, by damped least squares."""
+"""Configurations and velocities that reach a goal, by damped least squares."""
 
 from __future__ import annotations
 
@@ -244,10 +244,8 @@ class Target:
         around = AROUND * self.scales.joints
         # Next to a limit the box is shifted, to hold all angles that a joint can reach.
         middle = np.clip(centre, lower + around, upper - around)
-        low, high = (
-            np.maximum(lower, middle - around),
-            np.minimum(upper, middle + around),
-        )
+        low = np.maximum(lower, middle - around)
+        high = np.minimum(upper, middle + around)
         wide = [rng.uniform(low, high) for _ in range(count)]
         near = [centre + NEARER * (q - centre) for q in wide]
         solutions, nearest = _solutions(self, [centre, *wide, *near])

@@ -274,9 +274,8 @@ class SegmentRows:
         # Torques may exceed limits between nodes: their used share is not clipped.
         control = control_kind(self._robot).name
         used = np.where(rows.of(control), rows.used, 1.0 - rows.slack)
-        driven = np.isin(np.arange(self._robot.n), self.motion.driven)
         _, strongest = control_bounds(self._robot, self._problem.motion_limits)
-        efforts = np.where(driven, strongest, np.inf)
+        efforts = np.where(system.driven, strongest, np.inf)
         gain, upper = rows.value, rows.upper_active
         for item in joint_limits(self._robot, self._problem.motion_limits):
             kind, most = item.kind, efforts if item.kind.quantity == "u" else item.upper

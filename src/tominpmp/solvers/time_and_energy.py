@@ -179,10 +179,9 @@ class Energy:
         scheme = self.nlp.transcription
         every = np.arange(scheme.intervals)
         times = Partials(every, by_t=np.ones(every.size))
-        ends, begins = (
-            scheme.pull_back(motion, Instants(every, np.full(every.size, share)), times)
-            for share in (1.0, 0.0)
-        )
+        first, last = np.zeros(every.size), np.ones(every.size)
+        begins = scheme.pull_back(motion, Instants(every, first), times)
+        ends = scheme.pull_back(motion, Instants(every, last), times)
         return sp.csr_matrix(ends - begins)
 
     def _pace_curvature(

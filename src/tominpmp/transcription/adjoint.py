@@ -17,7 +17,7 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.base import Partials
-from tominpmp.constraints.torque import Signs
+from tominpmp.constraints.friction import Signs
 from tominpmp.transcription.base import StepBounds
 from tominpmp.transcription.controls import TorqueTranscription, scale_of_goal
 from tominpmp.transcription.instants import Instants

@@ -1,4 +1,4 @@
-"""Interfaces of transcriptions, and of the programs that solvers see.
+"""Interfaces of transcriptions, and of the programs that solvers see, with their rows.
 
 A transcription is a parameterisation of motions by a vector z: it evaluates states at
 instants, and pulls derivatives with respect to states back to z. Together with

@@ -173,12 +173,11 @@ class SampledRows:
             # Rates of v and a are slopes of the polynomials between nodes, which may
             # have defects.
             of, order = self.scheme, self.constraint.order
-            shares = [np.clip(at.share + aside, 0.0, 1.0) for aside in (-ASIDE, ASIDE)]
-            before, after = (
-                of.states(motion, Instants(at.interval, share), order)
-                for share in shares
-            )
-            span = ((shares[1] - shares[0]) * motion.h[at.interval])[:, None]
+            early = np.clip(at.share - ASIDE, 0.0, 1.0)
+            late = np.clip(at.share + ASIDE, 0.0, 1.0)
+            before = of.states(motion, Instants(at.interval, early), order)
+            after = of.states(motion, Instants(at.interval, late), order)
+            span = ((late - early) * motion.h[at.interval])[:, None]
             parts = partials.by_v, partials.by_a
             changes = after.v - before.v, after.a - before.a
             for part, change in zip(parts, changes, strict=True):

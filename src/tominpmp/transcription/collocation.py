@@ -19,7 +19,7 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.base import Partials
-from tominpmp.constraints.torque import Signs
+from tominpmp.constraints.friction import Signs
 from tominpmp.transcription.base import NOT_INTEGRATED, HullRows, StepBounds
 from tominpmp.transcription.controls import SPEED_FACTOR, TorqueTranscription
 from tominpmp.transcription.curve import PositionFunction, nodes_of, rows_of_table

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.base import Partials, States
-from tominpmp.constraints.torque import EFFORT_TOLERANCE, Signs, interval_signs
+from tominpmp.constraints.friction import EFFORT_TOLERANCE, Signs, interval_signs
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.base import Transcription, Variation
 from tominpmp.transcription.instants import Instants
@@ -93,7 +93,7 @@ class TorqueTranscription(Transcription[SteppedMotion]):
             largest: Largest step of each joint, in shares, shape (n,).
         """
         shares, (low, high) = self.shares_at(z), self.torque_bounds
-        driven, most = self.system.driven_joints, np.zeros(self._n)
+        driven, most = self.system.driven, np.zeros(self._n)
         most[driven] = largest[driven]
         return np.clip(low - shares, -most, 0.0), np.clip(high - shares, 0.0, most)
 
@@ -172,7 +172,7 @@ class TorqueTranscription(Transcription[SteppedMotion]):
     def variation(self, z: Array) -> Variation:
         """Jumps of the torques between intervals, in full ranges."""
         unknown = np.arange(self.size)[self._torques].reshape(self.intervals, self._n)
-        driven = unknown[:, self.system.driven_joints]
+        driven = unknown[:, self.system.driven]
         unit = sp.identity(self.size, format="csr")
         jumps = 0.5 * (unit[driven[1:].ravel()] - unit[driven[:-1].ravel()])
         return Variation(jumps, np.zeros(jumps.shape[0]))

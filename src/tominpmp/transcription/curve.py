@@ -9,6 +9,9 @@ the proportions are computed once. Derivatives by further durations are taken by
 steps (Squire and Trapp, 1998), which are exact to rounding. An instant depends on few
 neighbouring durations: one step changes all durations that are far enough apart
 (Curtis, Powell and Reid, 1974).
+
+Derivatives at an instant have few entries, too: :func:`rows_of_table` makes a sparse
+matrix of them.
 """
 
 from __future__ import annotations

@@ -27,8 +27,9 @@ import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.constraints.base import Constraint
+from tominpmp.constraints.friction import EFFORT_TOLERANCE
 from tominpmp.constraints.path import PathConstraint
-from tominpmp.constraints.torque import EFFORT_TOLERANCE, MotorLimit
+from tominpmp.constraints.torque import MotorLimit
 from tominpmp.motion.extrema import between_samples
 from tominpmp.transcription.base import Motion
 from tominpmp.transcription.blocks import Block, SampledRows

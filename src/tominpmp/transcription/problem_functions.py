@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tominpmp.arrays import Array, IntArray
+from tominpmp.arrays import Array, BoolArray
 from tominpmp.collision.query import ROUNDING
 from tominpmp.constraints.base import Constraint
 from tominpmp.constraints.clearance import ClearanceConstraint
@@ -336,10 +336,10 @@ class ProblemFunctions:
         return (tau - self.effort_middle) / self.effort_half
 
     @cached_property
-    def driven_joints(self) -> IntArray:
-        """Indices of the joints with a motor: those with a nonempty torque range."""
+    def driven(self) -> BoolArray:
+        """Whether each joint has a motor, and thus a nonempty torque range, (n,)."""
         limits = self.problem.robot.limits
-        return np.flatnonzero(limits.effort_upper > limits.effort_lower)
+        return np.asarray(limits.effort_upper > limits.effort_lower)
 
     def torque_shares(self, u: Array) -> Array:
         """Torques as shares of their limits, clipped to them, shape (N, n)."""

@@ -4,9 +4,9 @@ from .clearance import (
     ClearanceProof as ClearanceProof,
     prove_clearance as prove_clearance,
 )
-from .closest_approach import Touch as Touch
 from .diagnosis import explain as explain
 from .limit_violations import LimitViolation as LimitViolation
+from .nearest import Touch as Touch
 from .replay import Replay as Replay
 from .verification import (
     Verification as Verification,

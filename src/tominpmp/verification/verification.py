@@ -28,7 +28,6 @@ from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Tolerances
 from tominpmp.problem.problem import Problem
-from tominpmp.verification.closest_approach import Touch, nearest_pair, never_touching
 from tominpmp.verification.feedback import (
     TIGHTER,
     Tracking,
@@ -39,6 +38,7 @@ from tominpmp.verification.feedback import (
     feedback_rate,
 )
 from tominpmp.verification.limit_violations import LimitViolation, limit_violations
+from tominpmp.verification.nearest import Touch, nearest_pair, never_touching
 from tominpmp.verification.plant import Plant
 from tominpmp.verification.polynomials import Pieces
 from tominpmp.verification.replay import (
@@ -139,7 +139,7 @@ class Verification:
         """Links that touch although the SRDF says that they never do.
 
         They are determined at the first access, for a motion without violations, and do
-        not count as violations; see :func:`~.closest_approach.never_touching`.
+        not count as violations; see :func:`~.nearest.never_touching`.
         """
         return never_touching(self.problem, self.replay) if self.ok else ()
 
