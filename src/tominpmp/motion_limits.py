@@ -61,7 +61,7 @@ class EffortCurve(Record):
             if self.speed[0] != 0.0 or np.any(np.diff(self.speed) <= 0.0):
                 raise wrong(self.speed.tolist(), "speed", "speeds that increase from 0")
             if np.any(self.effort < 0.0):
-                raise wrong(self.effort.tolist(), "effort", "torques, none below 0")
+                raise wrong(self.effort.tolist(), "effort", "torques >= 0")
 
     @classmethod
     def droop(cls, stall: float, no_load_speed: float) -> EffortCurve:

@@ -224,7 +224,7 @@ class PairDistances:
             The narrow phase whose bodies are placed, indices into ``instant`` and
             ``pair`` of the queries at the configuration, and their pairs.
         """
-        # Threads that set up the property at once may replace the object of another.
+        # Another thread that sets up the pairs at the same time replaces the property.
         narrow = self.narrow
         order = np.argsort(instant, kind="stable")
         starts = np.flatnonzero(np.diff(instant[order], prepend=-1))

@@ -64,16 +64,16 @@ VIA_GUESSES = 4
 # A sampled path is not compared with others if its duration exceeds the duration of the
 # straight line by at most this share.
 NEAR = 0.2
-# Height of a bump in a single joint [rad]: smaller ones lead back to the same optimum,
+# Height of a bump in a single joint [rad]: smaller bumps lead back to the same optimum,
 # see benchmarks/known_optima.py.
 HEIGHT = 2.0
 # Standard deviations of the heights of random bumps in all joints, in turn [rad], and
 # their factors by the number of arcs.
 SPREADS = (0.8, 1.6, 0.3, 2.4)
 ARCS = (1.0, 0.6, 0.4)
-# Detours that are too fast by a larger factor are slowed down to it: far too fast ones
-# take a hundred programs. Slower ones lead back to the straight line, although an arm
-# that swings is faster.
+# Detours that are too fast by a larger factor are slowed down to it: detours that are
+# far too fast take a hundred programs. Slower detours lead back to the straight line,
+# although an arm that swings is faster.
 TOO_FAST = 3.0
 
 
@@ -205,7 +205,7 @@ class GuessRequest:
     ) -> tuple[list[Array], bool]:
         """Configurations that reach the goal, and whether all of them are in collision.
 
-        That of a goal which gives a configuration was checked with the problem.
+        A configuration that the goal itself gives was checked with the problem.
         """
         goal = system.problem.goal
         if goal.configuration is not None:
@@ -436,7 +436,7 @@ def bumps(
     *,
     from_base: bool = False,
 ) -> Iterator[Guess]:
-    """Detours from a guess: of single joints in both directions, then random ones.
+    """Detours from a guess: of single joints in both directions, then of all at random.
 
     Args:
         system: Functions of the problem, whose position limits are kept.

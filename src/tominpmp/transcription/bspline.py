@@ -1,9 +1,9 @@
 r"""B-splines of degree 2, 3 or 5, with one duration or a duration for each segment.
 
-Degree 2 has constant accelerations (:class:`InverseTranscription`), degree 3 continuous
-and piecewise linear ones (the paper's quasi-linear control), degree 5 smooth ones. The
-unknowns are the control points C and the durations eta. With the matrices B_d of the
-basis functions and their derivatives on a grid with a single duration T,
+Accelerations are constant with degree 2 (:class:`InverseTranscription`), continuous and
+piecewise linear with degree 3 (the paper's quasi-linear control), and smooth with
+degree 5. The unknowns are the control points C and the durations eta. With the matrices
+B_d of the basis functions and their derivatives on a grid with a single duration T,
 
 .. math:: q = B_0 C, \quad \dot q = B_1 C / T, \quad \ddot q = B_2 C / T^2,
 
