@@ -215,7 +215,7 @@ class GuessRequest:
         for count in (KINEMATIC_STARTS, MORE_STARTS):
             search = target.configurations(count, self.rng)
             found = search.best or found
-            lost = target.none_usable(found, passes=self.passes)
+            lost = target.all_unusable(found, passes=self.passes)
             if search.free and not lost:
                 break
         return [] if lost else found[:STRAIGHT_LINES], not search.free

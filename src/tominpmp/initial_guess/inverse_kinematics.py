@@ -271,7 +271,7 @@ class Target:
             free = free or [q for q in blocked if _keeps_margins(system, q)]
         return GoalSearch(free, blocked, 0.0 if solutions else self.violation(nearest))
 
-    def none_usable(self, found: Sequence[Array], *, passes: bool) -> bool:
+    def all_unusable(self, found: Sequence[Array], *, passes: bool) -> bool:
         """Whether the arm reaches the goal only in collision, or where it cannot rest.
 
         This holds if no self-motion is possible at any of the configurations, and all
