@@ -319,10 +319,10 @@ def refine_arcs(
         The optimised arcs; None if no motion was found that keeps goal and limits.
     """
     found = solve_lengths(system, arcs, states, budget, FEWER_STEPS)
-    cleaned = None if found is None else polish(found, budget, FEWER_STEPS)
-    if cleaned is None and (found is None or not found.feasible):
+    if found is None:
         return None
-    return improve(cleaned or found, budget, FEWER_STEPS)
+    cleaned = polish(found, budget, FEWER_STEPS) or found
+    return improve(cleaned, budget, FEWER_STEPS) if cleaned.feasible else None
 
 
 def sharpen(optimised: OptimisedArcs) -> OptimisedArcs:
