@@ -418,3 +418,11 @@ def test_bound_of_an_arm_too_weak_for_its_weight_is_finite() -> None:
         JointGoal(np.array([0.0]), np.array([1e-9])),
     )
     assert 0.3 < lower_bound(level).T < 10.0
+
+
+@pytest.mark.parametrize("way", [0.5, 1e-9, 1e-100])
+def test_no_bound_of_millions_of_years_for_an_arm_that_cannot_move(way: float) -> None:
+    robot = make_arm(slide(1.0), effort=1.0, friction=2.0, armature=0.1)
+    assert lower_bound(Problem(robot, [0.0], JointGoal([way]))).T < 1.0
+    pair = make_arm(slide(1.0), slide(1.0), effort=1.0, armature=0.1)
+    assert lower_bound(Problem(pair, [0.0, 0.0], JointGoal([way, 0.0]))).T < 1.0

@@ -269,11 +269,11 @@ class OneWay:
             time, loss = self._changes(peak)
             return math.isfinite(time) and not too_high(time, peak, loss)
 
-        if not possible(0.0):
-            return 0.0, self._changes(0.0)[1]
         first = self.top if math.isfinite(self.top) else 1.0
         low, high = last_bracket(possible, first, min(self.top, FASTEST), HALVINGS)
-        return math.inf if high == FASTEST else high, self._changes(low)[1]
+        # If no speed above zero is possible, the bisection ends at a tiny speed.
+        most = 0.0 if low == 0.0 else high
+        return math.inf if most == FASTEST else most, self._changes(low)[1]
 
     def _changes(self, peak: float) -> tuple[float, float]:
         """Time of speeding up to a peak and slowing down, and the displacement lost."""
