@@ -218,7 +218,7 @@ def test_invalid_effort_curves_are_rejected_and_power_curves_are_exact():
         EffortCurve(np.array([0.0, 1.0, 2.0]), np.array([1.0, 0.0]))
     with pytest.raises(ProblemError, match="increase"):
         EffortCurve(np.array([0.0, 2.0, 1.0]), np.array([1.0, 0.5, 0.0]))
-    with pytest.raises(ProblemError, match="below 0"):
+    with pytest.raises(ProblemError, match="expected torques >= 0"):
         EffortCurve(np.array([0.0, 2.0]), np.array([1.0, -0.5]))
     curve = EffortCurve.power(effort=10.0, power=20.0, top_speed=8.0, points=30)
     speed = np.linspace(0.0, 8.0, 200)

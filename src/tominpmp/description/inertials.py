@@ -66,7 +66,7 @@ def _impossible(model: pin.Model, joint: int) -> str | None:
     """Fault of a physically impossible inertia behind a joint, in a clause."""
     inertia = model.inertias[joint]
     if inertia.mass < 0.0:
-        return f"has a mass of {inertia.mass:.3g} kg, expected none below 0"
+        return f"has a mass of {inertia.mass:.3g} kg, expected a mass >= 0"
     return None if _is_point(inertia) else impossible_moments(inertia.inertia)
 
 
@@ -82,7 +82,7 @@ def impossible_moments(tensor: Array) -> str | None:
         return None
     return (
         f"has the principal moments {small:.3g}, {middle:.3g} and {large:.3g} kg m^2, "
-        "expected none below 0 or above the sum of the other two"
+        "expected moments >= 0, each at most the sum of the other two"
     )
 
 
