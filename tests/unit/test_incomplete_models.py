@@ -111,7 +111,7 @@ def test_error_on_impossible_moments_names_link_joint_and_remedy(
     text = with_moments(1.0, MOMENTS.format(moments))
     message = refusal(text)
     assert "link link2 with what is fixed to it (tip) behind joint joint2" in message
-    assert f"{moments:.3g}" in message and "above the sum of the other two" in message
+    assert f"{moments:.3g}" in message and "at most the sum of the other two" in message
     assert "armature={'joint2': ...}" in message and "correct the <inertial>" in message
     # A rotor of joint 2 makes the moments usable, a rotor of joint 1 does not.
     assert "principal moments" in refusal(text, armature={"joint1": 5.0})
