@@ -428,7 +428,7 @@ def rates(args: ProblemOptions, name: str, robot: Robot) -> Array | None:
     if text is None:
         return None
     values = _in_si(args, name, words(text), robot)
-    return scenario.vector(Typed(values, key=_flag(name)), robot)
+    return scenario.rates(Typed(values, key=_flag(name)), robot)
 
 
 def _refuse(what: str, args: RobotOptions, keep: Collection[str]) -> None:

@@ -217,7 +217,7 @@ def read_goal(table: Field, robot: Robot, before: Array | None) -> Goal:
         with blaming(table):
             return goal.resolved(robot, before)
     table.only("type", "q", "v", "state", "wrap")
-    q, v = positions(table, robot, before), vector(table.get("v"), robot)
+    q, v = positions(table, robot, before), rates(table.get("v"), robot)
     wrap = table.get("wrap")
     with blaming(wrap if wrap.given else table):
         return JointGoal(q, v, wrap=wrap.value if wrap.given else True)
@@ -248,16 +248,15 @@ def positions(table: Field, robot: Robot, base: Array | None) -> Array:
         if name not in states:
             state.fail(unknown("group state", name, list(states), "the robot has"))
         known |= {k: v for k, v in states[name].items() if k in robot.joint_names}
-    return _row(replace(q, value={}) if q.value is None else q, robot, known)
+    return row(replace(q, value={}) if q.value is None else q, robot, known)
 
 
-def vector(value: Field, robot: Robot, others: Array | float = 0.0) -> Array | None:
-    """Read values of all joints: numbers in joint order, or by name.
+def rates(value: Field, robot: Robot) -> Array | None:
+    """Read velocities or accelerations of all joints: in joint order, or by name.
 
     Args:
-        value: The values.
+        value: The values; those of joints that are not named are zero.
         robot: The robot.
-        others: Values of the joints that are not named, one for all or shape (n,).
 
     Returns:
         Shape (n,); None without values.
@@ -265,19 +264,30 @@ def vector(value: Field, robot: Robot, others: Array | float = 0.0) -> Array | N
     Raises:
         ScenarioError: If there are too many or too few, or a joint is unknown.
     """
-    if value.value is None:
-        return None
-    row = np.broadcast_to(others, robot.n).tolist()
-    return _row(value, robot, dict(zip(robot.joint_names, row, strict=True)))
+    zeros = dict.fromkeys(robot.joint_names, 0.0)
+    return None if value.value is None else row(value, robot, zeros, "velocity")
 
 
-def _row(value: Field, robot: Robot, known: Mapping[str, float]) -> Array:
-    """Numbers in joint order, or by name over known values; shape (n,)."""
+def row(
+    value: Field, robot: Robot, known: Mapping[str, float], quantity: str = "position"
+) -> Array:
+    """Read numbers in joint order, or by name over known values; shape (n,).
+
+    Args:
+        value: The values.
+        robot: The robot.
+        known: Values of the joints that are not named.
+        quantity: Quantity of the values, as of
+            :func:`~tominpmp.problem.state_checks.joint_vector`.
+
+    Raises:
+        ScenarioError: If there are too many or too few, or a joint is unknown.
+    """
     given = value.value
     if isinstance(given, dict):
         given = {**known, **given}
     with blaming(value):
-        return joint_vector(robot, given, value.key)
+        return joint_vector(robot, given, value.key, quantity)
 
 
 SEGMENT_KEYS = tuple(field.name for field in fields(Segment))
@@ -661,7 +671,7 @@ def read_scenario(
     start = document.need("start")
     start.only("q", "v", "a", "state")
     q_start = positions(start, robot, None)
-    v_start, a_start = (vector(start.get(key), robot) for key in "va")
+    v_start, a_start = (rates(start.get(key), robot) for key in "va")
     target = document.get("goal")
     if target.value is None and not document.get("segments").given:
         target.fail("is missing, and there are no segments; expected one or the other")

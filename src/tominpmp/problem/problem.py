@@ -324,10 +324,12 @@ class Problem(Record):
 
     def _snap_start(self) -> list[str]:
         """Move the start onto limits that it exceeds by rounding; returns warnings."""
-        names = "q_start", "v_start", "a_start"
-        q, v, a = (joint_vector(self.robot, getattr(self, k), k) for k in names)
-        q, of_q = onto_limits(self.robot, "position", q, "q_start")
-        v, of_v = onto_limits(self.robot, "velocity", v, "v_start")
+        robot = self.robot
+        q = joint_vector(robot, self.q_start, "q_start")
+        v = joint_vector(robot, self.v_start, "v_start", "velocity")
+        a = joint_vector(robot, self.a_start, "a_start", "acceleration")
+        q, of_q = onto_limits(robot, "position", q, "q_start")
+        v, of_v = onto_limits(robot, "velocity", v, "v_start")
         self._keep(q_start=frozen_array(q), v_start=frozen_array(v))
         self._keep(a_start=frozen_array(a))
         return of_q + of_v

@@ -356,7 +356,9 @@ def onto_limits(
     return np.asarray(clipped), snapped
 
 
-def joint_vector(robot: Robot, value: object, name: str) -> Array:
+def joint_vector(
+    robot: Robot, value: object, name: str, quantity: str = "position"
+) -> Array:
     """Check a caller's joint vector, and bring it into the order of the joints.
 
     Args:
@@ -365,15 +367,13 @@ def joint_vector(robot: Robot, value: object, name: str) -> Array:
             joints may be named, with the value at which they are locked; velocities
             and accelerations of joints that are not named are zero, those of all
             joints for None.
-        name: Name of the values in messages; its last word, after a point or a hyphen,
-            begins with "v" for velocities, and with "a" for accelerations.
+        name: Name of the values in messages.
+        quantity: "position", "velocity" or "acceleration".
 
     Raises:
         ProblemError: If the value is not a number for each joint, or not finite.
     """
     joints = robot.joint_names
-    word = name.replace("-", ".").rpartition(".")[2]
-    quantity = {"v": "velocity", "a": "acceleration"}.get(word[0], "position")
     rests, at = quantity != "position", robot.locked_joints
     named = {} if rests and value is None else by_joint(value, quantity)
     if named is not None:

@@ -98,7 +98,8 @@ def load_tour(path: str | Path) -> dict[str, Any]:
 def _read_end(end: Field, robot: Robot, q_start: Array) -> Any:
     """The end of a tour, as ``q_end`` of :func:`~tominpmp.plan_tour`."""
     if not isinstance(end.value, str):
-        return scenario.vector(end, robot, q_start)
+        known = dict(zip(robot.joint_names, q_start.tolist(), strict=True))
+        return scenario.row(end, robot, known)
     if end.value not in ("start", "last"):
         end.fail(f'is {brief(end.value)}, expected "start", "last" or joint positions')
     return "start" if end.value == "start" else None
