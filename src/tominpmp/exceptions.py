@@ -18,7 +18,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 LIBRARY = __name__.partition(".")[0]
 # Longest text of a value in a message [characters].
@@ -98,6 +98,15 @@ class RobotLoadError(TominpmpError):
     def __init__(self, message: str, path: str | Path | None = None) -> None:
         super().__init__(message)
         self.path = None if path is None else Path(path)
+
+
+def fail_to_load(path: Path, message: str) -> NoReturn:
+    """Raise an error about the file of a robot description.
+
+    Raises:
+        RobotLoadError: Always.
+    """
+    raise RobotLoadError(f"{path}: {message}", path)
 
 
 def closest(name: object, known: Sequence[str]) -> str:

@@ -59,7 +59,6 @@ class Arm:
         tint: Color | None = None,
     ) -> None:
         self._robot = robot
-        self._data = robot.model.createData()
         scene.add_frame(name, show_axes=False)
         self._joints: dict[int, Any] = {}
         for number, body in enumerate(bodies):
@@ -72,7 +71,7 @@ class Arm:
 
     def move(self, q: Sequence[float] | Array) -> None:
         """Move the robot to a configuration, n numbers [rad or m]."""
-        model, data = self._robot.model, self._data
+        model, data = self._robot._model_and_data
         pin.forwardKinematics(model, data, self._robot.expand(np.asarray(q)))
         for joint, node in self._joints.items():
             place = pin.SE3ToXYZQUAT(data.oMi[joint])

@@ -34,8 +34,8 @@ from tominpmp.description.tree import (
     solid,
     warn_of,
 )
-from tominpmp.description.xml_reader import MAX_NUMBER, XmlContext, limit_or_infinity
-from tominpmp.exceptions import brief
+from tominpmp.description.xml_reader import MAX_NUMBER, limit_or_infinity
+from tominpmp.exceptions import brief, fail_to_load
 
 if TYPE_CHECKING:
     from trimesh import Trimesh
@@ -131,10 +131,11 @@ class _ModelReader:
         motion = np.asarray(data.S).reshape(6, -1)
         slides, turns = np.any(motion[:3]), np.any(motion[3:])
         if motion.shape[1] != 1 or slides == turns:
-            XmlContext(self.path).fail(
+            fail_to_load(
+                self.path,
                 f"joint {brief(name)} is a {joint.shortname()}; only revolute and "
                 "prismatic joints can be planned for: give a model with it locked "
-                "(pinocchio.buildReducedModel), or a file without it"
+                "(pinocchio.buildReducedModel), or a file without it",
             )
         # The motion subspace of a mimic joint is scaled by its ratio.
         axis = motion[:3, 0] + motion[3:, 0]
@@ -192,7 +193,7 @@ class _ModelReader:
         for name, own in zip(self.main[1:], self.model.inertias[1:], strict=True):
             if not np.isfinite([own.mass, *own.lever, *own.inertia.ravel()]).all():
                 fault = f"mass, centre or inertia of link {name} is not finite"
-                XmlContext(self.path).fail(fault)
+                fail_to_load(self.path, fault)
             com, inertia = frozen_array(own.lever), frozen_array(own.inertia)
             links[name] = LinkDescription(name, float(own.mass), com, inertia)
         of_frames = (joint.child for joint in self.fixed)
@@ -247,9 +248,10 @@ def _shape(item: pin.GeometryObject, placement: pin.SE3, path: Path) -> Shape | 
         return Shape("mesh", scale, place, str(file.absolute()))
     triangles = _triangles(body)
     if triangles is None:
-        XmlContext(path).fail(
+        fail_to_load(
+            path,
             f"the shape {brief(item.name)} is a {kind}, expected a box, sphere, "
-            "cylinder, capsule, cone, ellipsoid, mesh or convex one"
+            "cylinder, capsule, cone, ellipsoid, mesh or convex one",
         )
     corners, faces = frozen_array(triangles[0]), triangles[1]
     return Shape("mesh", (1.0, 1.0, 1.0), place, "", corners, faces)

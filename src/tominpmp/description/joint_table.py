@@ -33,6 +33,7 @@ from tominpmp.exceptions import (
     ProblemError,
     RobotLoadError,
     brief,
+    fail_to_load,
     warn_caller,
 )
 
@@ -447,7 +448,7 @@ class JointTable:
                 f"position_upper={values}, or lock them"
             )
         if complaints:
-            raise RobotLoadError(f"{path}: {'; '.join(complaints)}", path)
+            fail_to_load(path, "; ".join(complaints))
 
 
 def example_values(joints: Sequence[str]) -> str:

@@ -49,7 +49,8 @@ NUMBERS = {
     **dict.fromkeys(("body_pos", "body_ipos"), "body"),
     **dict.fromkeys(("geom_pos", "geom_size"), "geom"),
     **dict.fromkeys(("jnt_pos", "dof_armature", "dof_damping"), "joint"),
-    **{"dof_frictionloss": "joint", "site_pos": "site"},
+    "dof_frictionloss": "joint",
+    "site_pos": "site",
 }
 
 Range = tuple[float, float]

@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, IntArray, Record, frozen_array
-from tominpmp.exceptions import RobotLoadError, enumerated, warn_caller
+from tominpmp.exceptions import enumerated, fail_to_load, warn_caller
 
 # Link to which the bases of combined robots are fixed, and link below a robot whose
 # base was moved in the world.
@@ -184,7 +184,7 @@ class UrdfDescription(Record):
         Raises:
             RobotLoadError: Always.
         """
-        raise RobotLoadError(f"{self.path}: {message}", self.path)
+        fail_to_load(self.path, message)
 
     @property
     def links(self) -> tuple[str, ...]:

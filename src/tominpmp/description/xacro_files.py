@@ -22,12 +22,13 @@ from xml.etree.ElementTree import Element
 from tominpmp.checks import wrong
 from tominpmp.description.files import find_package
 from tominpmp.description.paths import read_bytes
-from tominpmp.description.xml_reader import MAX_BYTES, XmlContext, parse_xml
+from tominpmp.description.xml_reader import MAX_BYTES, parse_xml
 from tominpmp.exceptions import (
     OptionsError,
     RobotLoadError,
     brief,
     closest,
+    fail_to_load,
     optional,
     shortened,
     warn_caller,
@@ -174,7 +175,7 @@ def _guarded(path: Path, package_dirs: Sequence[Path]) -> Iterator[None]:
         for node in ast.walk(tree):
             name = getattr(node, "attr", getattr(node, "id", ""))
             if name.startswith("__") or name in FRAMES:
-                XmlContext(path).fail(f"refused: {brief(name)} in {brief(source)}")
+                fail_to_load(path, f"refused: {brief(name)} in {brief(source)}")
         dict.update(names, __builtins__={})
         return eval(compile(tree, "<expression>", "eval"), names, more)
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from tominpmp.arrays import to_number
 from tominpmp.description.paths import read_bytes
-from tominpmp.exceptions import RobotLoadError, brief
+from tominpmp.exceptions import RobotLoadError, brief, fail_to_load
 
 # The largest description of example-robot-data has 0.3 MB, 9000 elements, depth 7.
 MAX_BYTES = 32 * 2**20
@@ -128,7 +128,7 @@ class XmlContext:
         Raises:
             RobotLoadError: Always.
         """
-        raise RobotLoadError(f"{self.path}: {message}", self.path)
+        fail_to_load(self.path, message)
 
     def text(self, element: Element, attribute: str, where: str) -> str:
         """Read a required attribute, which must not be empty."""
