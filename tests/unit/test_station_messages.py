@@ -215,7 +215,15 @@ NOSE = 'goal = {type = "position", frame = "nose", position = [3, 1, 0]}\n'
             STATION.replace('"a"', '"b"') + 'payload = {mass = 1.0, frame = "nose"}\n',
             "station 2 ('b'): there is no frame",
         ),
-        ('[tour]\nprecedence = [["a"]]\n', "precedence holds ['a'], expected pairs"),
+        (
+            '[tour]\nprecedence = [["a"]]\n',
+            "tour.toml: tour.precedence: precedence holds ['a'], expected pairs",
+        ),
+        ('[tour]\nprecedence = [["a", "b"]]\n', "tour.precedence: there is no station"),
+        (
+            STATION.replace('"a"', '"b"\nthen = ["c"]'),
+            "tour.toml: stations: station 2 ('b'): then: there is no other station",
+        ),
     ],
 )
 def test_message_about_a_wrong_tour_file_names_the_station(

@@ -10,7 +10,7 @@ import pytest
 from tominpmp.bounds.least_time import OneWay, Ramp
 from tominpmp.cell.tours.legs import JointTimes, LegTable
 from tominpmp.cell.tours.lower_bound import _one_tree
-from tominpmp.cell.tours.orders import Order, exact_order, search_order
+from tominpmp.cell.tours.orders import Route, exact_order, search_order
 from tominpmp.cell.tours.station import Rules, Station, checked_stations
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.joints import JointGoal
@@ -32,8 +32,8 @@ def table(sizes: list[int], seed: int, rules: Rules, **known: bool) -> LegTable:
     return out
 
 
-def exact(legs: LegTable) -> Order:
-    """The best order of the stations of a table."""
+def exact(legs: LegTable) -> tuple[float, Route]:
+    """The best route through the nodes of a table, and its time."""
     sizes = [len(rows) for rows in legs.nodes[1 : legs.rules.count + 1]]
     return exact_order(sizes, legs.block, legs.rules)
 
@@ -108,20 +108,23 @@ def test_exact_order_matches_enumeration(
 ) -> None:
     rules = rules_of(4, before, then, ends)
     legs = table([1, 2, 3, 2, 2, *([1] if ends else [])], 4, rules, known=known)
-    total, order, chosen = exact(legs)
+    total, route = exact(legs)
     assert total == pytest.approx(brute_force(legs), rel=1e-12)
-    assert rules.allow(order)
-    nodes = [0, *(i + 1 for i in order), *([5] if ends else [])]
-    places = list(zip(nodes, chosen, strict=True))
-    assert total == pytest.approx(sum(legs.time((*a, *b)) for a, b in pairwise(places)))
+    assert rules.allow([node - 1 for node, _ in route[1:5]])
+    assert [node for node, _ in (route[0], *route[5:])] == ([0, 5] if ends else [0])
+    assert total == pytest.approx(sum(legs.time((*a, *b)) for a, b in pairwise(route)))
 
 
 def test_contradictory_rules_leave_no_order() -> None:
     rules = rules_of(2, set(), {0: frozenset({1}), 1: frozenset({0})})
     legs = table([1, 1, 1, 1], 0, rules)
-    assert exact(legs)[0] == np.inf
+    assert exact(legs) == (np.inf, [])
     rng = np.random.default_rng(0)
-    assert search_order(legs, rng)[0] == np.inf
+    assert search_order(legs, rng) == (np.inf, [])
+    # An order that the rules allow, whose legs have no motion.
+    legs = table([1, 1, 1, 1], 0, rules_of(2, set(), {}))
+    legs.known |= {(0, 0, k, 0): np.inf for k in (1, 2)}
+    assert exact(legs) == search_order(legs, rng) == (np.inf, [])
 
 
 @pytest.mark.parametrize("known", [True, False])
@@ -134,9 +137,9 @@ def test_searched_order_is_within_ten_per_cent_of_the_exact_order(
         rules = rules_of(8, before, {})
         legs = table([1, *[1 if known else 2] * 8, 1], seed, rules, known=known)
         best = exact(legs)[0]
-        found, order, _ = search_order(legs, np.random.default_rng(0))
+        found, route = search_order(legs, np.random.default_rng(0))
         assert best - 1e-9 <= found <= 1.1 * best
-        assert rules.allow(order)
+        assert rules.allow([node - 1 for node, _ in route[1:9]])
 
 
 @pytest.mark.parametrize("ends", [True, False])

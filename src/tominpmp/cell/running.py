@@ -24,7 +24,7 @@ from tominpmp.cli.output_files import (
     check_target,
     write_files,
 )
-from tominpmp.cli.report import json_text, plain, rows_text
+from tominpmp.cli.report import json_text, rows_text
 from tominpmp.cli.signals import present
 from tominpmp.cli.terminal import (
     INTERRUPTED,
@@ -93,8 +93,7 @@ def run_batch(source: Path, options: Mapping[str, Any], args: BatchOptions) -> i
         "seconds": time.perf_counter() - begin,
     }
     if args.json:
-        each = [plain(row) | {"file": row.path} for row in rows]
-        say(json_text(data | {"outcomes": each}))
+        say(json_text(data | {"outcomes": rows}))
     else:
         for row in failed[:MOST_NAMED]:
             complain("no motion", f"{row.name}: {row.message}", "bold yellow")

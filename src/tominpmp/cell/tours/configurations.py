@@ -341,13 +341,13 @@ class Configurations:
                 now, chosen = trial.best_configurations(range(len(nodes)))
                 # Collision checks are dear: only chosen configurations are checked.
                 bad = [
-                    (k, chosen[k])
-                    for k, g in searched.items()
-                    if chosen[k] and not self.free(choices[k][[chosen[k]]], g)[0]
+                    (k, c)
+                    for k, c in chosen
+                    if c and not self.free(choices[k][[c]], searched[k])[0]
                 ]
                 for k, c in bad:
                     choices[k] = np.delete(choices[k], c, axis=0)
-            route = [choices[k][c] for k, c in enumerate(chosen)]
+            route = [choices[k][c] for k, c in chosen]
             if now > before * (1.0 - LEAST_GAIN):
                 radius *= SHRINK
             if radius < LEAST_RADIUS:

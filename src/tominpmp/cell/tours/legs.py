@@ -241,14 +241,16 @@ class LegTable:
         np.fill_diagonal(out, 0.0)
         return out
 
-    def best_configurations(self, order: Sequence[int]) -> tuple[float, list[int]]:
+    def best_configurations(
+        self, order: Sequence[int]
+    ) -> tuple[float, list[tuple[int, int]]]:
         """Best configurations for nodes in a given order, by dynamic programming.
 
         Args:
             order: Nodes, the start and the end included.
 
         Returns:
-            Time of all legs [s], and the index of the configuration of each node.
+            Time of all legs [s], and the nodes with their configurations' indices.
         """
         cost = np.zeros(len(self.nodes[order[0]]))
         predecessors: list[Array] = []
@@ -259,7 +261,7 @@ class LegTable:
         chosen = [int(np.argmin(cost))]
         for best in reversed(predecessors):
             chosen.append(int(best[chosen[-1]]))
-        return float(np.min(cost)), chosen[::-1]
+        return float(np.min(cost)), list(zip(order, chosen[::-1], strict=True))
 
 
 def direct_motion(problem: Problem) -> Trajectory | None:

@@ -42,26 +42,23 @@ STEPS, WARM, FEW_STEPS = 60, 0.1, 10
 # from scratch begins with.
 ROUNDS, FEW = 12, 8
 
-# Time of all legs [s], infinite if no order is allowed; stations, from 0, in their
-# order; and the index of the configuration of each node in that order, with start and
-# end.
-Order = tuple[float, tuple[int, ...], tuple[int, ...]]
+# Nodes of a tour in their order, each with the index of one of its configurations;
+# empty if no order is allowed.
+Route = list[tuple[int, int]]
 
 
-def best_order(
-    table: LegTable, rng: np.random.Generator, begin: Sequence[int]
-) -> Order:
+def best_order(table: LegTable, rng: np.random.Generator, before: Route) -> Route:
     """The best order of few stations, a good one of many; see :func:`search_order`."""
     n = table.rules.count
     sizes = [len(rows) for rows in table.nodes[1 : n + 1]]
     if n <= EXACT_STATIONS and 2.0**n * sum(sizes) ** 2 <= EXACT_WORK:
-        return exact_order(sizes, table.block, table.rules)
-    return search_order(table, rng, begin)
+        return exact_order(sizes, table.block, table.rules)[1]
+    return search_order(table, rng, before)[1]
 
 
 def exact_order(
     sizes: Sequence[int], block: Callable[[int, int], Array], rules: Rules
-) -> Order:
+) -> tuple[float, Route]:
     """Find the best order of stations, with their configurations.
 
     Args:
@@ -69,6 +66,9 @@ def exact_order(
         block: Times from each configuration of a node to each of another, shape (k, m)
             [s]; nodes are the start (0), the stations from 1, and the end.
         rules: Orders that are allowed; without an end, the tour ends at any station.
+
+    Returns:
+        Time of all legs [s], infinite if no order is allowed, and the route.
     """
     n, ends = len(sizes), rules.ends
     # An open end is a node that every station reaches in zero time.
@@ -104,45 +104,49 @@ def exact_order(
     total = cost.get(full, never)
     path, visited = [int(np.argmin(total))], full
     if not np.isfinite(total[path[0]]):
-        return np.inf, (), ()
+        return np.inf, []
     while visited > 1:
         # The configuration before is found anew: that takes less time than to note all.
         visited ^= 1 << int(node[path[-1]])
         path.append(int(np.argmin(cost[visited] + between[:, path[-1]])))
-    nodes = node[path[::-1]]
-    chosen = (np.array(path[::-1]) - np.array(edges)[nodes])[: n + 1 + ends]
-    order = nodes[1 : n + 1] - 1
-    return float(total[path[0]]), tuple(order.tolist()), tuple(chosen.tolist())
+    places = path[::-1][: n + 1 + ends]
+    nodes = node[places].tolist()
+    chosen = [place - edges[k] for k, place in zip(nodes, places, strict=True)]
+    return float(total[path[0]]), list(zip(nodes, chosen, strict=True))
 
 
 def search_order(
-    table: LegTable, rng: np.random.Generator, begin: Sequence[int] = ()
-) -> Order:
+    table: LegTable, rng: np.random.Generator, before: Sequence[tuple[int, int]] = ()
+) -> tuple[float, Route]:
     """Find a good order of stations, with their configurations.
 
     Args:
         table: Times of the legs, and the orders that are allowed.
         rng: Random numbers.
-        begin: Order of a warm start; empty for a search from scratch.
+        before: Route of a warm start; empty for a search from scratch.
+
+    Returns:
+        Time of all legs [s], infinite if no order was found that is allowed, and the
+        route.
     """
-    order, length, rules = list(begin), np.inf, table.rules
+    length, rules = np.inf, table.rules
+    order = [node - 1 for node, _ in before[1 : rules.count + 1]]
     if not order:
         nodes = range(len(table.nodes))
         few = table.along(nodes, [rows[:FEW] for rows in table.nodes])
         least = np.array([[few.block(i, j).min() for j in nodes] for i in nodes])
         order = _OrderSearch(least, rules, rng).improved([], HOT, STEPS)
     for left in range(ROUNDS, -1, -1):
-        before = length
-        length, chosen = table.best_configurations(table.way(order))
-        if length > before - LEAST_GAIN or not left:
+        former = length
+        length, route = table.best_configurations(table.way(order))
+        if length > former - LEAST_GAIN or not left:
             break
-        by_node = np.zeros(len(table.nodes), dtype=int)
-        by_node[table.way(order)] = chosen
-        search = _OrderSearch(table.fixed(by_node.tolist()), rules, rng)
+        chosen = [c for _, c in sorted(route)]
+        search = _OrderSearch(table.fixed(chosen), rules, rng)
         order = search.improved(order, WARM, FEW_STEPS)
-    if not rules.allow(order):
-        return np.inf, (), ()
-    return length, tuple(order), tuple(chosen)
+    if not rules.allow(order) or not np.isfinite(length):
+        return np.inf, []
+    return length, route
 
 
 class _OrderSearch:

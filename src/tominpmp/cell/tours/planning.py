@@ -23,7 +23,7 @@ from tominpmp.bounds.result import LowerBound
 from tominpmp.cell.tours.configurations import Configurations
 from tominpmp.cell.tours.legs import DIRECT, JointTimes, Leg, Legs, LegTable
 from tominpmp.cell.tours.lower_bound import tour_bound
-from tominpmp.cell.tours.orders import best_order
+from tominpmp.cell.tours.orders import Route, best_order
 from tominpmp.cell.tours.station import (
     Rules,
     Station,
@@ -72,8 +72,6 @@ AS_ESTIMATED = 1e-9
 # Largest number of legs without a stop between them that are planned as one motion.
 MOST_TOGETHER = 8
 
-# Nodes of a tour in their order, each with the index of one of its configurations.
-Route = list[tuple[int, int]]
 # Time at which the robot comes to rest [s], and the dwells of its arms there (None for
 # all arms) [s]: several arms may dwell at once.
 Halt = tuple[float, list[tuple[str | None, float]]]
@@ -128,16 +126,16 @@ class TourSearch:
 
     def run(self) -> Tour:
         """Search for the tour."""
-        route = self._order()
+        route = best_order(self.table, self.rng, [])
         for _ in range(TURNS):
-            if route is None or not self._refine(route):
+            if not route or not self._refine(route):
                 break
-            route = self._order(route)
-        best: Route | None = None
+            route = best_order(self.table, self.rng, route)
+        best: Route = []
         rounds = 10_000 if self.exact else ROUNDS[self.legs.options.effort]
         status, least, number = Status.CONVERGED, np.inf, 0
         try:
-            while route is not None:
+            while route:
                 complete = self._plan_legs(route)
                 # Legs without a stop at both ends keep their estimates.
                 length = sum(self.table.time(leg) for leg in _legs(route))
@@ -145,26 +143,17 @@ class TourSearch:
                     least, best = length, route
                 number += 1
                 logger.info("round %d: %.4f s", number, length)
-                most = max(rounds, MOST_ROUNDS) if best is None else rounds
+                most = rounds if best else max(rounds, MOST_ROUNDS)
                 if complete or number >= most:
                     break
-                route = self._order(route)
+                route = best_order(self.table, self.rng, route)
         except (Stop, KeyboardInterrupt) as stop:
             status = _status(stop)
-            if best is None:
+            if not best:
                 raise
-        return self._failed() if best is None else self._assembled(best, status)
+        return self._assembled(best, status) if best else self._failed()
 
     # -- order and configurations ------------------------------------------------------
-
-    def _order(self, before: Route | None = None) -> Route | None:
-        """Best order by known and estimated times; None if no order is allowed."""
-        table = self.table
-        begin = [node - 1 for node, _ in (before or [])[1 : table.rules.count + 1]]
-        length, order, chosen = best_order(table, self.rng, begin)
-        if not np.isfinite(length):
-            return None
-        return list(zip(table.way(order), chosen, strict=True))
 
     def _refine(self, route: Route) -> bool:
         """Add better configurations for an order; return whether there are any."""

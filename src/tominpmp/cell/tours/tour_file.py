@@ -40,10 +40,11 @@ from pathlib import Path
 from typing import Any
 
 from tominpmp.arrays import Array
-from tominpmp.cell.tours.station import Station
+from tominpmp.cell.tours.station import Rules, Station, checked_stations
 from tominpmp.description.fields import Field
 from tominpmp.exceptions import ProblemError, brief
 from tominpmp.files import scenario
+from tominpmp.files.records import blaming
 from tominpmp.robot.robot import Robot
 
 SECTIONS = (
@@ -87,12 +88,16 @@ def load_tour(path: str | Path) -> dict[str, Any]:
         end, count = tour.get("end"), tour.get("configurations")
         if end.value is not None:
             arguments["q_end"] = _read_end(end, robot, q_start)
-        arguments["precedence"] = tour.get("precedence").value or ()
         if count.value is not None:
             arguments["configurations"] = count.value
-    items = document.need("stations").items()
-    arguments["stations"] = [_read_station(item, robot, q_start) for item in items]
-    return arguments
+    items, precedence = document.need("stations"), tour.get("precedence")
+    stations = [_read_station(item, robot, q_start) for item in items.items()]
+    pairs = precedence.value or ()
+    with blaming(items):
+        checked_stations(stations)
+    with blaming(precedence):
+        Rules.of(stations, pairs)
+    return arguments | {"stations": stations, "precedence": pairs}
 
 
 def _read_end(end: Field, robot: Robot, q_start: Array) -> Any:
