@@ -12,14 +12,14 @@ from dataclasses import replace
 from functools import partial
 from itertools import combinations, product
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array
-from tominpmp.checks import instance, split_pose
+from tominpmp.checks import instance, split_pose, wrong
 from tominpmp.collision.checker import CollisionChecker
 from tominpmp.collision.query import PairDistances
 from tominpmp.collision.selection import link_bodies
@@ -86,16 +86,16 @@ def combine_robots(parts: Sequence[Part], *, gravity: ArrayLike | None = None) -
 def _checked_parts(
     parts: Sequence[Part],
 ) -> tuple[dict[str, Robot], dict[str, pin.SE3]]:
-    wrong = partial(ProblemError, field="robots")
     robots, bases = dict[str, Robot](), dict[str, pin.SE3]()
-    listed: Sequence[Any] = parts if isinstance(parts, Sequence) and parts else [parts]
-    for part in listed:
+    if not isinstance(parts, Sequence) or not parts:
+        raise wrong(parts, "robots", "a list of (name, robot, base)")
+    for number, part in enumerate(parts):
         if not isinstance(part, Sequence) or len(part) != 3:
-            raise wrong(f"robots: got {brief(part)}, expected (name, robot, base)")
+            raise wrong(part, f"robots[{number}]", "(name, robot, base)")
         name, robot, base = part
         if not isinstance(name, str) or not name or "/" in name or name in robots:
-            form = "a text without '/', another one for each robot"
-            raise wrong(f"robots: a name is {brief(name)}, expected {form}")
+            form = "expected a text without '/', another one for each robot"
+            raise ProblemError(f"robots: a name is {brief(name)}, {form}", "robots")
         instance(robot, Robot, f"robots: {brief(name)}", "a Robot", "robots")
         robots[name], bases[name] = robot, base_placement(name, base)
     return robots, bases

@@ -243,8 +243,8 @@ def test_wrong_robots_are_rejected(planar3r: Robot) -> None:
         ({"a": (planar3r, here), "b": (planar3r, here)}, "the bases of 'a' and 'b'"),
         ({"a": planar3r}, "'a' is .*, expected a robot and its base"),
         ({"a/b": (planar3r, here)}, "expected a text without '/'"),
-        ({}, "expected .name, robot, base"),
-        (planar3r, "expected .name, robot, base"),
+        ({}, "expected a list of .name, robot, base"),
+        (planar3r, "expected a list of .name, robot, base"),
     ):
         with pytest.raises(ProblemError, match=message) as caught:
             Workcell(robots)  # type: ignore[arg-type]
