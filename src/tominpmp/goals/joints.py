@@ -129,6 +129,14 @@ class GoalOnJoints(Record, Goal):
         distances = [float(np.max(np.abs(way - final))) for way in self.ways]
         return self.alternatives[int(np.argmin(distances))]
 
+    def validate(self, robot: Robot) -> None:
+        """Check the names of joints, and the length of the positions."""
+        known = instance(robot, Robot, "robot").joint_names
+        names = self.joints or known
+        known_joints(names, known, "goal.joints")
+        one_per_joint(self.q, "goal.q", names)
+        self.angles(robot)
+
     def wrapped(
         self: _G, robot: Robot, q: Array, v: Array, most: int = MOST_WAYS
     ) -> _G:
@@ -247,12 +255,10 @@ class JointGoal(GoalOnJoints):
         return self.ways[0]
 
     def validate(self, robot: Robot) -> None:
-        """Check the joints that are angles, and the lengths of the vectors."""
-        names = instance(robot, Robot, "robot").joint_names
-        self.angles(robot)
-        for name, value in (("goal.q", self.q), ("goal.v", self.v)):
-            if value is not None:
-                one_per_joint(value, name, names)
+        """Check the names of joints, and the lengths of positions and velocities."""
+        super().validate(robot)
+        if self.v is not None:
+            one_per_joint(self.v, "goal.v", self.joints or robot.joint_names)
 
     def with_state(self, q: Array, v: Array) -> JointGoal:
         """The goal with another configuration and velocity, and the same turns."""
@@ -309,14 +315,6 @@ class JointRegionGoal(GoalOnJoints):
         if np.any(row < 0.0):
             raise wrong(row.tolist(), name, expected)
         self._keep(tolerance=row)
-
-    def validate(self, robot: Robot) -> None:
-        """Check the names of joints and the length of the positions."""
-        known = instance(robot, Robot, "robot").joint_names
-        names = known if self.joints is None else tuple(self.joints)
-        known_joints(names, known, "goal.joints")
-        one_per_joint(self.q, "goal.q", names)
-        self.angles(robot)
 
     def _targets(self, robot: Robot, way: Array) -> tuple[IntArray, Array, Array]:
         """Indices of the goal's joints, their target positions, and the tolerances.

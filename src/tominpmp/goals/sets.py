@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, Record
-from tominpmp.checks import instance, whole
+from tominpmp.checks import instance, whole, wrong
 from tominpmp.exceptions import ProblemError, naming
 from tominpmp.goals.base import Goal
 from tominpmp.goals.place import GoalResidual, Label, Place
@@ -124,17 +124,11 @@ def passed(goal: Goal) -> Goal:
 
 def _checked_members(goals: Sequence[Goal]) -> tuple[Goal, ...]:
     """Check a caller's goals."""
-    expected = "a list of goals"
-    members = tuple(instance(goals, Sequence, "goal.goals", expected))
-    for item in members:
-        if not isinstance(item, Goal):
-            raise ProblemError(
-                f"goal.goals holds a {type(item).__name__}, expected {expected}",
-                "goal.goals",
-            )
-    if not members:
-        raise ProblemError(f"goal.goals is empty, expected {expected}", "goal.goals")
-    return members
+    if not isinstance(goals, Sequence) or not goals:
+        raise wrong(goals, "goal.goals", "a list of goals, at least one")
+    for k, item in enumerate(goals):
+        instance(item, Goal, f"goal.goals[{k}]", "a goal", "goal.goals")
+    return tuple(goals)
 
 
 @dataclass(frozen=True, eq=False)

@@ -374,31 +374,22 @@ class Legs:
             self._settings[key] = carrying(self.problem, payload, touch)
         return self._settings[key]
 
-    def stays(self, leg: Leg) -> bool:
-        """Whether a leg begins and ends at the same configuration."""
-        begin, end = self.table.rows(leg)
-        return float(np.max(np.abs(begin - end), initial=0.0)) < ZERO_LENGTH
-
     # -- motions -----------------------------------------------------------------------
 
     def seconds(self, leg: Leg) -> float:
-        """Time of a leg [s]; infinite if it has no motion."""
-        if self.stays(leg):
+        """Time of a leg from rest to rest [s]; infinite if no motion is found."""
+        q_start, q_end = self.table.rows(leg)
+        if float(np.max(np.abs(q_start - q_end), initial=0.0)) < ZERO_LENGTH:
             return 0.0
-        solution = self.motion(leg)
-        return np.inf if solution is None else solution.T
-
-    def motion(self, leg: Leg) -> Solution | None:
-        """The motion of a leg from rest to rest; None if no motion is found."""
         if leg not in self.motions:
             check()
-            ends = self.table.station(leg[0]), self.table.station(leg[2])
-            q_start, q_end = self.table.rows(leg)
             goal = JointGoal(q_end, wrap=False)
+            ends = self.table.station(leg[0]), self.table.station(leg[2])
             self.motions[leg] = self._solved(
                 lambda: self._setting(*ends).with_ends(q_start, goal), ends
             )
-        return self.motions[leg]
+        solution = self.motions[leg]
+        return np.inf if solution is None else solution.T
 
     def _solved(
         self, make_problem: Callable[[], Problem], ends: Ends
