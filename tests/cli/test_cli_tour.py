@@ -65,6 +65,14 @@ def test_tour_of_a_file_is_planned_and_written(tmp_path: Path) -> None:
     assert code == 0 and "drill" in output and "cycle" in output
 
 
+def test_tour_is_written_to_standard_output(tmp_path: Path) -> None:
+    done = invoke(["tour", str(scenario(tmp_path, STATIONS)), "-o", "-"])
+    assert done.exit_code == 0
+    assert done.stdout.startswith("time,q_joint1,") and "cycle" in done.stderr
+    code, output = run(tmp_path / "tour.toml", "-o", "-", "--json")
+    assert code == 2 and "both write to standard output" in output
+
+
 @pytest.mark.parametrize(
     ("text", "named"),
     [

@@ -36,7 +36,8 @@ class TourOptions(ReportOptions):
 
     Attributes:
         output (FILE): Write the whole cycle there: .csv, .npz, or a ROS 2 message
-            (.yaml, .json, or .mcap for a bag); replaced if it exists.
+            (.yaml, .json, or .mcap for a bag); replaced if it exists; or - for standard
+            output.
         dt (SECONDS): Time between the rows. Default: the nodes of the motions.
         plot (FILE): Draw a Gantt chart: .png, .pdf or .svg.
         html (FILE): Write a page that plays the cycle: .html.
@@ -44,7 +45,7 @@ class TourOptions(ReportOptions):
         verbose: Show the log too.
     """
 
-    output: Path | None = field(default=None, metadata=OUTPUT_FILE)
+    output: str | None = field(default=None, metadata=OUTPUT_FILE)
     dt: float | None = None
     plot: Path | None = None
     html: Path | None = None

@@ -16,14 +16,7 @@ from tominpmp.cell.tours.planning import plan_tour
 from tominpmp.cell.tours.tour import Tour
 from tominpmp.cell.tours.tour_file import load_tour
 from tominpmp.cli.options import PlanOptions
-from tominpmp.cli.output_files import (
-    MOTION_ENDINGS,
-    PAGE_ENDINGS,
-    PLOT_ENDINGS,
-    check_period,
-    check_target,
-    write_files,
-)
+from tominpmp.cli.output_files import STDOUT, motion_file, write_files
 from tominpmp.cli.report import json_text, rows_text
 from tominpmp.cli.signals import present
 from tominpmp.cli.terminal import (
@@ -51,6 +44,8 @@ OF_TOURS = (
     *("success", "status", "message", "cycle_time", "lower_bound", "gap", "verified"),
     *("planning_time", "visits"),
 )
+# Options of a tour that mean the same as those of a plan.
+AS_PLANS = ("output", "dt", "plot", "html", "json")
 
 
 def run_batch(source: Path, options: Mapping[str, Any], args: BatchOptions) -> int:
@@ -181,10 +176,9 @@ def run_tour(scenario: Path, args: TourOptions) -> int:
     Raises:
         TominpmpError: If an argument or the scenario is wrong.
     """
-    check_target(args.output, "--output", MOTION_ENDINGS)
-    check_target(args.plot, "--plot", PLOT_ENDINGS)
-    check_target(args.html, "--html", PAGE_ENDINGS)
-    check_period(args.dt)
+    shared = {name: getattr(args, name) for name in AS_PLANS}
+    options = PlanOptions(no_output=args.output is None, **shared)
+    motion = motion_file(options)
     changes = {} if args.max_time is None else {"max_planning_time": args.max_time}
     Options().changed(changes)
     arguments = load_tour(scenario)
@@ -192,32 +186,23 @@ def run_tour(scenario: Path, args: TourOptions) -> int:
         tour = plan_tour(**arguments | changes)
     signals = present()
     signals.writing()
-    files, fault = _write(tour, args) if tour.success else ([], "")
+    written, fault = dict[str, str](), ""
+    if tour.success:
+        whole = tour._solution()
+        written, judgement = write_files(whole, options, motion, drawn=tour)
+        fault = "" if judgement is None or judgement.ok else judgement.message
+    files = list(written.values())
     if args.json:
         data = {name: getattr(tour, name) for name in OF_TOURS}
         motions = [motion.T for motion in tour.motions]
         say(json_text(data | {"motions": motions, "files": files}))
     else:
-        say(_tour_text(tour, files))
+        say(_tour_text(tour, files), err=options.output == STDOUT)
     if fault:
         complain("error", fault)
     if tour.status is Status.INTERRUPTED or signals.number is not None:
         return INTERRUPTED
     return NO_PLAN if fault or not tour.success else PLANNED
-
-
-def _write(tour: Tour, args: TourOptions) -> tuple[list[str], str]:
-    """Write the files that the options name.
-
-    Returns:
-        Their paths; and the reason why the motion as written does not pass, empty if it
-        does.
-    """
-    files: Any = {"output": str(args.output), "plot": args.plot, "html": args.html}
-    options, whole = PlanOptions(dt=args.dt, **files), tour._solution()
-    written, judgement = write_files(whole, options, args.output, drawn=tour)
-    fault = "" if judgement is None or judgement.ok else judgement.message
-    return list(written.values()), fault
 
 
 def _tour_text(tour: Tour, files: list[str]) -> str:
