@@ -430,18 +430,15 @@ class FrameTarget(NamedTuple):
 def frame_target(goal: Goal) -> FrameTarget | None:
     """Target of a goal on a pose, an axis or a point; None for other goals."""
     counts, turn, place = np.zeros((6, 6)), np.zeros((3, 3)), np.zeros(3)
-    position = goal.target
     if isinstance(goal, PoseGoal):
         counts[:3, :3], turn = np.eye(3), np.array(goal.pose.rotation)
-        position = np.array(goal.pose.translation)
     elif isinstance(goal, AxisGoal):
         counts[:2, :3] = across(np.array(goal.direction))
         turn[0], turn[1] = goal.axis, goal.direction
-        position = goal.position
     elif not isinstance(goal, PositionGoal):
         return None
-    if position is not None:
-        counts[3:, 3:], place = np.eye(3), np.array(position)
+    if goal.ball is not None:
+        counts[3:, 3:], place = np.eye(3), np.array(goal.ball.centre)
     return FrameTarget(place, turn, counts, isinstance(goal, PoseGoal))
 
 

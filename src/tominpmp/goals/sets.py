@@ -111,10 +111,6 @@ class PassedGoal(Record, Goal):
         """A via point for each of some goals; this one for a single goal."""
         return (self,) if len(goals) == 1 else tuple(map(PassedGoal, goals))
 
-    def prefixed(self, prefix: str, robot: Robot) -> Goal:
-        """The via point with the names of a combined robot."""
-        return replace(self, goal=self.goal.prefixed(prefix, robot))
-
 
 def passed(goal: Goal) -> Goal:
     """A goal as a via point: the velocity is free unless the goal gives a velocity."""

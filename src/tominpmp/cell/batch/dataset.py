@@ -304,11 +304,11 @@ class Entry(Record):
         whole, *segments = (torques_of(p.robot) for p in (problem, *problem.phases))
         return motion.with_torques(whole, tuple(segments) if len(segments) > 1 else ())
 
-    def outcome(self, problem: Problem | None, options: Options) -> Outcome:
-        """The outcome in the file; with its solution if the problem is given."""
+    def outcome(self, problem: Problem, options: Options) -> Outcome:
+        """The outcome in the file, with its solution if the problem was planned."""
         about = self.about
         solution = None
-        if problem is not None and about["status"] in Status.__members__:
+        if about["status"] in Status.__members__:
             bound = about.get("lower_bound")
             if bound is not None:
                 bound = LowerBound(bound, about.get("lower_bound_reason", ""))

@@ -179,21 +179,17 @@ class Configurations:
             if goal.frame_name is not None:
                 row[:] = ~np.any(kinematics.jacobian(home, goal.frame_name), axis=0)
 
-    def projected(self, q: Array, which: IntArray) -> tuple[Array, BoolArray]:
-        """Nearest configurations that meet goals, by damped least squares.
+    def _solved(self, q: Array, aim: IntArray) -> tuple[Array, BoolArray]:
+        """Nearest configurations that meet alternatives, by damped least squares.
 
         Args:
             q: Starts, shape (m, n) [rad or m].
-            which: Index of the goal of each start, shape (m,); of its alternatives, the
-                one with the smallest residual is aimed at.
+            aim: Index of the alternative of each start, shape (m,).
 
         Returns:
-            Configurations, shape (m, n), and whether each meets its goal, shape (m,).
+            Configurations, shape (m, n), and whether each meets its alternative, shape
+            (m,).
         """
-        return self._solved(q, self._nearest_alternatives(q, which))
-
-    def _solved(self, q: Array, aim: IntArray) -> tuple[Array, BoolArray]:
-        """Nearest configurations that meet alternatives, and whether they do."""
         out, residual = np.array(q), np.zeros(len(q))
         limits = self.problem.robot.limits
         for begin in range(0, len(q), CHUNK):
@@ -329,7 +325,8 @@ class Configurations:
             starts = [self._around(route, k, radius) for k in searched]
             place = np.repeat([*searched], [len(rows) for rows in starts])
             which: IntArray = np.array([searched[k] for k in place.tolist()])
-            q, good = self.projected(np.concatenate(starts), which)
+            q = np.concatenate(starts)
+            q, good = self._solved(q, self._nearest_alternatives(q, which))
             q, place = q[good], place[good]
             choices = [
                 np.concatenate([row[None], q[place == k]])
