@@ -188,6 +188,18 @@ def test_wrong_argument_of_improve_placement_is_named(
     assert text in str(error.value)
 
 
+@pytest.mark.parametrize("name", ["q_start", "q_end"])
+def test_start_or_end_of_a_tour_in_collision_is_named(
+    planar: tm.Robot, name: str
+) -> None:
+    given = {"q_start": READY, "q_end": READY, name: (0.2, 0.2, 0.2)}
+    with pytest.raises(
+        tm.ProblemError, match=r"in collision: .*'low' overlap"
+    ) as error:
+        tm.plan_tour(planar, stations=[at(4, 1)], scene=BALLS, **given)
+    assert error.value.field == name
+
+
 def test_plan_many_names_its_problems_and_rejects_wrong_arguments(
     tmp_path: Path,
 ) -> None:

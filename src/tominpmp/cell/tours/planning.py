@@ -448,7 +448,6 @@ def _checked_task(
         label = label_of(k + 1, station.name)
         with naming(label, f"stations[{k}]"):
             goal = station.goal.resolved(robot)
-            goal.validate(robot)
             if station.payload is not None:
                 loaded = robot.with_payload(station.payload)
                 known |= known_names(loaded, problem.scene)
