@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from operator import attrgetter
 from typing import Any, TypeVar
 
@@ -279,10 +280,8 @@ class AllGoals(GoalSet):
 
     def place(self, kinematics: RobotKinematics, q: Array) -> Place:
         """Conditions of all goals on a configuration."""
-        first, *others = (goal.place(kinematics, q) for goal in self.members)
-        for other in others:
-            first = first.joined(other)
-        return first
+        places = (goal.place(kinematics, q) for goal in self.members)
+        return reduce(Place.joined, places)
 
     def positions(self, robot: Robot) -> Array:
         """Positions that any goal determines, (n,) [rad or m]; NaN for other joints."""

@@ -316,9 +316,9 @@ class Configurations:
         goals, nodes = self.goals, [node for node, _ in places]
         # Stations whose goals leave the configuration free, by their places.
         searched = {
-            k: g
-            for k, g in enumerate(map(table.station, nodes))
-            if g is not None and goals[g].configuration is None
+            k: node - 1
+            for k, node in enumerate(nodes)
+            if 0 < node <= len(goals) and goals[node - 1].configuration is None
         }
         route, radius, before = [table.nodes[k][c] for k, c in places], RADIUS, np.inf
         for _ in range(ROUNDS if searched else 0):

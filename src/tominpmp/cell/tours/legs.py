@@ -157,8 +157,6 @@ def _with_jerk(distance: Array, v: Array, a: Array, jerk: Array) -> Array:
 
 # A leg: node and configuration of its begin, node and configuration of its end.
 Leg = tuple[int, int, int, int]
-# Indices of the stations where a leg begins and ends; None for those of the tour.
-Ends = tuple[int | None, int | None]
 
 
 @dataclass(eq=False)
@@ -183,10 +181,6 @@ class LegTable:
     rules: Rules
     factor: float = 1.0
     known: dict[Leg, float] = field(default_factory=dict)
-
-    def station(self, node: int) -> int | None:
-        """Index of the station at a node; None for the start and the end."""
-        return node - 1 if 0 < node <= self.rules.count else None
 
     def way(self, order: Sequence[int]) -> list[int]:
         """Nodes of an order of stations, with the start and the end."""
@@ -335,7 +329,7 @@ class Legs:
 
     Attributes:
         problem: Robot, obstacles and limits.
-        stations: The stations.
+        stations: The station at each node; None for the start and the end.
         options: Options of the planner for legs without a direct motion.
         table: The nodes of the tour.
         planned: Number of legs that were planned.
@@ -344,28 +338,24 @@ class Legs:
     """
 
     problem: Problem
-    stations: tuple[Station, ...]
+    stations: Sequence[Station | None]
     options: Options
     table: LegTable
     planned: int = 0
     errors: list[str] = field(default_factory=list)
     motions: dict[Leg, Solution | None] = field(default_factory=dict)
-    _settings: dict[Ends, Problem] = field(default_factory=dict)
+    _settings: dict[tuple[int, int | None], Problem] = field(default_factory=dict)
 
     # -- problems of legs --------------------------------------------------------------
 
-    def _load(self, station: int | None) -> Payload | None:
-        """The payload from a station on, by its index; None for the start."""
-        return None if station is None else self.stations[station].payload
+    def _load(self, node: int) -> Payload | None:
+        """The payload from a node on."""
+        station = self.stations[node]
+        return None if station is None else station.payload
 
-    def _setting(self, begin: int | None, end: int | None) -> Problem:
-        """The problem with the payload and the allowed contacts between two stations.
-
-        Args:
-            begin: Index of the station where the leg begins; None for the start.
-            end: Index of the station where it ends; None for the end of the tour.
-        """
-        ends = [self.stations[index] for index in (begin, end) if index is not None]
+    def _setting(self, begin: int, end: int) -> Problem:
+        """The problem with the payload and the allowed contacts between two nodes."""
+        ends = filter(None, (self.stations[begin], self.stations[end]))
         touch = [pair for station in ends for pair in station.may_touch]
         payload, key = self._load(begin), (begin, end if touch else None)
         if payload is None and not touch:
@@ -383,28 +373,27 @@ class Legs:
             return 0.0
         if leg not in self.motions:
             check()
-            goal = JointGoal(q_end, wrap=False)
-            ends = self.table.station(leg[0]), self.table.station(leg[2])
+            (begin, _, end, _), goal = leg, JointGoal(q_end, wrap=False)
             self.motions[leg] = self._solved(
-                lambda: self._setting(*ends).with_ends(q_start, goal), ends
+                lambda: self._setting(begin, end).with_ends(q_start, goal), begin, end
             )
         solution = self.motions[leg]
         return np.inf if solution is None else solution.T
 
     def _solved(
-        self, make_problem: Callable[[], Problem], ends: Ends
+        self, make_problem: Callable[[], Problem], begin: int, end: int
     ) -> Solution | None:
         """The direct motion, or a motion planned in the remaining time.
 
         Args:
             make_problem: Makes the problem; its errors are noted.
-            ends: Indices of the stations where the motion begins and ends.
+            begin: Node where the motion begins.
+            end: Node where it ends.
         """
-        named = [
-            other if k is None else label_of(k + 1, self.stations[k].name)
-            for k, other in zip(ends, ("the start", "the end"), strict=True)
-        ]
-        where = f"from {named[0]} to {named[1]}: "
+        first, last = self.stations[begin], self.stations[end]
+        here = label_of(begin, first.name) if first else "the start"
+        there = label_of(end, last.name) if last else "the end"
+        where = f"from {here} to {there}: "
         try:
             problem = make_problem()
             solution = self._direct(problem)
@@ -444,9 +433,8 @@ class Legs:
             q: Configurations there, shape (n,) each; at the nodes in between the motion
                 may meet the goals at other configurations.
         """
-        indices = [self.table.station(node) for node in nodes]
-        passed = [self.stations[k].goal for k in indices[1:-1] if k is not None]
-        goals = [*passed, JointGoal(q[-1], wrap=False)]
+        passed = filter(None, (self.stations[node] for node in nodes[1:-1]))
+        goals = [*(s.goal for s in passed), JointGoal(q[-1], wrap=False)]
 
         def make_problem() -> Problem:
             segments = [
@@ -455,9 +443,9 @@ class Legs:
                     payload=self._load(begin),
                     may_touch=self._setting(begin, end).may_touch,
                 )
-                for goal, (begin, end) in zip(goals, pairwise(indices), strict=True)
+                for goal, (begin, end) in zip(goals, pairwise(nodes), strict=True)
             ]
             begin, end = q[0], goals[-1]
             return replace(self.problem, q_start=begin, goal=end, segments=segments)
 
-        return self._solved(make_problem, (indices[0], indices[-1]))
+        return self._solved(make_problem, nodes[0], nodes[-1])

@@ -81,6 +81,7 @@ class TourSearch:
     """The search for a tour: its legs, orders and configurations.
 
     Attributes:
+        task: Stations, rules for their order, start, obstacles and limits.
         legs: Problems and motions of the legs.
         table: Times of the legs.
         configurations: The search for configurations of the stations.
@@ -103,6 +104,7 @@ class TourSearch:
             ProblemError: If a station has no configuration, with its name.
         """
         problem, stations, rules = task.problem, task.stations, task.rules
+        self.task = task
         self.exact, self.rng = exact, np.random.default_rng(options.seed)
         times = JointTimes.of(problem)
         self.configurations = Configurations(task, self.rng)
@@ -122,7 +124,8 @@ class TourSearch:
         nodes = rules.along(problem.q_start[None], by_station, end[None])
         rests = rules.along(True, (station.stop for station in stations), True)
         self.table = LegTable(nodes, rests, times, rules)
-        self.legs = Legs(problem, stations, options, self.table)
+        visited = rules.along(None, stations, None)
+        self.legs = Legs(problem, visited, options, self.table)
 
     def run(self) -> Tour:
         """Search for the tour."""
@@ -221,21 +224,20 @@ class TourSearch:
 
     def _assembled(self, route: Route, status: Status) -> Tour:
         """Assemble the tour from the motions of its legs."""
-        legs, table = self.legs, self.table
-        q = [table.nodes[node][c] for node, c in route]
+        legs, task = self.legs, self.task
+        q = [self.table.nodes[node][c] for node, c in route]
         runs = self._motions(route, q)
         if runs is None:
             return self._failed()
         motions, visits = list[Solution](), list[Visit]()
-        kinematics = RobotKinematics(legs.problem.robot)
+        kinematics = RobotKinematics(task.problem.robot)
         halts: list[Halt] = [(0.0, [])]
 
         def visit(place: int, there: Array, halt: Halt) -> None:
             """Note the visit of the station of a place, as soon as its arm is free."""
-            number = table.station(route[place][0])
-            if number is None:
+            station, (begin, stays) = legs.stations[route[place][0]], halt
+            if station is None:
                 return
-            station, (begin, stays) = legs.stations[number], halt
             met = station.goal.nearest(kinematics, there, np.zeros_like(there))
             arm = arm_of(kinematics.robot, met)
             before = [item for item in stays if arm is None or item[0] in (arm, None)]
@@ -259,8 +261,8 @@ class TourSearch:
         subject = "A tour" if status is Status.CONVERGED else f"{status.value} A tour"
         count = "1 station" if len(visits) == 1 else f"{len(visits)} stations"
         return Tour(
-            legs.problem,
-            legs.stations,
+            task.problem,
+            task.stations,
             status,
             f"{subject} over {count} was found, each motion of it verified.",
             tuple(visit.station for visit in visits),
@@ -273,13 +275,13 @@ class TourSearch:
 
     def _failed(self) -> Tour:
         """The result where no tour was found."""
-        legs, status = self.legs, Status.INFEASIBLE
+        legs, task, status = self.legs, self.task, Status.INFEASIBLE
         reason = "no order of the stations keeps the rules (after, then, precedence)"
         if legs.errors:
             reason = legs.errors[-1].rstrip(".")
         text = f"{status.value} No tour was found: {reason}."
         planned = legs.planned
-        return Tour(legs.problem, legs.stations, status, text, legs_planned=planned)
+        return Tour(task.problem, task.stations, status, text, legs_planned=planned)
 
 
 def _legs(route: Route) -> list[Leg]:
