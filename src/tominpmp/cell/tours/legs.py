@@ -182,10 +182,6 @@ class LegTable:
     factor: float = 1.0
     known: dict[Leg, float] = field(default_factory=dict)
 
-    def way(self, order: Sequence[int]) -> list[int]:
-        """Nodes of an order of stations, with the start and the end."""
-        return self.rules.along(0, (i + 1 for i in order), self.rules.count + 1)
-
     def rows(self, leg: Leg) -> tuple[Array, Array]:
         """Configurations that a leg begins and ends at, shape (n,) each."""
         i, a, j, b = leg

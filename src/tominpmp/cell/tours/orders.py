@@ -79,7 +79,7 @@ def exact_order(
     node = np.repeat(np.arange(len(block_of)), np.diff(edges))
     # Sets of nodes are bit masks: here the nodes that have to precede each node.
     before_end = full >> 1
-    need = [0, *(1 | sum(2 << i for i in needed) for needed in rules.needs), before_end]
+    need = [sum(1 << i for i in needed) for needed in rules.needs]
     between = np.full((edges[-1], edges[-1]), np.inf)
     for i, j in permutations(range(n + 2), 2):
         if j and i <= n and rules.follows[i, j]:
@@ -130,7 +130,7 @@ def search_order(
         route.
     """
     length, rules = np.inf, table.rules
-    order = [node - 1 for node, _ in before[1 : rules.count + 1]]
+    order = [node for node, _ in before[1 : rules.count + 1]]
     if not order:
         nodes = range(len(table.nodes))
         few = table.along(nodes, [rows[:FEW] for rows in table.nodes])
@@ -138,7 +138,8 @@ def search_order(
         order = _OrderSearch(least, rules, rng).improved([], HOT, STEPS)
     for left in range(ROUNDS, -1, -1):
         former = length
-        length, route = table.best_configurations(table.way(order))
+        way = rules.along(0, order, rules.count + 1)
+        length, route = table.best_configurations(way)
         if length > former - LEAST_GAIN or not left:
             break
         chosen = [c for _, c in sorted(route)]
@@ -168,9 +169,7 @@ class _OrderSearch:
         self.cost, self.n, self.rng = cost, n, rng
         inner = cost[1 : n + 1, 1 : n + 1]
         self.near = np.argsort(inner + inner.T, axis=1, kind="stable") + 1
-        # By node, the nodes that have to precede it.
-        needs = [{i + 1 for i in needed} for needed in rules.needs]
-        self.earlier: list[set[int]] = [set(), *needs, set()]
+        self.earlier = rules.needs
 
     def length(self, path: Sequence[int]) -> float:
         """Time of a path over nodes, from the start to the end."""
@@ -184,7 +183,7 @@ class _OrderSearch:
             hot: Initial temperature, as a share of the mean leg.
             steps: Number of removals, for each station.
         """
-        rng, path = self.rng, [0, *(k + 1 for k in order), self.n + 1]
+        rng, path = self.rng, [0, *order, self.n + 1]
         missing = sorted({*range(1, self.n + 1)} - {*path})
         none_skipped = np.zeros((len(missing), self.n + 2), dtype=bool)
         self._insert(path, rng.permutation(missing).tolist(), none_skipped)
@@ -203,7 +202,7 @@ class _OrderSearch:
                 path, length = trial, trial_length
                 if length < least - LEAST_GAIN:
                     best, least = path, length
-        return [node - 1 for node in best[1:-1]]
+        return best[1:-1]
 
     def _stretches(self, path: Sequence[int]) -> set[int]:
         """Nodes to be removed: stretches of the path about neighbours of one node."""

@@ -446,9 +446,9 @@ def _checked_task(
     """
     robot, checked, places = problem.robot, list[Station](), dict[object, int]()
     known, needed = known_names(robot, problem.scene), rules.needs
-    for k, station in enumerate(stations):
-        label = label_of(k + 1, station.name)
-        with naming(label, f"stations[{k}]"):
+    for k, station in enumerate(stations, 1):
+        label = label_of(k, station.name)
+        with naming(label, f"stations[{k - 1}]"):
             goal = station.goal.resolved(robot)
             if station.payload is not None:
                 loaded = robot.with_payload(station.payload)
@@ -458,7 +458,7 @@ def _checked_task(
         other = places.setdefault(place_of(goal), k)
         if other != k and k not in needed[other] and other not in needed[k]:
             raise ProblemError(
-                f"{label_of(other + 1, checked[other].name)} and {label} are in one "
+                f"{label_of(other, checked[other - 1].name)} and {label} are in one "
                 "place; expected one station, or a precedence between the two",
                 "stations",
             )

@@ -166,11 +166,13 @@ def _named(number: int, name: Any, item: Any) -> Station:
 
 @dataclass(frozen=True)
 class Rules:
-    """Rules for the order of stations, which are counted from 0.
+    """Rules for the order of the nodes of a tour.
+
+    Nodes are the start (0), the stations from 1, and the end, which may be open.
 
     Attributes:
         count: Number of stations.
-        before: Pairs (earlier, later).
+        before: Pairs of stations (earlier, later).
         then: By station, the stations of which one comes directly after it; a station
             that is not a key may be followed by any other.
         ends: Whether the tour has an end of its own, after the last station.
@@ -198,7 +200,7 @@ class Rules:
         Raises:
             ProblemError: If a name is unknown, or no order is possible at all.
         """
-        index = {station.name: i for i, station in enumerate(stations)}
+        index = {station.name: i for i, station in enumerate(stations, 1)}
         pairs = {(index[a], index[s.name]) for s in stations for a in s.after}
         expected = 'pairs of names of stations, as [("drill", "tap")]'
         ordered = checked_pairs(precedence, "precedence", expected)
@@ -208,8 +210,8 @@ class Rules:
                 raise ProblemError(f"precedence: {why}", "precedence")
         pairs |= {(index[earlier], index[later]) for earlier, later in ordered}
         then = {
-            i: frozenset(index[name] for name in station.then)
-            for i, station in enumerate(stations)
+            index[station.name]: frozenset(index[name] for name in station.then)
+            for station in stations
             if station.then
         }
         pairs |= {(i, min(others)) for i, others in then.items() if len(others) == 1}
@@ -217,7 +219,7 @@ class Rules:
         try:
             _ = rules.needs
         except CycleError as error:
-            names = [stations[k].name for k in error.args[1]]
+            names = [stations[k - 1].name for k in error.args[1]]
             cycle = brief(" before ".join(names), 300)
             raise ProblemError(
                 f"precedence has a cycle: {cycle}", "precedence"
@@ -226,14 +228,16 @@ class Rules:
 
     @cached_property
     def needs(self) -> tuple[frozenset[int], ...]:
-        """By station, the stations that precede it directly or through others."""
-        direct: dict[int, set[int]] = {k: set() for k in range(self.count)}
+        """By node, the nodes that precede it directly or through others."""
+        direct: dict[int, set[int]] = {0: set()}
+        direct |= {k: {0} for k in range(1, self.count + 1)}
+        direct[self.count + 1] = {*direct}
         for earlier, later in self.before:
             direct[later].add(earlier)
         closure = dict[int, frozenset[int]]()
         for k in TopologicalSorter(direct).static_order():
             closure[k] = frozenset(direct[k].union(*(closure[i] for i in direct[k])))
-        return tuple(closure[k] for k in range(self.count))
+        return tuple(closure[k] for k in direct)
 
     def along(self, start: T, stations: Iterable[T], end: T) -> list[T]:
         """Items of start, stations and end; that of the end is left out without one."""
@@ -241,22 +245,18 @@ class Rules:
 
     @cached_property
     def follows(self) -> BoolArray:
-        """Whether a node may come directly after another, shape (count + 2, count + 2).
-
-        Nodes are the start (0), the stations from 1, and the end, which may be open.
-        """
+        """Whether a node may come directly after another, (count + 2, count + 2)."""
         follows = np.ones((self.count + 2, self.count + 2), dtype=bool)
         for station, others in self.then.items():
-            follows[station + 1] = False
-            follows[station + 1, [other + 1 for other in others]] = True
+            follows[station] = False
+            follows[station, [*others]] = True
         return follows
 
     def allow(self, order: Sequence[int]) -> bool:
         """Whether an order of all stations keeps the rules."""
         place = {station: k for k, station in enumerate(order)}
-        way = np.array([*order, self.count]) + 1
         kept = all(place[i] < place[j] for i, j in self.before)
-        return kept and bool(np.all(self.follows[way[:-1], way[1:]]))
+        return kept and bool(np.all(self.follows[order, [*order[1:], self.count + 1]]))
 
 
 @dataclass(frozen=True, eq=False)
