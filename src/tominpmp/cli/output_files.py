@@ -51,7 +51,8 @@ def motion_file(options: PlanOptions) -> Path | None:
         The file; None for no file or standard output.
 
     Raises:
-        OptionsError: If options contradict each other.
+        OptionsError: If options contradict each other, or the period of the rows is
+            infinite, or less than the least one of messages.
         ProblemError: If the ROS message is unknown or does not suit the file.
         ScenarioError: If a file cannot be written.
         MissingDependency: If a package for a plot or a bag is missing.
@@ -63,7 +64,11 @@ def motion_file(options: PlanOptions) -> Path | None:
         )
     if name is not None and options.no_output:
         raise OptionsError("--output and --no-output contradict", "output")
-    check_period(options.dt)
+    least, dt = MIN_STEP / BILLION, options.dt
+    if dt is not None and not least <= dt < float("inf"):
+        raise OptionsError(
+            f"--dt is {dt}, expected a positive time, {least:g} s at least", "dt"
+        )
     motion = None
     if not options.no_output and name != STDOUT:
         motion = _free_name() if name is None else Path(name)
@@ -209,16 +214,3 @@ def check_target(path: Path | None, option: str, endings: Sequence[str]) -> None
         raise MissingDependency("rosbags", "ros", f"{option} with .mcap")
     if endings == PLOT_ENDINGS and find_spec("matplotlib") is None:
         raise MissingDependency("matplotlib", "plots", option)
-
-
-def check_period(dt: float | None) -> None:
-    """Check the period of the rows of a file.
-
-    Raises:
-        OptionsError: If the period is infinite, or less than the least one of messages.
-    """
-    least = MIN_STEP / BILLION
-    if dt is not None and not least <= dt < float("inf"):
-        raise OptionsError(
-            f"--dt is {dt}, expected a positive time, {least:g} s at least", "dt"
-        )

@@ -78,21 +78,20 @@ def rounds_of(
         Numbers of the problems of each round; and by the number of a problem, those
         near it in earlier rounds.
     """
-    groups: defaultdict[Any, list[int]] = defaultdict(list)
+    groups: defaultdict[Any, dict[int, Array]] = defaultdict(dict)
     rounds: defaultdict[int, list[int]] = defaultdict(list)
-    places: dict[int, Array] = {}
     near: dict[int, Near] = {}
     for index, problem in enumerate(problems):
-        key, places[index] = _place(problem)
-        groups[key].append(index)
-    for members in groups.values():
-        table = np.array([places[index] for index in members])
+        key, place = _place(problem)
+        groups[key][index] = place
+    for group in groups.values():
+        members, table = list(group), np.array(list(group.values()))
         from_middle = np.linalg.norm(table - table.mean(axis=0), axis=1)
         order = spread_out(table, int(np.argmin(from_middle)), len(table), 2)
         size = max(int(np.ceil(COLD_SHARE * len(order))), 1)
-        for place, k in enumerate(order.tolist()):
+        for rank, k in enumerate(order.tolist()):
             # Each round is as large as all before it, from the second one on.
-            number = (place // size).bit_length()
+            number = (rank // size).bit_length()
             before = order[: size << number - 1] if number else order[:0]
             rounds[number].append(members[k])
             near[members[k]] = _nearest(table, k, before, members)

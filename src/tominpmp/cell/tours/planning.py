@@ -252,12 +252,10 @@ class TourSearch:
                 continue
             motions.append(motion)
             begin = halts[-1][0] + together(halts[-1][1])
-            passed: list[Halt] = [
-                (begin + part.arrival, []) for part in motion.segments
-            ]
-            halts.append(passed[-1])
-            for k, part, halt in zip(reached, motion.segments, passed, strict=True):
+            for k, part in zip(reached, motion.segments, strict=True):
+                halt: Halt = (begin + part.arrival, [])
                 visit(k, motion.trajectory(part.arrival).q, halt)
+            halts.append(halt)  # the arm rests after the last segment
         subject = "A tour" if status is Status.CONVERGED else f"{status.value} A tour"
         count = "1 station" if len(visits) == 1 else f"{len(visits)} stations"
         return Tour(
