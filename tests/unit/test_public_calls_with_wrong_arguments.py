@@ -215,7 +215,7 @@ def test_error_names_the_wrong_argument(
             except tm.TominpmpError as error:
                 text = f"{error} {getattr(error, 'field', '')}"
                 # An object that is not found is called by name, as "no frame 'a'".
-                known = (key, brief(value)[:60], "there is no", "robots: ")
+                known = (key, brief(value)[:60], "there is no", "robots")
                 if not any(part in text for part in known):
                     unnamed.append(f"{key}={value!r:.40}: {text:.120}")
     assert not unnamed, "\n".join(unnamed)
