@@ -17,6 +17,7 @@ from command_line import invoke
 from scenario_samples import JOINTS, REQUEST, SCENE
 
 import tominpmp as tm
+from tominpmp.goals.sets import passed
 
 QUICK = tm.Options(effort="quick", intervals=16, refine=None)
 # Upper position limit of joint2 of the planar arm [rad].
@@ -82,6 +83,13 @@ def test_alternatives_are_set_to_the_limit_or_left_out(robot: tm.Robot) -> None:
     assert [one.configuration.tolist() for one in problem.goal.goals] == [[*at(LIMIT)]]
     assert "set to the limit" in str(warned[0].message)
     assert "left out" in str(warned[1].message)
+
+
+def test_goal_that_is_passed_is_set_to_the_limit(robot: tm.Robot) -> None:
+    goal = passed(tm.JointGoal(at(JUST)))
+    with pytest.warns(tm.TominpmpWarning, match=f"^goal.q: {MESSAGE}"):
+        problem = tm.Problem(robot, END, goal)
+    assert problem.goal == passed(tm.JointGoal(at(LIMIT)))
 
 
 @pytest.mark.parametrize("stop", [False, True])

@@ -88,12 +88,12 @@ def test_goals_of_different_types_are_combined(cell: Workcell, planar3r: Robot) 
         [PositionGoal("b/tip", point), JointRegionGoal(ENDS["a"], 0.0, names)]
     )
     pose = PoseGoal("tip", pin.SE3(np.eye(3), np.array(point)))
-    some = JointRegionGoal([0.1], 0.05, ["joint2"])
+    some = JointRegionGoal([0.1], 0.05, ["joint2"], wrap=("joint2",))
     both = AllGoals([pose, some])
     assert cell.goal({"b": None, "a": both}) == AllGoals(
         [
             PoseGoal("a/tip", pin.SE3(np.eye(3), np.array(point))),
-            JointRegionGoal([0.1], 0.05, ["a/joint2"]),
+            JointRegionGoal([0.1], 0.05, ["a/joint2"], wrap=("a/joint2",)),
         ]
     )
 
