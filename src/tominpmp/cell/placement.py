@@ -278,16 +278,13 @@ def _of_task(number: int, count: int) -> AbstractContextManager[None]:
 def _moved(
     moves: Any, tasks: Sequence[Problem], names: Sequence[str]
 ) -> str | tuple[str, ...]:
-    """Check the choice of things to move, and that they can be moved."""
+    """Check the choice of things to move; goals are moved before the first plan."""
     if isinstance(moves, str) and moves == BASE:
         return BASE
     if not set(names) <= set(TRANSLATIONS):
         expected = f"some of {', '.join(TRANSLATIONS)}: only the base can be rotated"
         raise wrong(names, "bounds", expected)
     if isinstance(moves, str) and moves == GOALS:
-        for number, task in enumerate(tasks):
-            with _of_task(number, len(tasks)):
-                task.goal.moved(np.zeros(3))
         return GOALS
     chosen = (moves,) if isinstance(moves, str) else moves
     known = {item.name: item for task in tasks for item in task.scene}
