@@ -35,6 +35,7 @@ from tominpmp.app.request import (
     Item,
     Request,
     RobotChoice,
+    evaluated,
     follows_datasheet,
     group_names,
     loaded,
@@ -655,7 +656,7 @@ class Handles:
                 **({"line_width": 3.0} if body is None else {}),
             )
             if body is not None:
-                surface, path = obstacle_surface(body.call().evaluate()), node.name
+                surface, path = obstacle_surface(evaluated(body.call())), node.name
                 stage.put_surface(self._scene, f"{path}/body", surface, *look)
             node.on_update(partial(self._moved, key, dragged))
             self._known[key] = kind, node

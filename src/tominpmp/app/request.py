@@ -1,15 +1,16 @@
 """The request: the state of the page, from which the problem is made.
 
 The problem and the equivalent lines of Python have a single source, a tree of calls of
-the library: evaluating it makes the problem, formatting it gives the lines. Numbers are
-rounded when they are set, so that the lines are short and exact.
+the library (``functools.partial``): evaluating it makes the problem, formatting it
+gives the lines. Numbers are rounded when they are set, so that the lines are short and
+exact.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 from itertools import count
 from typing import Annotated, Any, Literal, TypeAlias
 
@@ -21,6 +22,7 @@ from tominpmp.arrays import Record
 from tominpmp.datasheets import find_datasheet
 from tominpmp.exceptions import RobotLoadError, quiet
 from tominpmp.files.records import classes
+from tominpmp.goals.base import Goal
 from tominpmp.goals.frames import PoseGoal, PositionGoal
 from tominpmp.goals.joints import JointGoal
 from tominpmp.kinematics import RobotKinematics
@@ -70,43 +72,34 @@ Points: TypeAlias = Annotated[
 Turn: TypeAlias = Annotated[Quaternion, _rounded_turn]
 
 
-@dataclass(frozen=True)
-class Call:
-    """A call of the library that can be evaluated, or formatted as Python expression.
+def evaluated(value: Any) -> Any:
+    """The value of an argument, in which calls are partial objects, and may be nested.
 
-    Attributes:
-        function: The function or class to call.
-        arguments: Positional arguments; calls among them are evaluated first.
-        options: Arguments by name.
+    Raises:
+        TominpmpError: If a call refuses its arguments.
     """
-
-    function: Callable[..., Any]
-    arguments: tuple[Any, ...] = ()
-    options: Mapping[str, Any] = field(default_factory=dict)
-
-    def evaluate(self) -> Any:
-        """Evaluate the call."""
-        options = {name: _value(value) for name, value in self.options.items()}
-        return self.function(*map(_value, self.arguments), **options)
-
-    def __str__(self) -> str:
-        """The expression."""
-        parts = [*map(_written, self.arguments)]
-        parts += [f"{name}={_written(value)}" for name, value in self.options.items()]
-        return f"tm.{self.function.__name__}({', '.join(parts)})"
-
-
-def _value(value: Any) -> Any:
     if isinstance(value, list):
-        return [_value(item) for item in value]
-    return value.evaluate() if isinstance(value, Call) else value
+        return [evaluated(item) for item in value]
+    if isinstance(value, partial):
+        options = {name: evaluated(item) for name, item in value.keywords.items()}
+        return value.func(*map(evaluated, value.args), **options)
+    return value
 
 
 def _written(value: Any) -> str:
     """Format an argument as Python expression; calls in a list have a line each."""
-    if isinstance(value, list) and value and isinstance(value[0], Call):
-        return "".join(["[", *(f"\n        {call}," for call in value), "\n    ]"])
-    return str(value) if isinstance(value, Call) else repr(value)
+    if isinstance(value, partial):
+        parts = [*map(_written, value.args), *_named(value.keywords)]
+        return f"tm.{value.func.__name__}({', '.join(parts)})"
+    if isinstance(value, list) and value and isinstance(value[0], partial):
+        lines = (f"\n        {_written(call)}," for call in value)
+        return "".join(["[", *lines, "\n    ]"])
+    return repr(value)
+
+
+def _named(options: Mapping[str, Any]) -> list[str]:
+    """Arguments by name as Python expressions."""
+    return [f"{name}={_written(value)}" for name, value in options.items()]
 
 
 @dataclass(frozen=True)
@@ -128,7 +121,7 @@ class RobotChoice:
     limits: str | None = None
     kinematic: bool = False
 
-    def call(self) -> Call:
+    def call(self) -> partial[Robot]:
         """The call that loads the robot."""
         options = {
             "limits": self.limits,
@@ -137,7 +130,7 @@ class RobotChoice:
             "kinematic": self.kinematic,
         }
         needed = {name: value for name, value in options.items() if value}
-        return Call(load_robot, (self.source,), needed)
+        return partial(load_robot, self.source, **needed)
 
 
 @lru_cache(maxsize=8)
@@ -150,7 +143,7 @@ def loaded(choice: RobotChoice) -> Robot:
         OptionsError: If the group or the data sheet does not exist.
         JointNotFound: If a locked joint is unknown.
     """
-    robot: Robot = choice.call().evaluate()
+    robot: Robot = evaluated(choice.call())
     if robot.n > MOST_JOINTS:
         raise RobotLoadError(
             f"{robot.name} has {robot.n} joints that move, expected {MOST_JOINTS} at "
@@ -206,7 +199,7 @@ class Item(Record):
     position: Point
     quaternion: Turn = UPRIGHT
 
-    def call(self) -> Call:
+    def call(self) -> partial[Obstacle]:
         """The call that makes the obstacle of the problem.
 
         The call raises a SceneError if a size or a position is wrong.
@@ -217,7 +210,7 @@ class Item(Record):
         options["position"] = self.position
         if self.quaternion != UPRIGHT:
             options["rotation"] = self.quaternion
-        return Call(classes(Obstacle)[self.kind], (self.name,), options)
+        return partial(classes(Obstacle)[self.kind], self.name, **options)
 
 
 def new_item(kind: str, position: ArrayLike, taken: tuple[str, ...]) -> Item:
@@ -276,20 +269,18 @@ class Request(Record):
         robot, scale = loaded(self.robot), self.speed_scale
         if scale != 1.0:
             robot = robot.with_changes(velocity=scale * robot.limits.velocity)
-        problem: Problem = Call(Problem, (robot,), options).evaluate()
+        problem: Problem = evaluated(partial(Problem, robot, **options))
         return problem
 
     def python(self) -> str:
         """The lines of Python that make the problem and plan it."""
-        arguments = [
-            f"{name}={_written(value)}" for name, value in self._options().items()
-        ]
-        lines = ["import tominpmp as tm", "", f"robot = {self.robot.call()}"]
+        lines = ["import tominpmp as tm", "", f"robot = {_written(self.robot.call())}"]
         if self.speed_scale != 1.0:
             speeds = f"{self.speed_scale!r} * robot.limits.velocity"
             lines.append(f"robot = robot.with_changes(velocity={speeds})")
         lines.append("problem = tm.Problem(")
-        lines += [f"    {argument}," for argument in ("robot", *arguments)]
+        arguments = "robot", *_named(self._options())
+        lines += [f"    {argument}," for argument in arguments]
         lines += [")", "solution = tm.plan(problem)", "print(solution.message)"]
         return "\n".join(lines) + "\n"
 
@@ -298,12 +289,12 @@ class Request(Record):
         options: dict[str, Any] = {"q_start": list(self.q_start)}
         goal = self._goal()
         if self.via:
-            via = [Call(PositionGoal, (self.frame, point)) for point in self.via]
-            options["segments"] = [Call(Segment, (item,)) for item in (*via, goal)]
+            via = [partial(PositionGoal, self.frame, point) for point in self.via]
+            options["segments"] = [partial(Segment, item) for item in (*via, goal)]
         else:
             options["goal"] = goal
         if self.items:
-            options["scene"] = Call(Scene, ([item.call() for item in self.items],))
+            options["scene"] = partial(Scene, [item.call() for item in self.items])
         options["margin"] = self.margin
         limits: dict[str, Any] = {}
         if self.effort_scale != 1.0:
@@ -315,17 +306,17 @@ class Request(Record):
             values = np.minimum(bounds, self.acceleration).tolist()
             limits["acceleration"] = values if len(set(values)) > 1 else values[0]
         if limits:
-            options["motion_limits"] = Call(MotionLimits, (), limits)
+            options["motion_limits"] = partial(MotionLimits, **limits)
         return options
 
-    def _goal(self) -> Call:
+    def _goal(self) -> partial[Goal]:
         """The call that makes the goal."""
         if self.goal == "joint":
-            return Call(JointGoal, (list(self.q_goal),))
+            return partial(JointGoal, list(self.q_goal))
         kinematics = RobotKinematics(loaded(self.robot))
         placement = kinematics.placement(np.array(self.q_goal), self.frame)
         place = pin.SE3ToXYZQUAT(placement)
         position = rounded(place[:3])
         if self.goal == "position":
-            return Call(PositionGoal, (self.frame, position))
-        return Call(PoseGoal, (self.frame, (position, rounded(place[3:], 9))))
+            return partial(PositionGoal, self.frame, position)
+        return partial(PoseGoal, self.frame, (position, rounded(place[3:], 9)))

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from types import NoneType
 from typing import TYPE_CHECKING, Any
@@ -35,6 +34,8 @@ if TYPE_CHECKING:
 
 INSTANTS = 15
 PANELS_IN_ROW = 3
+# Width of a panel by the number of panels in a row [in].
+WIDTHS = {1: 5.6, 2: 4.2, 3: 3.4}
 ARM_COLOR = "#12375f"
 # Colours of the arms of a workcell; the first arm has the colour of a single arm.
 ARM_COLORS = (ARM_COLOR, "#8a5208", "#1d6b45", "#6a3d8f")
@@ -77,41 +78,38 @@ def plot_motion(
     check_motions(problem, trajectories.values())
     instance(frame, (str, NoneType), "frame", "the name of a frame or None")
     instants = whole(instants, "instants", least=2, expected="2 or more")
-    motions = list(trajectories.values())
     frame = frame or end_frame(problem)
-    poses, around = [], []
-    for motion in motions:
-        times = np.linspace(0.0, motion.duration, instants)
-        poses.append(skeleton(problem.robot, motion(times).q, frame))
-        around.append(surroundings.scene_items(problem, motion, times))
+    motions = list(trajectories.values())
+    shown = [np.linspace(0.0, motion.duration, instants) for motion in motions]
+
+    def arm(motion: Trajectory, times: Array) -> Skeleton:
+        return skeleton(problem.robot, motion(times).q, frame)
+
+    poses = [arm(*both) for both in zip(motions, shown, strict=True)]
     # One view for all motions, so that they can be compared.
     view = best_view(np.concatenate([pose.points for pose in poses]))
     goal = _goal_point(problem, frame)
     with figures.styled():
-        outlines = [_outlines(items, view) for items in around]
-        low, high = _window(view, poses, outlines, goal)
-        figure, axes = _panels(len(motions), high - low, view)
-        for panel, (label, motion), pose, shown in zip(
-            axes, trajectories.items(), poses, outlines, strict=True
+        figure, axes = _panels(len(poses), view)
+        for panel, (label, motion), times, pose in zip(
+            axes, trajectories.items(), shown, poses, strict=True
         ):
             _draw_arm(panel, view, pose)
-            times = surroundings.path_times(motion)
-            path_ends = skeleton(problem.robot, motion(times).q, frame).end
+            path_ends = arm(motion, surroundings.path_times(motion)).end
             look: dict[str, Any] = {"color": figures.color(1), "zorder": 2.4, "lw": 1.1}
             panel.plot(*view.project(path_ends).T, label="path of the end", **look)
-            times = surroundings.inner_segment_ends(motion)
-            if times.size:
-                ends = skeleton(problem.robot, motion(times).q, frame).end
+            segment_ends = surroundings.inner_segment_ends(motion)
+            if segment_ends.size:
+                ends = arm(motion, segment_ends).end
                 look = {"color": "#404b5c", "zorder": 2.6, "markersize": 4.0}
                 panel.plot(*view.project(ends).T, "o", label="end of a segment", **look)
             if goal is not None:
                 look = {"color": figures.GOAL_COLOR, "zorder": 3.0, "ms": 8.0}
                 panel.plot(*view.project(goal), "x", mew=2.0, label="goal", **look)
-            for outline in shown:
-                panel.add_patch(outline)
+            for item in surroundings.scene_items(problem, motion, times):
+                _draw_item(panel, view, item)
             panel.set_title(f"{label}: T = {motion.duration:.4g} s")
-            panel.margins(0.0)
-            panel.update_datalim([low, high])
+        _fit(figure)
         figures.add_legend(figure, 5)
         # Windows are widened to the aspect ratios that the layout gives their panels;
         # around panels that shrink the layout leaves too little room for labels.
@@ -121,33 +119,31 @@ def plot_motion(
         return figures.finish(figure, path)
 
 
-def _outlines(items: Sequence[surroundings.SceneItem], view: View) -> list[Patch]:
-    """Outlines of obstacles and loads; of moving ones where they are present."""
+def _draw_item(panel: Axes, view: View, item: surroundings.SceneItem) -> None:
+    """Draw outlines of an obstacle or a load; if it moves, where it is present."""
     from matplotlib.patches import Circle, Polygon
 
-    outlines: list[Patch] = []
-    for item in items:
-        kind, edge = "load", LOAD_COLOR
-        if item.load is None:
-            kind, edge = "obstacle", surroundings.obstacle_color(item.shape)
-        look: dict[str, Any] = {"facecolor": f"{edge}40", "edgecolor": edge}
-        surface = obstacle_surface(item.shape)
-        shades: list[float | None] = [None]
-        if item.moves:
-            shades = np.linspace(LIGHTEST, 1.0, item.present.size).tolist()
-            look["facecolor"] = "none"
-        for k, shade in enumerate(shades):
-            place = item.placements[k]
-            points = view.project(transform_points(surface.vertices, place))
-            label = kind if shade in (None, 1.0) else None
-            look |= {"alpha": shade, "zorder": 1.5, "label": label}
-            outline: Patch = Polygon(_hull(points), **look)
-            if isinstance(item.shape, Sphere):
-                x, y = view.project(place[:3, 3]).tolist()
-                outline = Circle((x, y), item.shape.radius, **look)
-            if item.present[k] or not item.moves:
-                outlines.append(outline)
-    return outlines
+    kind, edge = "load", LOAD_COLOR
+    if item.load is None:
+        kind, edge = "obstacle", surroundings.obstacle_color(item.shape)
+    look: dict[str, Any] = {"facecolor": f"{edge}40", "edgecolor": edge}
+    surface = obstacle_surface(item.shape)
+    shades: list[float | None] = [None]
+    if item.moves:
+        shades = np.linspace(LIGHTEST, 1.0, item.present.size).tolist()
+        look["facecolor"] = "none"
+    for k, shade in enumerate(shades):
+        if item.moves and not item.present[k]:
+            continue
+        place = item.placements[k]
+        points = view.project(transform_points(surface.vertices, place))
+        label = kind if shade in (None, 1.0) else None
+        look |= {"alpha": shade, "zorder": 1.5, "label": label}
+        outline: Patch = Polygon(_hull(points), **look)
+        if isinstance(item.shape, Sphere):
+            x, y = view.project(place[:3, 3]).tolist()
+            outline = Circle((x, y), item.shape.radius, **look)
+        panel.add_patch(outline)
 
 
 def _hull(points: Array) -> Array:
@@ -171,45 +167,40 @@ def _goal_point(problem: Problem, frame: str) -> Array | None:
     return np.array(target.translation)
 
 
-def _window(
-    view: View,
-    poses: Sequence[Skeleton],
-    outlines: Sequence[Sequence[Patch]],
-    goal: Array | None,
-) -> tuple[Array, Array]:
-    """Lowest and highest coordinates of the panels, shapes (2,) [m]."""
-    points = [view.project(pose.points).reshape(-1, 2) for pose in poses]
-    for outline in itertools.chain(*outlines):
-        points.append(outline.get_extents().get_points())
-    if goal is not None:
-        points.append(view.project(goal)[None])
-    everything = np.concatenate(points)
-    low, high = everything.min(axis=0), everything.max(axis=0)
-    margin = 0.05 * float((high - low).max()) or 0.1
-    # A motion along a line still needs a panel with some height.
-    least = 0.25 * float((high - low).max())
-    spare = np.maximum(0.0, least - (high - low)) / 2
-    return low - margin - spare, high + margin + spare
-
-
-def _panels(count: int, extent: Array, view: View) -> tuple[Figure, list[Axes]]:
-    """Panels side by side, in rows of three, with the aspect ratio of their content.
+def _panels(count: int, view: View) -> tuple[Figure, list[Axes]]:
+    """Panels side by side, in rows of three.
 
     The panels in the left column, and the lowest of each column, are labelled.
     """
     wide = min(count, PANELS_IN_ROW)
-    rows = -(-count // wide)
-    width = {1: 5.6, 2: 4.2, 3: 3.4}[wide]
-    inside = width - 0.45  # without the labels of the axis
-    height = float(np.clip(inside * extent[1] / extent[0], 1.6, 1.6 * width))
-    figure = figures.new_figure(0.5 + width * wide, 0.75 + rows * (height + 0.6))
-    axes = [figure.add_subplot(rows, wide, 1 + i) for i in range(count)]
+    figure = figures.new_figure(0.5 + WIDTHS[wide] * wide, 1.0)
+    axes = [figure.add_subplot(-(-count // wide), wide, 1 + i) for i in range(count)]
     for i, panel in enumerate(axes):
         left, lowest = i % wide == 0, i + wide >= count
         panel.tick_params(labelleft=left, labelbottom=lowest)
         panel.set_ylabel(f"{view.labels[1]} [m]" * left)
         panel.set_xlabel(f"{view.labels[0]} [m]" * lowest)
     return figure, axes
+
+
+def _fit(figure: Figure) -> None:
+    """Give all panels one window, and the figure the height that its extents need."""
+    from matplotlib.transforms import Bbox
+
+    low, high = Bbox.union([panel.dataLim for panel in figure.axes]).get_points()
+    margin = 0.05 * float((high - low).max()) or 0.1
+    # A motion along a line still needs a panel with some height.
+    least = 0.25 * float((high - low).max())
+    spare = margin + np.maximum(0.0, least - (high - low)) / 2
+    low, high = low - spare, high + spare
+    for panel in figure.axes:
+        panel.margins(0.0)
+        panel.update_datalim([low, high])
+    rows, wide = figure.axes[0].get_gridspec().get_geometry()
+    inside = WIDTHS[wide] - 0.45  # without the labels of the axis
+    height = inside * (high - low)[1] / (high - low)[0]
+    height = float(np.clip(height, 1.6, 1.6 * WIDTHS[wide]))
+    figure.set_figheight(0.75 + rows * (height + 0.6))
 
 
 def _draw_arm(panel: Axes, view: View, pose: Skeleton) -> None:
