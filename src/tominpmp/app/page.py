@@ -35,7 +35,6 @@ from tominpmp.app.request import (
     Item,
     Request,
     RobotChoice,
-    evaluated,
     follows_datasheet,
     group_names,
     loaded,
@@ -656,7 +655,7 @@ class Handles:
                 **({"line_width": 3.0} if body is None else {}),
             )
             if body is not None:
-                surface, path = obstacle_surface(evaluated(body.call())), node.name
+                surface, path = obstacle_surface(body.call().evaluate()), node.name
                 stage.put_surface(self._scene, f"{path}/body", surface, *look)
             node.on_update(partial(self._moved, key, dragged))
             self._known[key] = kind, node

@@ -1,9 +1,8 @@
 """The request: the state of the page, from which the problem is made.
 
 The problem and the equivalent lines of Python have a single source, a tree of calls of
-the library (``functools.partial``): evaluating it makes the problem, formatting it
-gives the lines. Numbers are rounded when they are set, so that the lines are short and
-exact.
+the library: evaluating it makes the problem, formatting it gives the lines. Numbers are
+rounded when they are set, so that the lines are short and exact.
 """
 
 from __future__ import annotations
@@ -22,7 +21,6 @@ from tominpmp.arrays import Record
 from tominpmp.datasheets import find_datasheet
 from tominpmp.exceptions import RobotLoadError, quiet
 from tominpmp.files.records import classes
-from tominpmp.goals.base import Goal
 from tominpmp.goals.frames import PoseGoal, PositionGoal
 from tominpmp.goals.joints import JointGoal
 from tominpmp.kinematics import RobotKinematics
@@ -72,29 +70,34 @@ Points: TypeAlias = Annotated[
 Turn: TypeAlias = Annotated[Quaternion, _rounded_turn]
 
 
-def evaluated(value: Any) -> Any:
-    """The value of an argument, in which calls are partial objects, and may be nested.
+class Call(partial[Any]):
+    """A call of the library that can be evaluated, or formatted as Python expression.
 
-    Raises:
-        TominpmpError: If a call refuses its arguments.
+    Calls among its arguments are evaluated first.
     """
+
+    def evaluate(self) -> Any:
+        """Evaluate the call."""
+        options = {name: _value(value) for name, value in self.keywords.items()}
+        return self.func(*map(_value, self.args), **options)
+
+    def __str__(self) -> str:
+        """The expression."""
+        parts = [*map(_written, self.args), *_named(self.keywords)]
+        return f"tm.{self.func.__name__}({', '.join(parts)})"
+
+
+def _value(value: Any) -> Any:
     if isinstance(value, list):
-        return [evaluated(item) for item in value]
-    if isinstance(value, partial):
-        options = {name: evaluated(item) for name, item in value.keywords.items()}
-        return value.func(*map(evaluated, value.args), **options)
-    return value
+        return [_value(item) for item in value]
+    return value.evaluate() if isinstance(value, Call) else value
 
 
 def _written(value: Any) -> str:
     """Format an argument as Python expression; calls in a list have a line each."""
-    if isinstance(value, partial):
-        parts = [*map(_written, value.args), *_named(value.keywords)]
-        return f"tm.{value.func.__name__}({', '.join(parts)})"
-    if isinstance(value, list) and value and isinstance(value[0], partial):
-        lines = (f"\n        {_written(call)}," for call in value)
-        return "".join(["[", *lines, "\n    ]"])
-    return repr(value)
+    if isinstance(value, list) and value and isinstance(value[0], Call):
+        return "".join(["[", *(f"\n        {call}," for call in value), "\n    ]"])
+    return str(value) if isinstance(value, Call) else repr(value)
 
 
 def _named(options: Mapping[str, Any]) -> list[str]:
@@ -121,7 +124,7 @@ class RobotChoice:
     limits: str | None = None
     kinematic: bool = False
 
-    def call(self) -> partial[Robot]:
+    def call(self) -> Call:
         """The call that loads the robot."""
         options = {
             "limits": self.limits,
@@ -130,7 +133,7 @@ class RobotChoice:
             "kinematic": self.kinematic,
         }
         needed = {name: value for name, value in options.items() if value}
-        return partial(load_robot, self.source, **needed)
+        return Call(load_robot, self.source, **needed)
 
 
 @lru_cache(maxsize=8)
@@ -143,7 +146,7 @@ def loaded(choice: RobotChoice) -> Robot:
         OptionsError: If the group or the data sheet does not exist.
         JointNotFound: If a locked joint is unknown.
     """
-    robot: Robot = evaluated(choice.call())
+    robot: Robot = choice.call().evaluate()
     if robot.n > MOST_JOINTS:
         raise RobotLoadError(
             f"{robot.name} has {robot.n} joints that move, expected {MOST_JOINTS} at "
@@ -199,7 +202,7 @@ class Item(Record):
     position: Point
     quaternion: Turn = UPRIGHT
 
-    def call(self) -> partial[Obstacle]:
+    def call(self) -> Call:
         """The call that makes the obstacle of the problem.
 
         The call raises a SceneError if a size or a position is wrong.
@@ -210,7 +213,7 @@ class Item(Record):
         options["position"] = self.position
         if self.quaternion != UPRIGHT:
             options["rotation"] = self.quaternion
-        return partial(classes(Obstacle)[self.kind], self.name, **options)
+        return Call(classes(Obstacle)[self.kind], self.name, **options)
 
 
 def new_item(kind: str, position: ArrayLike, taken: tuple[str, ...]) -> Item:
@@ -269,12 +272,12 @@ class Request(Record):
         robot, scale = loaded(self.robot), self.speed_scale
         if scale != 1.0:
             robot = robot.with_changes(velocity=scale * robot.limits.velocity)
-        problem: Problem = evaluated(partial(Problem, robot, **options))
+        problem: Problem = Call(Problem, robot, **options).evaluate()
         return problem
 
     def python(self) -> str:
         """The lines of Python that make the problem and plan it."""
-        lines = ["import tominpmp as tm", "", f"robot = {_written(self.robot.call())}"]
+        lines = ["import tominpmp as tm", "", f"robot = {self.robot.call()}"]
         if self.speed_scale != 1.0:
             speeds = f"{self.speed_scale!r} * robot.limits.velocity"
             lines.append(f"robot = robot.with_changes(velocity={speeds})")
@@ -289,12 +292,12 @@ class Request(Record):
         options: dict[str, Any] = {"q_start": list(self.q_start)}
         goal = self._goal()
         if self.via:
-            via = [partial(PositionGoal, self.frame, point) for point in self.via]
-            options["segments"] = [partial(Segment, item) for item in (*via, goal)]
+            via = [Call(PositionGoal, self.frame, point) for point in self.via]
+            options["segments"] = [Call(Segment, item) for item in (*via, goal)]
         else:
             options["goal"] = goal
         if self.items:
-            options["scene"] = partial(Scene, [item.call() for item in self.items])
+            options["scene"] = Call(Scene, [item.call() for item in self.items])
         options["margin"] = self.margin
         limits: dict[str, Any] = {}
         if self.effort_scale != 1.0:
@@ -306,17 +309,17 @@ class Request(Record):
             values = np.minimum(bounds, self.acceleration).tolist()
             limits["acceleration"] = values if len(set(values)) > 1 else values[0]
         if limits:
-            options["motion_limits"] = partial(MotionLimits, **limits)
+            options["motion_limits"] = Call(MotionLimits, **limits)
         return options
 
-    def _goal(self) -> partial[Goal]:
+    def _goal(self) -> Call:
         """The call that makes the goal."""
         if self.goal == "joint":
-            return partial(JointGoal, list(self.q_goal))
+            return Call(JointGoal, list(self.q_goal))
         kinematics = RobotKinematics(loaded(self.robot))
         placement = kinematics.placement(np.array(self.q_goal), self.frame)
         place = pin.SE3ToXYZQUAT(placement)
         position = rounded(place[:3])
         if self.goal == "position":
-            return partial(PositionGoal, self.frame, position)
-        return partial(PoseGoal, self.frame, (position, rounded(place[3:], 9)))
+            return Call(PositionGoal, self.frame, position)
+        return Call(PoseGoal, self.frame, (position, rounded(place[3:], 9)))

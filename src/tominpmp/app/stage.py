@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from trimesh import Trimesh
 
-from tominpmp.app.request import Request, evaluated
+from tominpmp.app.request import Request
 from tominpmp.arrays import Array
 from tominpmp.robot.robot import Robot
 from tominpmp.viz.skeleton import camera_view, skeleton
@@ -157,7 +157,7 @@ def look_at(server: Any, robot: Robot, request: Request) -> float:
     extent = np.ptp(np.concatenate([links, np.zeros((1, 3))]), axis=0)
     size = float(np.linalg.norm(extent)) or 1.0
     view = camera_view(poses.points)
-    obstacles = [evaluated(item.call()) for item in request.items]
+    obstacles = [item.call().evaluate() for item in request.items]
     corners = [
         obstacle_surface(item).vertices @ item.rotation.T + item.position
         for item in obstacles

@@ -53,21 +53,17 @@ class BoundingVolumes:
         t: Centre of the box in the axes of the body [m], shape (3,).
         half: Half the edge lengths of the box [m], shape (3,).
         swell: Radius by which the box is inflated [m].
-        centre: Centre of a ball around the body [m], shape (3,).
-        radius: Radius of this ball [m].
-        cover: Centres of several balls that together cover the body [m], shape
-            (BALLS, 3).
-        cover_radius: Radii of these balls [m], shape (BALLS,).
+        centres: Centres of a ball around the body, and of BALLS balls that together
+            cover it [m], shape (1 + BALLS, 3).
+        radii: Radii of these balls [m], shape (1 + BALLS,).
     """
 
     R: Array
     t: Array
     half: Array
     swell: float
-    centre: Array
-    radius: float
-    cover: Array
-    cover_radius: Array
+    centres: Array
+    radii: Array
 
     @classmethod
     def of(cls, points: Array, radius: float) -> BoundingVolumes:
@@ -89,20 +85,11 @@ def _enclose(data: bytes, swell: float) -> BoundingVolumes:
     middle = 0.5 * (inside.min(axis=0) + inside.max(axis=0))
     inside = inside - middle
     half = inside.max(axis=0)
-    centre, radius = _ball(inside)
     longest = int(np.argmax(half))
     cuts = np.linspace(-half[longest], half[longest], BALLS + 1)
-    balls = [_ball(part) for part in _slices(inside, longest, cuts)]
-    return BoundingVolumes(
-        R,
-        R @ middle,
-        half,
-        swell,
-        centre,
-        radius + swell,
-        np.array([centre for centre, _ in balls]),
-        np.array([radius for _, radius in balls]) + swell,
-    )
+    balls = [_ball(part) for part in (inside, *_slices(inside, longest, cuts))]
+    centres, radii = map(np.array, zip(*balls, strict=True))
+    return BoundingVolumes(R, R @ middle, half, swell, centres, radii + swell)
 
 
 def _slices(points: Array, axis: int, cuts: Array) -> list[Array]:
@@ -168,17 +155,16 @@ class BroadPhase:
             for body, item in zip(bodies, found, strict=True)
         ]
         self.joint = np.array([body.joint for body in bodies], dtype=np.int64)
-        self.radius = np.array([item.radius for item in found])
         self._half = np.array([item.half for item in found]).reshape(-1, 3)
         self._swell = np.array([item.swell for item in found])
-        self._cover_radius = np.array([item.cover_radius for item in found])
         # Boxes and balls in the axes of their joints.
         self._R = np.array([box.rotation for box in boxes]).reshape(-1, 3, 3)
         self._t = np.array([box.translation for box in boxes]).reshape(-1, 3)
-        centre = np.array([item.centre for item in found]).reshape(-1, 3)
-        cover = np.array([item.cover for item in found]).reshape(-1, BALLS, 3)
-        self.centre = self._t + np.einsum("bij,bj->bi", self._R, centre)
-        self._cover = self._t[:, None] + cover @ np.swapaxes(self._R, 1, 2)
+        radii = np.array([item.radii for item in found]).reshape(-1, 1 + BALLS)
+        self.radius, self._cover_radius = radii[:, 0], radii[:, 1:]
+        centres = np.array([item.centres for item in found]).reshape(-1, 1 + BALLS, 3)
+        self.centre = self._t + np.einsum("bij,bj->bi", self._R, centres[:, 0])
+        self._cover = self._t[:, None] + centres[:, 1:] @ np.swapaxes(self._R, 1, 2)
         self._origin = np.einsum("bij,bi->bj", self._R, self._t)
         self.farthest = self.radius + np.linalg.norm(self.centre, axis=1)
         fixed = self.joint[self.second] == 0

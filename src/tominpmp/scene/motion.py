@@ -111,12 +111,23 @@ class Motion(Record, ABC):
         """Placement at time 0.
 
         Args:
-            given: Placement of the obstacle from the caller.
+            given: Placement of the obstacle from the caller, which may be the identity.
 
         Raises:
             SceneError: If the motion begins at another placement.
         """
-        return given
+        R, p = self.poses(np.zeros(1), instance(given, Placement, "given"))
+        for name, value, first, usual in (
+            ("position", given.p, p[0], np.zeros(3)),
+            ("rotation", given.R, R[0], np.eye(3)),
+        ):
+            free = np.array_equal(value, usual)
+            if not free and not np.allclose(value, first, rtol=0.0, atol=SAME):
+                raise SceneError(
+                    f"{name} is {value.tolist()}, and its motion begins with "
+                    f"{first.tolist()}: expected the same, or no {name}"
+                )
+        return Placement(R[0], p[0])
 
     @property
     def kinks(self) -> Array:
@@ -140,32 +151,6 @@ class Motion(Record, ABC):
             end: Ends of the intervals [s], shape (m,).
             start: Placement at time 0.
         """
-
-
-def _agreed_start(given: Placement, begins: Placement) -> Placement:
-    """Check that a caller's placement agrees with the first placement of a motion.
-
-    Args:
-        given: Placement from the caller, which may be the identity.
-        begins: First placement of the motion.
-
-    Returns:
-        The first placement of the motion.
-
-    Raises:
-        SceneError: If the placements differ.
-    """
-    for name, value, first, usual in (
-        ("position", given.p, begins.p, np.zeros(3)),
-        ("rotation", given.R, begins.R, np.eye(3)),
-    ):
-        free = np.array_equal(value, usual)
-        if not free and not np.allclose(value, first, rtol=0.0, atol=SAME):
-            raise SceneError(
-                f"{name} is {value.tolist()}, and its motion begins with "
-                f"{first.tolist()}: expected the same, or no {name}"
-            )
-    return begins
 
 
 def _checked_times(value: Array, name: str = "times") -> Array:
@@ -236,6 +221,10 @@ class ConstantVelocity(Motion):
         if not self.end > self.begin:
             expected = f"a time after the beginning at {self.begin:g} s"
             raise ProblemError(f"end is {self.end:g}, expected {expected}")
+
+    def start(self, given: Placement) -> Placement:
+        """The given placement: the motion may begin anywhere."""
+        return instance(given, Placement, "given")
 
     @property
     def kinks(self) -> Array:
@@ -380,13 +369,6 @@ class Waypoints(Motion):
         if self.rotations is not None:
             self._keep(rotations=_matrices(self.rotations))
 
-    def start(self, given: Placement) -> Placement:
-        """Placement at the first waypoint."""
-        given = instance(given, Placement, "given")
-        R = given.R if self.rotations is None else self.rotations[0]
-        p = given.p if self.positions is None else self.positions[0]
-        return _agreed_start(given, Placement(R, p))
-
     @property
     def kinks(self) -> Array:
         """Times of the waypoints after the first, if they are few [s], shape (k,)."""
@@ -494,11 +476,6 @@ class PoseFunction(Motion):
     function: Function
     speed: BoundOrNone = None
     angular_speed: BoundOrNone = None
-
-    def start(self, given: Placement) -> Placement:
-        """Placement at time 0."""
-        given = instance(given, Placement, "given")
-        return _agreed_start(given, self._pose(0.0))
 
     def _pose(self, time: float) -> Placement:
         """Placement at a time [s], checked."""

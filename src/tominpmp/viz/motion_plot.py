@@ -196,11 +196,11 @@ def _fit(figure: Figure) -> None:
     for panel in figure.axes:
         panel.margins(0.0)
         panel.update_datalim([low, high])
-    rows, wide = figure.axes[0].get_gridspec().get_geometry()
+    wide = min(len(figure.axes), PANELS_IN_ROW)
     inside = WIDTHS[wide] - 0.45  # without the labels of the axis
     height = inside * (high - low)[1] / (high - low)[0]
     height = float(np.clip(height, 1.6, 1.6 * WIDTHS[wide]))
-    figure.set_figheight(0.75 + rows * (height + 0.6))
+    figure.set_figheight(0.75 + -(-len(figure.axes) // wide) * (height + 0.6))
 
 
 def _draw_arm(panel: Axes, view: View, pose: Skeleton) -> None:

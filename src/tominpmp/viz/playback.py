@@ -6,7 +6,6 @@ import base64
 import html
 import json
 import math
-import os
 import re
 import tempfile
 import threading
@@ -131,12 +130,12 @@ def play(
     ).encode("utf-8")
     if path is not None:
         return write_file(path, lambda file: file.write(page))
-    handle, temporary = tempfile.mkstemp(prefix="tominpmp-", suffix=".html")
-    with os.fdopen(handle, "wb") as file:
+    kept: Any = {"prefix": "tominpmp-", "suffix": ".html", "delete": False}
+    with tempfile.NamedTemporaryFile(**kept) as file:
         file.write(page)
     if open_browser and not show_page(page):
-        warn_caller(f"no browser could be opened; the page is {temporary}")
-    return Path(temporary)
+        warn_caller(f"no browser could be opened; the page is {file.name}")
+    return Path(file.name)
 
 
 def _caption(problem: Problem, twins: Mapping[str, Trajectory]) -> str:

@@ -164,12 +164,11 @@ def skeleton(robot: Robot, q: Array, frame: str) -> Skeleton:
         if len(model.children[joint]):
             continue
         origins = placements[:, list(model.supports[joint])][..., :3, 3]
-        name = str(model.names[joint])
-        owners = [part for part in robot.parts if name.startswith(f"{part}/")]
-        if owners:
+        part = str(model.names[joint]).partition("/")[0]
+        if part in robot.parts:
             # The chain begins at the base of the arm, not at the origin of the world.
-            origins[:, 0] = _base(robot, max(owners, key=len))
-        arms.append(robot.parts.index(max(owners, key=len)) if owners else 0)
+            origins[:, 0] = _base(robot, part)
+        arms.append(robot.parts.index(part) if part in robot.parts else 0)
         at_end = model.frames[index].parentJoint == joint
         tip = points_of(index if at_end else _tip(robot, joint))
         chains.append(np.concatenate([origins, tip[:, None]], axis=1))
