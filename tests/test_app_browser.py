@@ -238,6 +238,39 @@ def test_size_fields_follow_the_obstacle_of_the_chosen_robot() -> None:
 
 
 @pytest.mark.usefixtures("unplanned")
+def test_buttons_and_handles_change_the_request() -> None:
+    with opened("planar3r") as page:
+        panel, handles = page.panel, page.handles  # type: ignore[attr-defined]
+        controller = page.controller  # type: ignore[attr-defined]
+        before = controller.request
+        panel._swap()
+        assert controller.request.q_start == before.q_goal
+        assert controller.request.q_goal == before.q_start
+        panel._add_item("capsule")
+        assert controller.request.items[-1].name == panel._items.value == "capsule1"
+        node = SimpleNamespace(position=np.array([9.0, 1, 0]), wxyz=np.eye(4)[0])
+        handles._drag_item("capsule1", node)
+        assert controller.request.items[-1].position == (9.0, 1.0, 0.0)
+        panel._remove_item()
+        assert controller.request.items == before.items
+        panel._add_point()
+        handles._drag_via(0, node)
+        assert controller.request.via == ((9.0, 1.0, 0.0),)
+        page.ask(via=())  # type: ignore[attr-defined]
+        assert "via0" not in handles._known
+        handles._drag_via(0, node)  # an event that comes too late
+        handles._drag_end("q_goal", node)
+        notice = page.readout._notice.content  # type: ignore[attr-defined]
+        assert "handle of the goal is out of reach by 3." in notice
+        page.export(".csv", None, None)  # type: ignore[attr-defined]
+        notice = page.readout._notice.content  # type: ignore[attr-defined]
+        assert "no motion to export" in notice
+        panel._groups.value = "arm"
+        panel._choose_part()
+        assert controller.request.robot.group == "arm"
+
+
+@pytest.mark.usefixtures("unplanned")
 def test_hidden_handles_keep_their_obstacles_visible() -> None:
     """Regression: obstacles vanished with their handles, and came back with another
     size.

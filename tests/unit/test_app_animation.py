@@ -15,7 +15,8 @@ SHOWN = cast(Any, SimpleNamespace(T=T))
 
 
 def new_readout() -> Any:
-    readout: Any = Readout(MagicMock(), MagicMock())
+    controller: Any = SimpleNamespace(outcome=None, busy=True, shown=None)
+    readout: Any = Readout(MagicMock(), controller)
     readout._playing.value, readout._speed.value = True, "real time"
     readout._slider = SimpleNamespace(value=0.0, max=T, visible=False)
     return readout

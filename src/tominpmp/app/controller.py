@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.app.first_request import first_request
-from tominpmp.app.planning import Outcome, plain_name
+from tominpmp.app.planning import Outcome, ShownMotion, plain_name
 from tominpmp.app.request import MODERATE, Request, RobotChoice, loaded, rounded
 from tominpmp.app.worker import Worker
 from tominpmp.exceptions import ProblemError
@@ -104,6 +104,7 @@ class Controller:
     Attributes:
         request: The present request.
         outcome: The last outcome; None before the first of the robot.
+        shown: The last motion of the robot; None before the first.
     """
 
     def __init__(
@@ -114,6 +115,7 @@ class Controller:
     ) -> None:
         self.request = request
         self.outcome: Outcome | None = None
+        self.shown: ShownMotion | None = None
         self._lock = threading.RLock()
         self._on_outcome = on_outcome
         self._number = 0  # of the last request
@@ -154,7 +156,7 @@ class Controller:
         request = first_request(choice)
         with self._lock:
             # The motion of another robot is neither shown nor exported.
-            self.outcome, self._solution = None, b""
+            self.outcome, self.shown, self._solution = None, None, b""
             self.plan(request)
 
     def drag(self, end: str, position: Any, quaternion: Any) -> float:
@@ -213,6 +215,6 @@ class Controller:
         with self._lock:
             if outcome.request.robot != self.request.robot:
                 return
-            self.outcome = outcome
+            self.outcome, self.shown = outcome, outcome.shown or self.shown
             self._solution = outcome.solution or self._solution
         self._on_outcome(outcome)

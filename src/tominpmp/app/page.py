@@ -43,7 +43,7 @@ from tominpmp.app.request import (
 from tominpmp.description.files import robot_names
 from tominpmp.exceptions import OptionsError, TominpmpError, optional, quiet
 from tominpmp.viz.surfaces import obstacle_surface, robot_bodies
-from tominpmp.viz.surroundings import GOAL_RGB, HAZARD_COLOR, START_RGB, VIA_RGB, rgb
+from tominpmp.viz.surroundings import GOAL_RGB, HAZARD_RGB, START_RGB, VIA_RGB
 
 logger = logging.getLogger(__name__)
 
@@ -69,7 +69,7 @@ FILES: dict[str, tuple[str, float | None, str | None]] = {
     "ROS 2 JointTrajectory (.yaml), 10 ms": (".yaml", 0.01, None),
     f"ROS 2 {FOLLOWED} (.yaml), 10 ms": (".yaml", 0.01, FOLLOWED),
 }
-OBSTACLE_LOOK = rgb(HAZARD_COLOR), 0.72
+OBSTACLE_LOOK = HAZARD_RGB, 0.72
 # Time after its last movement at which a handle counts as released [s].
 HOLD = 1.0
 
@@ -114,9 +114,6 @@ class Page:
         MissingDependency: If viser is not installed.
         OptionsError: If the port is in use.
         TominpmpError: If the origin of requests cannot be checked.
-
-    Attributes:
-        shown: The motion that plays; None before the first.
     """
 
     def __init__(
@@ -134,7 +131,6 @@ class Page:
         self._lock = threading.RLock()
         self._ended = threading.Event()
         self._arms: dict[str, stage.Arm] = {}
-        self.shown: ShownMotion | None = None
         self.controller = Controller(request, self._on_outcome)
         self._dress()
         self.readout = Readout(self.server, self.controller)
@@ -219,7 +215,6 @@ class Page:
             # Lights that a machine without a graphics card can render, too.
             scene.configure_environment_map(None)
             scene.add_light_hemisphere("/sky", ground_color=GROUND, intensity=2.2)
-            self.shown = None
             self.readout.show(None)
             with quiet():  # the page shows none
                 bodies = robot_bodies(robot)
@@ -241,23 +236,22 @@ class Page:
             if outcome.request.robot != self.controller.request.robot:
                 return
             if outcome.shown is not None:
-                self.shown = outcome.shown
                 stage.draw_path(self.server.scene, outcome.shown.path, self._size)
-            self.readout.show(outcome, self.shown is not None)
+            self.readout.show(outcome)
 
     def _play(self) -> None:
         """Animate the robot until the page is closed."""
         period, next_bars = 1.0 / FRAMES_PER_SECOND, 0.0
         before = time.monotonic()
         while not self._ended.wait(period):
-            shown, passed = self.shown, time.monotonic() - before
+            shown, passed = self.controller.shown, time.monotonic() - before
             before += passed
             if shown is None:
                 continue
             now = self.readout.time(shown, passed)
             try:
                 with self._lock:
-                    if shown is not self.shown:
+                    if shown is not self.controller.shown:
                         continue
                     self._arms["robot"].move(shown.q[shown.row(now)])
                     if time.monotonic() >= next_bars:
@@ -330,14 +324,8 @@ class Readout:
         self._now = at if at < shown.T + REST else -REST
         return min(max(self._now, 0.0), shown.T)
 
-    def show(self, outcome: Outcome | None, goes_on: bool = False) -> None:
-        """Show an outcome.
-
-        Args:
-            outcome: The outcome; None before the first one of a robot.
-            goes_on: Whether an earlier motion continues to play.
-        """
-        self._last = outcome, goes_on
+    def show(self, outcome: Outcome | None) -> None:
+        """Show an outcome; None before the first one of a robot."""
         self.show_headline()
         if outcome is None:
             self.bars.content = self._curves.content = self._held.content = ""
@@ -351,8 +339,10 @@ class Readout:
 
     def show_headline(self) -> None:
         """Update the state of the planning next to T."""
-        (outcome, goes_on), busy = self._last, self._controller.busy
-        self._headline.content = pictures.headline(outcome, busy, goes_on)
+        state = self._controller
+        self._headline.content = pictures.headline(
+            state.outcome, state.busy, goes_on=state.shown is not None
+        )
 
     def notify(self, text: str, *, bad: bool = False) -> None:
         """Show a notice until the next one; an empty text removes it."""
@@ -497,7 +487,7 @@ class Panel:
 
     def _add_point(self) -> None:
         """Add a via point on the shown path, halfway from the last one to the end."""
-        request, shown = self._request, self._page.shown
+        request, shown = self._request, self._page.controller.shown
         pose = self._page.controller.reach().pose
         line = np.linspace(request.q_start, request.q_goal, 3).tolist()
         path = list(shown.path) if shown else [pose(q)[0] for q in line]

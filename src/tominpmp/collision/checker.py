@@ -100,15 +100,11 @@ class CollisionChecker(PairDistances):
                 f"the robot {robot.name!r} has no collision geometry on its moving "
                 "links, so that its clearance from the scene is unknown"
             )
+        self.obstacles = MovingObstacles(scene.moving, robot.model.njoints)
         self._guard: tuple[bytes, Guard] | None = None
         self._variants: dict[frozenset[str], CollisionChecker] = {}
         if len(scene):
             _ = self.broad, self.narrow  # set up now, as every plan uses them
-
-    @cached_property
-    def obstacles(self) -> MovingObstacles:
-        """Placements of the moving obstacles of the scene."""
-        return MovingObstacles(self.scene.moving, self.robot.model.njoints)
 
     @cached_property
     def links(self) -> tuple[Body, ...]:

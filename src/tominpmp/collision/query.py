@@ -41,20 +41,17 @@ class PairDistances:
 
     Attributes:
         robot: The robot.
+        obstacles: Placements of moving obstacles, which only a subclass may have.
     """
 
     def __init__(self, robot: Robot, watched: tuple[Sequence[Body], Pairs]) -> None:
         self.robot, self.watched = robot, watched
+        self.obstacles = MovingObstacles((), robot.model.njoints)
 
     @cached_property
     def watched(self) -> tuple[Sequence[Body], Pairs]:
         """The bodies, and the collision pairs of bodies."""
         raise NotImplementedError
-
-    @cached_property
-    def obstacles(self) -> MovingObstacles:
-        """Placements of moving obstacles: an empty set unless a subclass has some."""
-        return MovingObstacles((), self.robot.model.njoints)
 
     @cached_property
     def pairs(self) -> tuple[tuple[str, str], ...]:

@@ -435,8 +435,6 @@ def _turns(rotations: Array) -> Array:
 
 def _largest(values: Array, first: IntArray, last: IntArray) -> Array:
     """Maxima of values[first:last] for many ranges, which are not empty."""
-    if not first.size:
-        return np.zeros(0)
     padded = np.append(values, 0.0)  # reduceat needs the end to be a valid index
     ranges = np.stack([first, last], axis=1).ravel()
     return np.asarray(np.maximum.reduceat(padded, ranges)[::2])

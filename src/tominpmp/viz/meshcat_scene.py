@@ -128,8 +128,7 @@ def draw(
     for item in shown:
         color, kind = LOAD_COLOR, f"loads/{node_name(item.load or '')}"
         if item.load is None:
-            shade = surroundings.obstacle_color(item.shape)
-            color = (*surroundings.rgb(shade), OBSTACLE_OPACITY)
+            color = (*surroundings.obstacle_color(item.shape), OBSTACLE_OPACITY)
             kind = "obstacles"
         path = f"/meshcat/{kind}/{node_name(item.name)}"
         surface = obstacle_surface(item.shape)

@@ -39,7 +39,7 @@ WIDTHS = {1: 5.6, 2: 4.2, 3: 3.4}
 ARM_COLOR = "#12375f"
 # Colours of the arms of a workcell; the first arm has the colour of a single arm.
 ARM_COLORS = (ARM_COLOR, "#8a5208", "#1d6b45", "#6a3d8f")
-LOAD_COLOR = "#a8742c"
+LOAD_RGB = (0.659, 0.455, 0.173)
 LIGHTEST = 0.16  # opacity of the first instant; the last one is solid
 
 
@@ -123,10 +123,10 @@ def _draw_item(panel: Axes, view: View, item: surroundings.SceneItem) -> None:
     """Draw outlines of an obstacle or a load; if it moves, where it is present."""
     from matplotlib.patches import Circle, Polygon
 
-    kind, edge = "load", LOAD_COLOR
+    kind, edge = "load", LOAD_RGB
     if item.load is None:
         kind, edge = "obstacle", surroundings.obstacle_color(item.shape)
-    look: dict[str, Any] = {"facecolor": f"{edge}40", "edgecolor": edge}
+    look: dict[str, Any] = {"facecolor": (*edge, 0.25), "edgecolor": edge}
     surface = obstacle_surface(item.shape)
     shades: list[float | None] = [None]
     if item.moves:

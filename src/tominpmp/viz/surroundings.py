@@ -31,15 +31,14 @@ BOARD = 3.0
 # Points of the path of a frame; and more of them for each further segment.
 PATH_POINTS, SEGMENT_POINTS = 300, 60
 
-FURNITURE_COLOR = "#8d98a5"
-HAZARD_COLOR = "#d6453a"
+FURNITURE_RGB, HAZARD_RGB = (0.553, 0.596, 0.647), (0.839, 0.271, 0.227)
 # Colours of start, goal, via points, and path of the end of an arm.
 START_RGB, GOAL_RGB = (0.35, 0.47, 0.65), (0.13, 0.62, 0.36)
 VIA_RGB, PATH_RGB = (0.55, 0.27, 0.80), (0.95, 0.64, 0.10)
 
 
-def obstacle_color(obstacle: Obstacle) -> str:
-    """Colour of an obstacle, as ``#rrggbb``.
+def obstacle_color(obstacle: Obstacle) -> tuple[float, float, float]:
+    """Colour of an obstacle: red, green and blue from 0 to 1.
 
     Tables, walls, boards and ground at rest are grey; all other obstacles are red:
     posts, balls, crates, and moving obstacles.
@@ -50,13 +49,7 @@ def obstacle_color(obstacle: Obstacle) -> str:
         board = middle >= BOARD * least
     furniture = board or isinstance(obstacle, HeightField)
     rests = obstacle.motion is None
-    return FURNITURE_COLOR if furniture and rests else HAZARD_COLOR
-
-
-def rgb(color: str) -> tuple[float, float, float]:
-    """Red, green and blue from 0 to 1 of a colour ``#rrggbb``."""
-    red, green, blue = (int(color[i : i + 2], 16) / 255.0 for i in (1, 3, 5))
-    return red, green, blue
+    return FURNITURE_RGB if furniture and rests else HAZARD_RGB
 
 
 @dataclass(frozen=True, eq=False)
