@@ -201,13 +201,23 @@ class MovingObstacles:
             out[rows] = np.sum(normal[rows] * (twist.linear + turning), axis=1)
         return out
 
-    def speeds(self, begin: Array, end: Array) -> tuple[Array, Array]:
-        """Largest speeds between times [s], shape (m,) each.
+    def speeds(
+        self, joint: IntArray, farthest: Array, begin: Array, end: Array
+    ) -> Array:
+        """Bounds on speeds of points on moving obstacles; zero for other bodies.
+
+        Args:
+            joint: Joint or obstacle that carries each point, shape (k,).
+            farthest: Distances of the points from its origin, shape (k,) [m].
+            begin: Beginnings of spans of time [s], shape (m,).
+            end: Ends of the spans [s], shape (m,).
 
         Returns:
-            Speeds of the origins [m/s] and of the rotations [rad/s], shapes (m, count).
+            Bounds, shape (m, k) [m/s].
         """
-        linear, angular = np.empty((2, begin.size, self.count))
+        out = np.zeros((begin.size, joint.size))
         for number, item in enumerate(self._obstacles):
-            linear[:, number], angular[:, number] = item.speed_bounds(begin, end)
-        return linear, angular
+            some = np.flatnonzero(joint == self.first + number)
+            linear, angular = item.speed_bounds(begin, end)
+            out[:, some] = linear[:, None] + angular[:, None] * farthest[some]
+        return out

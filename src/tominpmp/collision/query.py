@@ -345,15 +345,8 @@ class PairDistances:
         Returns:
             Bounds, shape (m, pairs) [m/s]; zero for links and for obstacles at rest.
         """
-        out = np.zeros((begin.size, self.broad.first.size))
-        moving = np.flatnonzero(self.moving_pairs)
-        if moving.size:
-            linear, angular = self.obstacles.speeds(begin, end)
-            body = self.broad.second[moving]
-            number = self.broad.joint[body] - self.obstacles.first
-            farthest = self.broad.farthest[body]
-            out[:, moving] = linear[:, number] + angular[:, number] * farthest
-        return out
+        body, carrier = self.broad.second, self.broad.joint[self.broad.second]
+        return self.obstacles.speeds(carrier, self.broad.farthest[body], begin, end)
 
 
 def _or_start(times: Array | None, q: Array) -> Array:

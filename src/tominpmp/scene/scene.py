@@ -66,11 +66,10 @@ class Scene(Record):
         Raises:
             SceneError: If no obstacle has the name.
         """
-        for item in self.obstacles:
-            if isinstance(name, str) and item.name == name:
-                return item
-        known = [item.name for item in self.obstacles]
-        raise SceneError(unknown("obstacle", name, known), name)
+        by_name = {item.name: item for item in self.obstacles}
+        if not isinstance(name, str) or name not in by_name:
+            raise SceneError(unknown("obstacle", name, list(by_name)), name)
+        return by_name[name]
 
     @property
     def moving(self) -> tuple[Obstacle, ...]:
