@@ -80,9 +80,8 @@ def own_pairs(
 
 def _own_pairs(robot: Robot, geometry: Geometry, cut: frozenset[str] | None) -> Pairs:
     """The pairs of :func:`own_pairs`, without the cache."""
-    left_out = _cached(robot, _always_overlapping, geometry)
-    bodies = link_bodies(robot, geometry, cut)
-    return without(left_out, bodies, _candidates(robot, bodies))
+    checked = _cached(robot, _checked, geometry)
+    return _named(link_bodies(robot, geometry, cut), checked)
 
 
 def links_touching(
@@ -131,27 +130,15 @@ def _cached(robot: Robot, function: Callable[..., T], *arguments: Hashable) -> T
     return cache[key]
 
 
-def _candidates(robot: Robot, bodies: Sequence[Body]) -> Pairs:
-    """All pairs of links, except disabled pairs (SRDF) or, without any, neighbours."""
-    disabled = set() if robot.srdf is None else set(robot.srdf.disabled_pairs)
-    carriers = {body.joint for body in bodies}
-
-    def watched(one: Body, other: Body) -> bool:
-        if disabled:
-            names = min(one.name, other.name), max(one.name, other.name)
-            return names not in disabled
-        return not are_neighbours(robot.model, one.joint, other.joint, carriers)
-
-    return _moving_pairs(bodies, watched)
-
-
-def _always_overlapping(robot: Robot, geometry: Geometry) -> frozenset[frozenset[str]]:
-    """Names of pairs of links whose shapes always overlap, or are too coarse.
+def _checked(robot: Robot, geometry: Geometry) -> frozenset[frozenset[str]]:
+    """Names of the pairs of links that are checked, see :func:`own_pairs`.
 
     Shapes are inside their hulls, so that pairs whose hulls seldom overlap need no
     decomposition, which takes a second for a mesh.
     """
-    share = _overlaps(robot, link_bodies(robot, "hull"), None)
+    hulls = link_bodies(robot, "hull")
+    candidates = _candidates(robot, hulls)
+    share = _overlaps(robot, hulls, candidates)
     often = {names for names, value in share.items() if value > MOSTLY}
     if often and geometry != "hull":
         cut = frozenset(name for names in often for name in names)
@@ -163,20 +150,33 @@ def _always_overlapping(robot: Robot, geometry: Geometry) -> frozenset[frozenset
         left_out |= {
             names for names in doubtful if not 0.0 < exact.get(names, 0.0) <= ALWAYS
         }
-    return frozenset(left_out)
+    return frozenset(candidates - left_out)
+
+
+def _candidates(robot: Robot, bodies: Sequence[Body]) -> set[frozenset[str]]:
+    """All pairs of links, except disabled pairs (SRDF) or, without any, neighbours."""
+    disabled = () if robot.srdf is None else robot.srdf.disabled_pairs
+    carriers = {body.joint for body in bodies}
+    every = {
+        frozenset((one.name, other.name))
+        for one, other in combinations(bodies, 2)
+        if one.joint != other.joint
+        if disabled or not are_neighbours(robot.model, one.joint, other.joint, carriers)
+    }
+    return every - set(map(frozenset, disabled))
 
 
 def _overlaps(
-    robot: Robot, bodies: Sequence[Body], wanted: set[frozenset[str]] | None
+    robot: Robot, bodies: Sequence[Body], wanted: Collection[frozenset[str]]
 ) -> dict[frozenset[str], float]:
     """Share of random configurations at which links overlap, by their names.
 
     Args:
         robot: The robot.
         bodies: Bodies of the links.
-        wanted: Names of the links of each pair; None for all candidates.
+        wanted: Names of the links of each pair.
     """
-    pairs = _candidates(robot, bodies) if wanted is None else _named(bodies, wanted)
+    pairs = _named(bodies, wanted)
     narrow = NarrowPhase(robot.model, bodies, pairs)
     overlaps = np.array([narrow.overlaps(row, FLUSH) for row in _configurations(robot)])
     return {
@@ -186,16 +186,7 @@ def _overlaps(
 
 
 def _named(bodies: Sequence[Body], wanted: Collection[frozenset[str]]) -> Pairs:
-    """Pairs of bodies with given names that move relative to each other."""
-    return _moving_pairs(
-        bodies, lambda one, other: frozenset((one.name, other.name)) in wanted
-    )
-
-
-def _moving_pairs(
-    bodies: Sequence[Body], watched: Callable[[Body, Body], bool]
-) -> Pairs:
-    """Pairs of bodies that move relative to each other and pass a filter.
+    """Pairs of bodies with given names that move relative to each other.
 
     The first body of each pair moves.
     """
@@ -203,7 +194,7 @@ def _moving_pairs(
         [
             (i, k) if one.joint else (k, i)
             for (i, one), (k, other) in combinations(enumerate(bodies), 2)
-            if one.joint != other.joint and watched(one, other)
+            if one.joint != other.joint and frozenset((one.name, other.name)) in wanted
         ]
     )
 
@@ -226,9 +217,8 @@ def without(
     """The pairs of bodies, except pairs whose names are left out."""
     if not left_out:
         return pairs
-    columns = _columns(bodies, pairs)
-    dropped = [k for names in left_out for k in columns.get(names, ())]
-    return np.delete(pairs, dropped, axis=0)
+    names = (frozenset(bodies[i].name for i in both) for both in pairs.tolist())
+    return pairs[[name not in left_out for name in names]]
 
 
 def _configurations(robot: Robot) -> Array:
