@@ -146,7 +146,7 @@ def test_dragged_goal_leads_to_a_new_verified_motion(page: object) -> None:
     first = outcome_of(page, 1)
     assert verified(first)
     controller = page.controller  # type: ignore[attr-defined]
-    position, _ = controller.reach().pose(controller.request.q_goal)
+    position, _ = controller.request.pose(controller.request.q_goal)
     aim = position + np.array([0.2, 0.3, 0.0])
     drag(page, "q_goal", aim.tolist())
     second = outcome_of(page, first.number + 1)
@@ -158,7 +158,7 @@ def test_dragged_goal_leads_to_a_new_verified_motion(page: object) -> None:
 def test_obstacle_dragged_onto_the_start_is_reported(page: object) -> None:
     controller = page.controller  # type: ignore[attr-defined]
     number = outcome_of(page, 1).number
-    start, _ = controller.reach().pose(controller.request.q_start)
+    start, _ = controller.request.pose(controller.request.q_start)
     home = controller.request.items[0].position
     drag(page, "item_O", start.tolist())
     refused = outcome_of(page, number + 1)
@@ -435,7 +435,7 @@ def test_browser_shows_the_new_motion_after_a_drag(
 
         assert f"{before.shown.T:.3f} s" in headline(f"{before.shown.T:.3f} s")
         assert view.evaluate("document.querySelectorAll('canvas').length") >= 1
-        position, _ = page.controller.reach().pose(  # type: ignore[attr-defined]
+        position, _ = page.controller.request.pose(  # type: ignore[attr-defined]
             page.controller.request.q_goal  # type: ignore[attr-defined]
         )
         drag(page, "q_goal", (position - np.array([0.2, 0.0, 0.0])).tolist())

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from tominpmp.app import pictures, stage
-from tominpmp.app.controller import Reach
+from tominpmp.app.controller import Controller
 from tominpmp.app.first_request import EXAMPLES, first_request, known, tool_frame
 from tominpmp.app.planning import BindingLimit, Outcome, ShownMotion
 from tominpmp.app.request import (
@@ -232,26 +232,32 @@ def test_kinematic_robot_without_datasheet_gets_acceleration_limit() -> None:
         assert request.problem().robot.kinematic
 
 
-def test_reach_follows_a_handle_and_reports_the_miss_beyond_reach() -> None:
-    reach = Reach(loaded(PLANAR.robot), "tip")
-    assert not reach.turns
-    position, quaternion = reach.pose(PLANAR.q_goal)
-    aim = position + np.array([0.05, 0.1, 0.0])
-    q, miss = reach.solve(aim, quaternion, PLANAR.q_goal)
-    assert miss == 0.0
-    found, _ = reach.pose(q)
-    np.testing.assert_allclose(found, aim, atol=1e-3)
-    _, miss = reach.solve(np.array([50.0, 0.0, 0.0]), quaternion, PLANAR.q_goal)
-    assert miss > 10.0
-
-
-def test_reach_follows_a_handle_of_a_kinematic_robot() -> None:
+@pytest.mark.parametrize("kinematic", [False, True])
+def test_configuration_follows_a_handle_and_the_miss_beyond_reach_is_reported(
+    kinematic: bool,
+) -> None:
     """Regression: a robot without known acceleration limits had no handles."""
-    robot = loaded(replace(PLANAR.robot, kinematic=True))
-    assert robot.motion_limits is None
-    reach = Reach(robot, "tip")
-    position, quaternion = reach.pose(PLANAR.q_goal)
-    assert reach.solve(position, quaternion, PLANAR.q_goal)[1] == 0.0
+    request = replace(PLANAR, robot=replace(PLANAR.robot, kinematic=kinematic))
+    assert (loaded(request.robot).motion_limits is None) and not request.turns
+    controller = Controller(request, print, planning=lambda _: MagicMock())
+    position, quaternion = request.pose(request.q_goal)
+    aim = position + np.array([0.05, 0.1, 0.0])
+    assert controller.drag("q_goal", aim, quaternion) == 0.0
+    found, _ = request.pose(controller.request.q_goal)
+    np.testing.assert_allclose(found, aim, atol=1e-3)
+    assert controller.drag("q_goal", np.array([50.0, 0.0, 0.0]), quaternion) > 10.0
+
+
+def test_handles_turn_the_tool_of_an_arm_with_six_joints() -> None:
+    request = first_request(known("ur5"))
+    controller = Controller(request, print, planning=lambda _: MagicMock())
+    position, quaternion = request.pose(request.q_goal)
+    turned = quaternion + np.array([0.0, 0.0, 0.05, 0.0])
+    turned = turned / np.linalg.norm(turned)
+    assert request.turns and controller.drag("q_goal", position, turned) == 0.0
+    place, turn = request.pose(controller.request.q_goal)
+    np.testing.assert_allclose(place, position, atol=1e-3)
+    assert abs(turn @ turned) == pytest.approx(1.0, abs=1e-6)
 
 
 def test_first_request_of_continuous_joints_is_finite() -> None:

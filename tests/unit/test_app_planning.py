@@ -246,11 +246,11 @@ def test_motion_of_the_former_robot_is_not_exported(
 
 
 def test_dragged_goal_is_planned_by_inverse_kinematics(controller: Controller) -> None:
-    position, quaternion = controller.reach().pose(PLANAR.q_goal)
+    position, quaternion = controller.request.pose(PLANAR.q_goal)
     aim = position + np.array([0.0, 0.2, 0.0])
     assert controller.drag("q_goal", aim, quaternion) == 0.0
     ((_, requests),) = recorder(controller).requests
-    found, _ = controller.reach().pose(requests.q_goal)
+    found, _ = controller.request.pose(requests.q_goal)
     np.testing.assert_allclose(found, aim, atol=1e-3)
     assert controller.drag("q_goal", [99.0, 0.0, 0.0], quaternion) > 50.0
 

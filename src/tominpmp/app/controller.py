@@ -12,82 +12,35 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from tominpmp.app.first_request import first_request
 from tominpmp.app.planning import Outcome, ShownMotion, plain_name
-from tominpmp.app.request import MODERATE, Request, RobotChoice, loaded, rounded
+from tominpmp.app.request import MODERATE, Request, RobotChoice, loaded
 from tominpmp.app.worker import Worker
 from tominpmp.exceptions import ProblemError
 from tominpmp.files.export_check import check_export
 from tominpmp.goals.frames import PoseGoal, PositionGoal
+from tominpmp.goals.joints import JointGoal
 from tominpmp.initial_guess.inverse_kinematics import Target
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem.problem import Problem
-from tominpmp.robot.robot import Robot
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Least number of joints with which a frame can reach a pose in general.
-JOINTS_OF_A_POSE = 6
 # Distance between handle and frame up to which the pose counts as reached [m, rad].
 REACHED = 2e-3
 
 
-class Reach:
-    """Inverse kinematics of a frame of a robot, from a start configuration.
-
-    Args:
-        robot: The robot.
-        frame: Name of the frame.
-
-    Attributes:
-        turns: Whether the orientation of the frame is controlled too.
-
-    Raises:
-        FrameNotFound: If the frame is unknown.
-    """
-
-    def __init__(self, robot: Robot, frame: str) -> None:
-        self.turns = robot.n >= JOINTS_OF_A_POSE
-        self._frame = frame
-        q = np.clip(0.0, robot.limits.position_lower, robot.limits.position_upper)
-        goal = PositionGoal(frame, np.zeros(3))
-        # Kinematic robots need a limit of accelerations, whatever it is. Collisions are
-        # not checked: users may drag the arm through obstacles.
-        limits = MotionLimits(acceleration=MODERATE)
-        problem = Problem(robot, q, goal, motion_limits=limits, self_collision=False)
-        self._functions = ProblemFunctions.of(problem)
-
-    def pose(self, q: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
-        """Position [m] and quaternion (x, y, z, w) of the frame."""
-        kinematics = self._functions.kinematics
-        both = pin.SE3ToXYZQUAT(kinematics.placement(np.array(q), self._frame))
-        return both[:3], both[3:]
-
-    def solve(
-        self, position: np.ndarray, quaternion: np.ndarray, near: tuple[float, ...]
-    ) -> tuple[tuple[float, ...], float]:
-        """Find the configuration for a pose that is nearest to a start configuration.
-
-        Args:
-            position: Desired position of the frame [m], shape (3,).
-            quaternion: Desired orientation (x, y, z, w), shape (4,).
-            near: Start configuration, n numbers [rad or m].
-
-        Returns:
-            The configuration, n numbers [rad or m], and the distance of the frame from
-            the pose, in m and rad together; 0 if the pose is reached.
-        """
-        goal: PoseGoal | PositionGoal = PositionGoal(self._frame, np.array(position))
-        if self.turns:
-            goal = PoseGoal(self._frame, (position, quaternion))
-        q, miss = Target(self._functions, goal).solve(np.array(near))
-        return rounded(q), 0.0 if miss <= REACHED else miss
-
-
 @lru_cache(maxsize=4)
-def _reach_of(robot: RobotChoice, frame: str) -> Reach:
-    return Reach(loaded(robot), frame)
+def _functions(choice: RobotChoice) -> ProblemFunctions:
+    """Kinematics and position limits of a robot."""
+    robot = loaded(choice)
+    q = np.clip(0.0, robot.limits.position_lower, robot.limits.position_upper)
+    # Kinematic robots need a limit of accelerations, whatever it is. Collisions are not
+    # checked: users may drag the arm through obstacles.
+    limits = MotionLimits(acceleration=MODERATE)
+    goal = JointGoal(q)
+    problem = Problem(robot, q, goal, motion_limits=limits, self_collision=False)
+    return ProblemFunctions.of(problem)
 
 
 class Controller:
@@ -172,14 +125,14 @@ class Controller:
             reached.
         """
         with self._lock:
-            near = getattr(self.request, end)
-            q, miss = self.reach().solve(position, quaternion, near)
+            request = self.request
+            goal: PoseGoal | PositionGoal = PositionGoal(request.frame, position)
+            if request.turns:
+                goal = PoseGoal(request.frame, (position, quaternion))
+            near = np.array(getattr(request, end))
+            q, miss = Target(_functions(request.robot), goal).solve(near)
             self.change(**{end: q})
-        return miss
-
-    def reach(self) -> Reach:
-        """Inverse kinematics of the frame that handles move."""
-        return _reach_of(self.request.robot, self.request.frame)
+        return 0.0 if miss <= REACHED else miss
 
     def export(
         self, ending: str, dt: float | None = None, message: str | None = None

@@ -488,9 +488,8 @@ class Panel:
     def _add_point(self) -> None:
         """Add a via point on the shown path, halfway from the last one to the end."""
         request, shown = self._request, self._page.controller.shown
-        pose = self._page.controller.reach().pose
         line = np.linspace(request.q_start, request.q_goal, 3).tolist()
-        path = list(shown.path) if shown else [pose(q)[0] for q in line]
+        path = list(shown.path) if shown else [request.pose(q)[0] for q in line]
         last = request.via[-1] if request.via else path[0]
         passed = int(np.argmin(np.linalg.norm(np.subtract(path, last), axis=1)))
         point = path[(passed + len(path)) // 2]
@@ -540,7 +539,7 @@ class Panel:
     def _add_item(self, kind: str) -> None:
         items = self._request.items
         taken = tuple(item.name for item in items)
-        place = self._page.controller.reach().pose(self._request.q_goal)[0]
+        place = self._request.pose(self._request.q_goal)[0]
         item = new_item(kind, place * [-0.6, 0.6, 1.0], taken)
         self._page.ask(items=(*items, item))
         self.refresh_lines()
@@ -588,11 +587,11 @@ class Handles:
     def refresh(self) -> None:
         """Move handles to the places of the request, except handles being dragged."""
         request, size = self._page.controller.request, self._size
-        reach, wanted = self._page.controller.reach(), ["q_start", "q_goal"]
+        wanted = ["q_start", "q_goal"]
         for end in wanted:
-            pose: tuple[Any, Any] = reach.pose(getattr(request, end))
+            pose: tuple[Any, Any] = request.pose(getattr(request, end))
             dragged = partial(self._drag_end, end)
-            self._put(end, pose, dragged, size, reach.turns)
+            self._put(end, pose, dragged, size, request.turns)
         for number, point in enumerate(request.via):
             wanted.append(f"via{number}")
             ball = Item("sphere", "point", (0.12 * size,), point)

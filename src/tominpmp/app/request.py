@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Record
+from tominpmp.arrays import Array, Record
 from tominpmp.datasheets import find_datasheet
 from tominpmp.exceptions import RobotLoadError, quiet
 from tominpmp.files.records import classes
@@ -36,6 +36,8 @@ Quaternion = tuple[float, float, float, float]
 UPRIGHT: Quaternion = (0.0, 0.0, 0.0, 1.0)
 # Decimals of positions [m] and configurations [rad or m].
 DIGITS = 4
+# Least number of joints with which a frame can reach a pose in general.
+JOINTS_OF_A_POSE = 6
 # Largest number of joints that fits on the page and is planned quickly enough.
 MOST_JOINTS = 16
 # Default acceleration limit of kinematic robots [rad/s^2 or m/s^2].
@@ -261,6 +263,17 @@ class Request(Record):
             for item in self.items
         )
 
+    @property
+    def turns(self) -> bool:
+        """Whether handles control the orientation of the frame, too."""
+        return len(self.q_start) >= JOINTS_OF_A_POSE
+
+    def pose(self, q: tuple[float, ...]) -> tuple[Array, Array]:
+        """Position [m] and quaternion (x, y, z, w) of the frame at a configuration."""
+        kinematics = RobotKinematics(loaded(self.robot))
+        both = pin.SE3ToXYZQUAT(kinematics.placement(np.array(q), self.frame))
+        return both[:3], both[3:]
+
     def problem(self) -> Problem:
         """The problem of the request.
 
@@ -316,10 +329,7 @@ class Request(Record):
         """The call that makes the goal."""
         if self.goal == "joint":
             return Call(JointGoal, list(self.q_goal))
-        kinematics = RobotKinematics(loaded(self.robot))
-        placement = kinematics.placement(np.array(self.q_goal), self.frame)
-        place = pin.SE3ToXYZQUAT(placement)
-        position = rounded(place[:3])
+        position, quaternion = self.pose(self.q_goal)
         if self.goal == "position":
-            return Call(PositionGoal, self.frame, position)
-        return Call(PoseGoal, self.frame, (position, rounded(place[3:], 9)))
+            return Call(PositionGoal, self.frame, rounded(position))
+        return Call(PoseGoal, self.frame, (rounded(position), rounded(quaternion, 9)))
