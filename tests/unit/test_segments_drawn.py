@@ -12,7 +12,7 @@ from tests.sample_arms import make_arm, slide
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.viz.meshcat_scene import Recorder, draw
 from tominpmp.viz.motion_plot import plot_motion
-from tominpmp.viz.surroundings import frame_placements, path_times, scene_items
+from tominpmp.viz.surroundings import drawn_path, frame_placements, scene_items
 
 meshcat = pytest.importorskip("meshcat")
 
@@ -183,10 +183,14 @@ def test_path_of_many_segments_is_drawn_without_corners():
     q = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     v = 2.0 * np.pi * np.stack([-q[:, 1], q[:, 0]], axis=1)
     ends = np.arange(1.0, 26.0)
-    motion = Trajectory(("x", "y"), t, q, v, np.zeros_like(q), segment_ends=ends)
-    drawn = motion(path_times(motion)).q
-    between = np.linalg.norm(0.5 * (drawn[1:] + drawn[:-1]), axis=1)
+    robot = make_arm(slide(2.0), slide(2.0, (0, 1, 0)), effort=10.0)
+    motion = Trajectory(robot.joint_names, t, q, v, 0.0 * q, segment_ends=ends)
+    problem = tm.Problem(robot, [0.0, 0.0], tm.JointGoal([0.0, 0.0]))
+    drawn, stops = drawn_path(problem, motion, "tip")
+    start = drawn[0] - [1.0, 0.0, 0.0]
+    between = np.linalg.norm(0.5 * (drawn[1:] + drawn[:-1]) - start, axis=1)
     assert between.min() > 0.99
+    np.testing.assert_allclose(stops - start, [[1.0, 0.0, 0.0]] * 24, atol=1e-9)
 
 
 def test_caption_of_a_page_counts_obstacles_of_all_segments(solution, tmp_path):

@@ -198,9 +198,7 @@ class BroadPhase:
         """
         centre = self._centres(joints)
         least = self._grouped(joints, centre)
-        out, some = np.empty((centre.shape[1], limit.size)), np.arange(limit.size)
-        if least is not None:
-            out[:], some = least, np.flatnonzero(least < limit)
+        out, some = np.tile(least, (centre.shape[1], 1)), np.flatnonzero(least < limit)
         bounds = self._bounds(joints, centre, some)
         out[:, some] = bounds
         instant, place = np.nonzero(bounds < limit[some])
@@ -216,25 +214,25 @@ class BroadPhase:
             out[bodies] = turned.transpose(2, 0, 1)
         return out
 
-    def _grouped(self, joints: Joints, centre: Array) -> Array | None:
+    def _grouped(self, joints: Joints, centre: Array) -> Array:
         """Bounds that hold at all configurations, from groups of them, (pairs,) [m].
 
-        None if the configurations are too few, or too far apart, for useful bounds.
+        They are infinitely low if the configurations are too few, or too far apart.
 
         Args:
             joints: Placements of the joints.
             centre: Centres of the balls around the bodies, shape (bodies, m, 3) [m].
         """
-        m = centre.shape[1]
-        if m < FEWEST or not self.first.size:
-            return None
+        m, useless = centre.shape[1], np.full(self.first.size, -np.inf)
+        if m < FEWEST or not useless.size:
+            return useless
         step = np.diff(centre, axis=1)
         way = np.zeros(m)
         squared = np.einsum("bmi,bmi->bm", step, step)
         np.cumsum(np.sqrt(np.max(squared, axis=0)), out=way[1:])
         begin = np.flatnonzero(np.diff(np.floor(way / TOGETHER), prepend=-1.0))
         if 2 * begin.size > m:
-            return None
+            return useless
         last = np.append(begin[1:], m) - 1
         middle = (begin + last) // 2
         centres = centre[:, middle]

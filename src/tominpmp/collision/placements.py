@@ -15,6 +15,8 @@ class JointPlacements:
     """Vectorised forward kinematics of joints with one coordinate each.
 
     Attributes:
+        slide: Sliding axis of each joint, zero if it turns, shape (joints, 3).
+        turn: Rotation axis of each joint, zero if it slides, shape (joints, 3).
         moves: Whether each coordinate moves each joint, shape (joints, nv); joint 0 is
             the world.
     """
@@ -22,7 +24,7 @@ class JointPlacements:
     def __init__(self, model: pin.Model) -> None:
         self._parents = [int(parent) for parent in model.parents]
         count = len(self._parents)
-        self._turn, self._slide = np.zeros((count, 3)), np.zeros((count, 3))
+        self.turn, self.slide = np.zeros((count, 3)), np.zeros((count, 3))
         self._column = np.full(count, -1, dtype=np.int64)
         # For each joint, relative to its parent: its position, its sliding direction,
         # and three matrices whose sum, weighted by 1, the sine and the versed sine of
@@ -37,14 +39,14 @@ class JointPlacements:
                 data = item.createData()
                 item.calc(data, np.zeros(1))
                 motion = np.asarray(data.S, dtype=np.float64).ravel()
-                self._slide[joint], self._turn[joint] = motion[:3], motion[3:]
+                self.slide[joint], self.turn[joint] = motion[:3], motion[3:]
                 self._column[joint] = item.idx_v
                 self.moves[joint] = self.moves[self._parents[joint]]
                 self.moves[joint, item.idx_v] = True
-            cross = pin.skew(self._turn[joint])
+            cross = pin.skew(self.turn[joint])
             parts = [rotation, rotation @ cross, rotation @ cross @ cross]
             self._basis[joint] = np.array(parts).reshape(3, 9)
-            self._way[joint] = rotation @ self._slide[joint]
+            self._way[joint] = rotation @ self.slide[joint]
 
     def joints(self, q: Array) -> tuple[Array, Array]:
         """Placements joint_to_world.
@@ -73,10 +75,6 @@ class JointPlacements:
                 place[joint, ..., 3] += up[..., 3]
         return np.moveaxis(place[..., :3], 0, 1), np.moveaxis(place[..., 3], 0, 1)
 
-    def axes(self, joint: int) -> tuple[Array, Array, int]:
-        """Sliding axis and rotation axis of a joint, and its coordinate."""
-        return self._slide[joint], self._turn[joint], int(self._column[joint])
-
     def jacobian_rows(
         self,
         placed: tuple[Array, Array],
@@ -101,7 +99,7 @@ class JointPlacements:
         along = (normal[:, None, None] @ R)[:, :, 0]
         moment = np.cross(point[:, None] - t, normal[:, None])
         about = (moment[:, :, None] @ R)[:, :, 0]
-        speeds = np.sum(along * self._slide[1:] + about * self._turn[1:], axis=2)
+        speeds = np.sum(along * self.slide[1:] + about * self.turn[1:], axis=2)
         out = np.zeros((point.shape[0], self.moves.shape[1]))
         out[:, self._column[1:]] = speeds
         return np.where(self.moves[joint], out, 0.0)
@@ -136,9 +134,9 @@ class JointPlacements:
             moved = np.flatnonzero(self.moves[joint, column])
             if not moved.size:
                 continue
-            rate = np.full((q.shape[0], moved.size), np.linalg.norm(self._slide[i]))
-            if np.any(self._turn[i]):
-                axis = (R[:, i] @ self._turn[i])[:, None]
+            rate = np.full((q.shape[0], moved.size), np.linalg.norm(self.slide[i]))
+            if np.any(self.turn[i]):
+                axis = (R[:, i] @ self.turn[i])[:, None]
                 lever = np.cross(place[:, moved] - t[:, i, None], axis)
                 rate += np.linalg.norm(lever, axis=2) + radius[moved] + drift[:, moved]
             out[:, moved, column] = rate * half[:, column, None]

@@ -80,9 +80,9 @@ class MujocoArm:
             place, above = model.jointPlacements[joint], bodies[model.parents[joint]]
             quaternion = np.roll(Rotation.from_matrix(place.rotation).as_quat(), 1)
             body = above.add_body(pos=place.translation, quat=quaternion, **PLACEHOLDER)
-            slide, turn, _ = placements.axes(joint)  # one of both axes is zero
+            slide, turn = placements.slide[joint], placements.turn[joint]
             kind = kinds.mjJNT_HINGE if np.any(turn) else kinds.mjJNT_SLIDE
-            body.add_joint(type=kind, axis=slide + turn)
+            body.add_joint(type=kind, axis=slide + turn)  # one of both axes is zero
             bodies.append(body)
         return spec.compile()
 

@@ -118,7 +118,8 @@ def draw(
         if item.load is None
         for placement in item.placements[[0, -1] if item.moves else [0]]
     ]
-    points = points_in_view(_robot_points(motion, bodies), obstacles)
+    trail, stops = surroundings.drawn_path(problem, trajectory, frame)
+    points = points_in_view(_robot_points(motion, bodies, trail), obstacles)
     size = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
     depths = [body.surface.extents.min() for body in bodies]
     view = camera_view(motion.points, max(depths, default=0.0), obstacles)
@@ -137,7 +138,13 @@ def draw(
             moving[path] = item.placements
         if not item.present.all():
             seen[path] = item.present
-    _marks(viewer, problem, trajectory, frame, size)
+    _mark_goal(viewer["/meshcat/goal"], problem, size)
+    line = path_tube(trail, TRAIL_RADIUS, size)
+    if line is not None:
+        put_body(viewer[f"/meshcat/path of {node_name(frame)}"], line, TRAIL_COLOR)
+    for number, point in enumerate(stops, start=1):
+        node = viewer[f"/meshcat/ends of segments/{number}"]
+        put_body(node, sphere(END_RADIUS * size), END_COLOR, transform(point))
     movable = [body for body in bodies if body.joint]
     if ghosts:
         instants = np.linspace(0.0, trajectory.duration, ghosts)
@@ -234,11 +241,9 @@ def _animate(
     viewer.set_animation(meshcat.Animation(clips))
 
 
-def _marks(
-    viewer: Any, problem: Problem, trajectory: Trajectory, frame: str, size: float
-) -> None:
-    """Draw the goal, the path of a frame, and a bead at the end of each segment."""
-    node, target = viewer["/meshcat/goal"], problem.goal.target
+def _mark_goal(node: Any, problem: Problem, size: float) -> None:
+    """Draw the goal: a ball at a point, or the axes of a pose."""
+    target = problem.goal.target
     if isinstance(target, np.ndarray):
         put_body(node, sphere(GOAL_RADIUS * size), GOAL_COLOR, transform(target))
     elif target is not None:
@@ -248,21 +253,11 @@ def _marks(
             turn = transform(np.zeros(3), np.roll(np.eye(3), axis + 1, axis=0))
             put_body(node["xyz"[axis]], rod.copy().apply_transform(turn), (*color, 1.0))
         node.set_transform(np.array(target.homogeneous))
-    times = surroundings.path_times(trajectory)
-    points = _poses(problem.robot, trajectory, times, frame).end
-    line = path_tube(points, TRAIL_RADIUS, size)
-    if line is not None:
-        put_body(viewer[f"/meshcat/path of {node_name(frame)}"], line, TRAIL_COLOR)
-    ends, bead = surroundings.inner_segment_ends(trajectory), sphere(END_RADIUS * size)
-    points = _poses(problem.robot, trajectory, ends, frame).end
-    for number, point in enumerate(points, start=1):
-        node = viewer[f"/meshcat/ends of segments/{number}"]
-        put_body(node, bead, END_COLOR, transform(point))
 
 
-def _robot_points(motion: Skeleton, bodies: list[Body]) -> Array:
-    """Points that enclose the robot along its whole motion, shape (m, 3) [m]."""
-    clouds = [motion.points.reshape(-1, 3), motion.end]
+def _robot_points(motion: Skeleton, bodies: list[Body], path: Array) -> Array:
+    """Points that enclose the robot and the path of a frame, shape (m, 3) [m]."""
+    clouds = [motion.points.reshape(-1, 3), path]
     instants = np.unique(np.linspace(0, len(motion.placements) - 1, 25).astype(int))
     for body in bodies:
         cuboid = corners(body.surface.bounds)

@@ -13,6 +13,7 @@ from trimesh import transform_points
 
 from tominpmp.arrays import Array
 from tominpmp.checks import instance, whole
+from tominpmp.kinematics import FrameMotions
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
 from tominpmp.scene.obstacles import Sphere
@@ -81,11 +82,10 @@ def plot_motion(
     frame = frame or end_frame(problem)
     motions = list(trajectories.values())
     shown = [np.linspace(0.0, motion.duration, instants) for motion in motions]
-
-    def arm(motion: Trajectory, times: Array) -> Skeleton:
-        return skeleton(problem.robot, motion(times).q, frame)
-
-    poses = [arm(*both) for both in zip(motions, shown, strict=True)]
+    poses = [
+        skeleton(problem.robot, motion(times).q, frame)
+        for motion, times in zip(motions, shown, strict=True)
+    ]
     # One view for all motions, so that they can be compared.
     view = best_view(np.concatenate([pose.points for pose in poses]))
     goal = _goal_point(problem, frame)
@@ -95,12 +95,10 @@ def plot_motion(
             axes, trajectories.items(), shown, poses, strict=True
         ):
             _draw_arm(panel, view, pose)
-            path_ends = arm(motion, surroundings.path_times(motion)).end
+            trail, ends = surroundings.drawn_path(problem, motion, frame)
             look: dict[str, Any] = {"color": figures.color(1), "zorder": 2.4, "lw": 1.1}
-            panel.plot(*view.project(path_ends).T, label="path of the end", **look)
-            segment_ends = surroundings.inner_segment_ends(motion)
-            if segment_ends.size:
-                ends = arm(motion, segment_ends).end
+            panel.plot(*view.project(trail).T, label="path of the end", **look)
+            if ends.size:
                 look = {"color": "#404b5c", "zorder": 2.6, "markersize": 4.0}
                 panel.plot(*view.project(ends).T, "o", label="end of a segment", **look)
             if goal is not None:
@@ -159,8 +157,8 @@ def _goal_point(problem: Problem, frame: str) -> Array | None:
     """Final position of the end frame, shape (3,) [m]; None if it is not fixed."""
     goal = problem.goal
     if goal.configuration is not None:
-        ends = skeleton(problem.robot, goal.configuration[None], frame).end
-        return np.asarray(ends[0])
+        frames = FrameMotions(problem.robot, frame)
+        return np.asarray(frames.placements(goal.configuration[None]).origin[0])
     target = goal.target
     if target is None or isinstance(target, np.ndarray):
         return target
@@ -204,12 +202,12 @@ def _fit(figure: Figure) -> None:
 
 
 def _draw_arm(panel: Axes, view: View, pose: Skeleton) -> None:
-    shades = np.linspace(LIGHTEST, 1.0, len(pose.end))
+    shades = np.linspace(LIGHTEST, 1.0, len(pose.placements))
     # In the legend the line of the first instant would be too light.
     labels = {len(shades) // 4: "start", len(shades) - 1: "end"}
     for chain, arm in zip(pose.chains, pose.arms, strict=True):
         for i, joints in enumerate(view.project(chain)):
-            last = i == len(pose.end) - 1
+            last = i == len(pose.placements) - 1
             panel.plot(
                 *joints.T,
                 color=ARM_COLORS[arm % len(ARM_COLORS)],

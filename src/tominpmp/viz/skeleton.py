@@ -82,14 +82,12 @@ class Skeleton:
     Attributes:
         placements: Placements joint_to_world, homogeneous, by instant and joint of the
             model (0 is the world), shape (m, joints, 4, 4).
-        end: Positions of the end frame [m], shape (m, 3).
         chains: Positions of the joints from the base to each end of the robot, the end
             frame last, each of shape (m, k, 3) [m].
         arms: Number of the robot of a workcell that each chain belongs to, from 0.
     """
 
     placements: Array
-    end: Array
     chains: tuple[Array, ...]
     arms: tuple[int, ...] = ()
 
@@ -152,13 +150,6 @@ def skeleton(robot: Robot, q: Array, frame: str) -> Skeleton:
     model, index = robot.model, robot.frame_id(frame)
     rotation, origin = JointPlacements(model).joints(robot.expand(q))
     placements = transform(origin, rotation)
-
-    def points_of(number: int) -> Array:
-        """Positions of the origin of a frame, shape (m, 3) [m]."""
-        item = model.frames[number]
-        local = np.append(item.placement.translation, 1.0)
-        return np.asarray(placements[:, item.parentJoint, :3] @ local)
-
     chains, arms = [], []
     for joint in range(1, model.njoints):
         if len(model.children[joint]):
@@ -170,9 +161,10 @@ def skeleton(robot: Robot, q: Array, frame: str) -> Skeleton:
             origins[:, 0] = _base(robot, part)
         arms.append(robot.parts.index(part) if part in robot.parts else 0)
         at_end = model.frames[index].parentJoint == joint
-        tip = points_of(index if at_end else _tip(robot, joint))
+        last = model.frames[index if at_end else _tip(robot, joint)]
+        tip = placements[:, joint, :3] @ np.append(last.placement.translation, 1.0)
         chains.append(np.concatenate([origins, tip[:, None]], axis=1))
-    return Skeleton(placements, points_of(index), tuple(chains), tuple(arms))
+    return Skeleton(placements, tuple(chains), tuple(arms))
 
 
 def _base(robot: Robot, arm: str) -> Array:

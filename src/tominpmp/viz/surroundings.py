@@ -156,10 +156,17 @@ def frame_placements(robot: Robot, q: Array, frame: str) -> Array:
     return transform(frames.origin, frames.rotation)
 
 
-def path_times(trajectory: Trajectory) -> Array:
-    """Times at which the path of a frame is drawn [s], shape (k,)."""
-    count = PATH_POINTS + SEGMENT_POINTS * inner_segment_ends(trajectory).size
-    return np.linspace(0.0, trajectory.duration, count)
+def drawn_path(problem: Problem, motion: Trajectory, frame: str) -> tuple[Array, Array]:
+    """Positions of a frame along a motion, and at the ends of its inner segments.
+
+    Returns:
+        Shapes (m, 3) and (k, 3) [m].
+    """
+    ends = inner_segment_ends(motion)
+    count = PATH_POINTS + SEGMENT_POINTS * ends.size
+    times = np.append(np.linspace(0.0, motion.duration, count), ends)
+    points = FrameMotions(problem.robot, frame).placements(motion(times).q).origin
+    return points[:count], points[count:]
 
 
 def inner_segment_ends(trajectory: Trajectory) -> Array:
