@@ -9,10 +9,11 @@ import pytest
 
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
+from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.viz.meshcat_scene import Recorder, draw
 from tominpmp.viz.motion_plot import plot_motion
-from tominpmp.viz.surroundings import drawn_path, frame_placements, scene_items
+from tominpmp.viz.surroundings import drawn_path, scene_items
 
 meshcat = pytest.importorskip("meshcat")
 
@@ -76,7 +77,7 @@ def test_equal_payloads_at_two_places_are_two_bodies():
     # The first payload stands at 0.5, is carried on two segments to 0.7, and stays
     # there; the other stands at 0.2, where it is taken up.
     ways = [0.5, 0.5, hand[2], hand[3], 0.7, 0.7, 0.7, 0.7], [*[0.2] * 7, hand[7]]
-    begin = frame_placements(robot, q[:1], "tip")[0, 0, 3]
+    begin = RobotKinematics(robot).placement(q[0], "tip").translation[0]
     for load, way in zip(crate_bodies(problem, motion, times), ways, strict=True):
         np.testing.assert_allclose(load.placements[:, 0, 3] - begin, way, atol=1e-9)
 
@@ -172,7 +173,7 @@ def test_payload_handed_over_to_another_frame_is_one_body():
     for row, (frame, at) in enumerate(holds):
         box = np.eye(4)
         box[:3, 3] = at
-        place = frame_placements(robot, q[row : row + 1], frame)[0] @ box
+        place = RobotKinematics(robot).placement(q[row], frame).homogeneous @ box
         np.testing.assert_allclose(load.placements[row], place, atol=1e-9)
 
 

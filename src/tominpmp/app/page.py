@@ -178,15 +178,14 @@ class Page:
 
     def drag(self, end: str, position: Any, quaternion: Any) -> None:
         """Bring the frame at start or goal to the pose of a handle."""
-        with self._lock, self._errors_shown():
+        with self._errors_shown():
             miss = self.controller.drag(end, position, quaternion)
             message = (
                 f"The handle of the {end.removeprefix('q_')} is out of reach by "
                 f"{miss:.3f} (m, rad): the nearest configuration was taken."
             )
             self.readout.notify(message if miss else "", bad=bool(miss))
-            self._arms[end].move(getattr(self.controller.request, end))
-        self.panel.refresh_lines()
+        self.refresh()
 
     def export(self, ending: str, dt: float | None, message: str | None) -> None:
         """Offer the motion to the browser as a download."""
@@ -542,7 +541,6 @@ class Panel:
         place = self._request.pose(self._request.q_goal)[0]
         item = new_item(kind, place * [-0.6, 0.6, 1.0], taken)
         self._page.ask(items=(*items, item))
-        self.refresh_lines()
         self._items.value = item.name
         self._show_sizes()
 
@@ -663,8 +661,6 @@ class Handles:
 
     def _drag_end(self, end: str, node: Any) -> None:
         self._page.drag(end, np.array(node.position), node.wxyz[[1, 2, 3, 0]])
-        if self._free(end):
-            self.refresh()
 
     def _drag_via(self, number: int, node: Any) -> None:
         points = list(self._page.controller.request.via)

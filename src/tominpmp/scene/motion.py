@@ -231,18 +231,10 @@ class ConstantVelocity(Motion):
         """Start and end of the motion, where positive and finite [s], shape (k,)."""
         return np.array([t for t in (self.begin, self.end) if 0.0 < t < np.inf])
 
-    def _turned(self, times: Array, start: Placement) -> tuple[Array, Array, Array]:
-        """Elapsed times of the motion, rotations since the start, and levers.
-
-        A lever leads from the pivot to the origin of the obstacle.
-
-        Returns:
-            Shapes (m,) [s], (m, 3, 3) and (m, 3) [m].
-        """
-        times = _checked_times(times)
-        elapsed = np.clip(times, self.begin, self.end) - self.begin
-        turned = Rotation.from_rotvec(elapsed[:, None] * self.angular).as_matrix()
-        return elapsed, turned, turned @ self._lever(start)
+    def _turned(self, times: Array) -> tuple[Array, Array]:
+        """Elapsed times of the motion, (m, 1) [s], and rotations since the start."""
+        elapsed = np.clip(times, self.begin, self.end)[:, None] - self.begin
+        return elapsed, Rotation.from_rotvec(elapsed * self.angular).as_matrix()
 
     def _lever(self, start: Placement) -> Array:
         """Vector from the pivot to the obstacle's origin at the start, (3,) [m]."""
@@ -251,14 +243,15 @@ class ConstantVelocity(Motion):
 
     def poses(self, times: Array, start: Placement) -> Placement:
         """Placements at times."""
-        elapsed, turned, lever = self._turned(times, start)
-        p = start.p - self._lever(start) + lever + elapsed[:, None] * self.velocity
+        elapsed, turned = self._turned(_checked_times(times))
+        lever = self._lever(start)
+        p = start.p - lever + turned @ lever + elapsed * self.velocity
         return Placement(turned @ start.R, p)
 
     def twists(self, times: Array, start: Placement) -> Twist:
         """Velocities at times."""
         times = _checked_times(times)
-        _, _, lever = self._turned(times, start)
+        lever = self._turned(times)[1] @ self._lever(start)
         moving = ((times >= self.begin) & (times < self.end))[:, None]
         linear = self.velocity + np.cross(self.angular, lever)
         angular = np.broadcast_to(self.angular, linear.shape)

@@ -19,7 +19,6 @@ from tominpmp.arrays import Array, BoolArray
 from tominpmp.kinematics import FrameMotions
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
-from tominpmp.robot.robot import Robot
 from tominpmp.scene.grids import HeightField
 from tominpmp.scene.meshes import Mesh
 from tominpmp.scene.obstacles import Box, Obstacle
@@ -120,9 +119,10 @@ def _loads(
         )
         instants = np.append(times, [stage.begin, stage.end])
         q = trajectory(np.clip(instants, stage.begin, stage.end)).q
-        frames = frame_placements(problem.robot, q, payload.frame)
+        frames = FrameMotions(problem.robot, payload.frame).placements(q)
         every = [transform(item.position, item.rotation) for item in payload.geometry]
-        held, now = frames @ np.array(every)[:, None], instants >= stage.begin
+        held = transform(frames.origin, frames.rotation) @ np.array(every)[:, None]
+        now = instants >= stage.begin
         for body, places in loads:
             if body == (payload.name, bare) and _meet(bare[0], places[0], held[0]):
                 places[:, now] = held[:, now]
@@ -148,12 +148,6 @@ def _distinct(name: str, names: Counter[str]) -> str:
     """A name with its number if it was used before; ``names`` counts the uses."""
     names[name] += 1
     return name if names[name] == 1 else f"{name} ({names[name]})"
-
-
-def frame_placements(robot: Robot, q: Array, frame: str) -> Array:
-    """Homogeneous placements of a frame, shape (m, 4, 4), at positions q, (m, n)."""
-    frames = FrameMotions(robot, frame).placements(q)
-    return transform(frames.origin, frames.rotation)
 
 
 def drawn_path(problem: Problem, motion: Trajectory, frame: str) -> tuple[Array, Array]:
