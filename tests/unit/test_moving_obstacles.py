@@ -117,6 +117,27 @@ def test_waypoints_are_interpolated_and_held_at_the_end():
     np.testing.assert_allclose(item.poses(np.array([50.0])).p[0], WAY.positions[-1])
 
 
+class Rising(tm.Motion):
+    """A motion of a caller, which is absolute."""
+
+    def poses(self, times, start):
+        p = np.stack([0.0 * times + 1.0, 0.0 * times, 2.0 * times], axis=1)
+        return type(start)(np.tile(np.eye(3), (times.size, 1, 1)), p)
+
+    def twists(self, times, start):
+        raise NotImplementedError
+
+    def speed_bounds(self, begin, end, start):
+        raise NotImplementedError
+
+
+def test_obstacle_begins_where_the_motion_of_a_caller_begins():
+    """Regression: it had its position, or the origin, at the start."""
+    np.testing.assert_array_equal(mover(Rising()).position, [1.0, 0.0, 0.0])
+    with pytest.raises(tm.SceneError, match=r"motion begins with \[1.0, 0.0, 0.0\]"):
+        mover(Rising(), position=(0.0, 3.0, 0.0))
+
+
 def test_speed_bounds_of_a_pose_function_are_used_and_checked():
     def slide(time: float) -> np.ndarray:
         place = np.eye(4)
