@@ -238,12 +238,10 @@ def _corner_normals(faces: IntArray, unit: Array, weighted: Array) -> Array:
     pairs = (at @ at.T).tocoo()
     corner, other = pairs.row, owner[pairs.col]
     level = np.einsum("ij,ij->i", unit[owner[corner]], unit[other]) >= np.cos(CREASE)
-    sums = sparse.csr_array(
-        (level.astype(np.float64), (corner, other)), (count, len(faces))
-    )
+    sums = sparse.csr_array((level, (corner, other)), (count, len(faces)))
+    # The sum contains the own triangle, and no triangle across from it: it is not zero.
     normals = np.asarray(sums @ weighted)
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    return np.where(length > 0.0, normals / np.maximum(length, 1e-300), unit[owner])
+    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
 
 # Solids by the names of Coal's classes, so that nothing depends on the release of Coal.
