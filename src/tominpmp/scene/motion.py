@@ -411,8 +411,10 @@ class Waypoints(Motion):
         begin, end = _checked_intervals(begin, end)
         first = self._passed(begin)
         last = np.maximum(np.searchsorted(self.times, end, side="left"), first + 1)
-        speeds = (np.linalg.norm(rate, axis=1) for rate in self._rates)
-        return SpeedBounds(*(_largest(each, first, last) for each in speeds))
+        ranges = np.stack([first, last], axis=1).ravel()
+        # Padded, as the end of a range has to be an index of the array.
+        speeds = [np.append(np.linalg.norm(x, axis=1), 0.0) for x in self._rates]
+        return SpeedBounds(*(np.maximum.reduceat(x, ranges)[::2] for x in speeds))
 
 
 def _turns(rotations: Array) -> Array:
@@ -424,13 +426,6 @@ def _turns(rotations: Array) -> Array:
         return np.zeros((0, 3))
     between = np.swapaxes(rotations[:-1], 1, 2) @ rotations[1:]
     return np.asarray(Rotation.from_matrix(between).as_rotvec())
-
-
-def _largest(values: Array, first: IntArray, last: IntArray) -> Array:
-    """Maxima of values[first:last] for many ranges, which are not empty."""
-    padded = np.append(values, 0.0)  # reduceat needs the end to be a valid index
-    ranges = np.stack([first, last], axis=1).ravel()
-    return np.asarray(np.maximum.reduceat(padded, ranges)[::2])
 
 
 # -- motions that are given by functions -----------------------------------------------
