@@ -100,7 +100,7 @@ def test_play_writes_a_page(run: Run, planner: Planner) -> None:
     assert "planar3r: T = 2 s" in Path("a.html").read_text(encoding="utf-8")
     other = run("play", "a.csv", "--robot", "planar3r", "--lock", "joint3=0")
     assert other.exit_code == 2
-    assert "a.csv: joint joint3 is up to 1.7 away from 0" in other.stderr
+    assert "a.csv: joint3: is up to 1.7 away from 0" in other.stderr
 
 
 def test_play_suggests_lock_for_joints_missing_in_a_motion(

@@ -123,11 +123,11 @@ def test_first_sample_after_time_zero_needs_the_start_state(planar3r: Robot) -> 
     assert motion.t[0] == 0.0
     np.testing.assert_array_equal(motion.q[0], start)
     np.testing.assert_allclose(motion.v[1:], whole.v[4:], atol=5e-3)
-    with pytest.raises(ScenarioError, match=r"the time begins at 0\.1 s") as caught:
+    with pytest.raises(ScenarioError, match=r"time: begins at 0\.1 s") as caught:
         join(late, planar3r, HERE)
     assert caught.value.key == "time"
     early = Samples(NAMES, whole.t - 1.0, whole.q, whole.v, whole.a, whole.u)
-    with pytest.raises(ScenarioError, match="the time begins at -1 s"):
+    with pytest.raises(ScenarioError, match="time: begins at -1 s"):
         join(early, planar3r, HERE, (start, np.zeros(3)))
 
 
@@ -153,7 +153,7 @@ def test_samples_with_unordered_times_or_without_positions_are_rejected(
     q[1:2, 1] = position
     lacking = np.full(q.shape, np.nan)
     samples = Samples(NAMES, times, q, lacking, lacking, lacking, interpolation)
-    with pytest.raises(ScenarioError, match=f"the motion, row {row}: expected finite"):
+    with pytest.raises(ScenarioError, match=f"the motion: row {row}: expected finite"):
         join(samples, planar3r)
 
 
@@ -178,7 +178,7 @@ def test_recorded_locked_joints_are_dropped_if_they_stay_at_their_lock(
     locked = load_robot("planar3r", locked_joints={"joint3": -1.7})
     assert join(samples, locked, HERE).trajectory.joint_names == NAMES[:2]
     elsewhere = load_robot("planar3r", locked_joints={"joint3": -1.0})
-    with pytest.raises(ScenarioError, match=r"joint3 is up to 0\.7 away from -1"):
+    with pytest.raises(ScenarioError, match=r"joint3: is up to 0\.7 away from -1"):
         join(samples, elsewhere, HERE)
     with pytest.raises(ScenarioError, match="row 1: expected finite positions"):
         join(samples_of(t[:0]), locked, HERE)

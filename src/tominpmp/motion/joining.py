@@ -18,9 +18,10 @@ from scipy.interpolate import CubicSpline
 
 from tominpmp.arrays import Array, BoolArray
 from tominpmp.checks import instance
+from tominpmp.description.fields import Field
 from tominpmp.description.joint_table import example_values
 from tominpmp.dynamics import STANDSTILL, RobotDynamics, torques_of
-from tominpmp.exceptions import ProblemError, ScenarioError
+from tominpmp.exceptions import ProblemError
 from tominpmp.kinematics import units_of
 from tominpmp.motion.samples import Interpolation, Samples
 from tominpmp.motion.trajectory import Trajectory
@@ -102,17 +103,17 @@ def join(
             lack the derivatives that the interpolation needs.
     """
     chosen = samples.interpolation
-    columns = _columns(samples, robot, path)
+    file = Field(None, Path("the motion" if path is None else path))
+    columns = _columns(samples, robot, file)
     parts = (samples.q, samples.v, samples.a, samples.u)
     rows = _Rows(robot, samples.t, *(part[:, columns] for part in parts))
     valid = np.all(np.isfinite(np.column_stack([rows.t, samples.q])), axis=1)
     valid[1:] &= rows.t[1:] > rows.t[:-1]
     row = int(np.argmin(np.append(valid, False)))
     if row < max(valid.size, 1):
-        raise ScenarioError(
-            f"{_named(path)}, row {row + 1}: expected finite positions, and a time [s] "
-            "after the time of the row before",
-            path,
+        file.fail(
+            f"row {row + 1}: expected finite positions, and a time [s] after the time "
+            "of the row before"
         )
     if samples.segment_ends is not None:
         # With a payload on each segment, torques differ from the torques of the bare
@@ -121,17 +122,13 @@ def join(
     if rows.t[0] > 0.0 and start is not None:
         rows = _from_start(rows, *start)
     elif rows.t[0] != 0.0:
-        raise ScenarioError(
-            f"{_named(path)}: the time begins at {rows.t[0]:g} s, expected 0",
-            path,
-            "time",
-        )
+        file.get("time").fail(f"begins at {rows.t[0]:g} s, expected 0")
     if rows.t.size == 1:
         joined = _instant(rows)
     elif chosen == "auto":
         joined = _recovered(rows)
     else:
-        manner = _by_rule(chosen, rows, path)
+        manner = _by_rule(chosen, rows, file)
         if manner == "linear":
             joined = _by_lines(rows, None if start is None else start[1])
         else:
@@ -196,7 +193,7 @@ def _from_start(rows: _Rows, q: Array, v: Array) -> _Rows:
     return _Rows(rows.robot, np.concatenate([[0.0], rows.t]), *parts)
 
 
-def _by_rule(chosen: Interpolation, rows: _Rows, path: str | Path | None) -> str:
+def _by_rule(chosen: Interpolation, rows: _Rows, file: Field) -> str:
     """Interpolation by the rule of a controller, after a check of the derivatives."""
     manner: str = chosen
     if chosen == "controller":
@@ -206,12 +203,8 @@ def _by_rule(chosen: Interpolation, rows: _Rows, path: str | Path | None) -> str
     names = {"v": "velocities", "a": "accelerations"}
     for key in {"linear": "", "cubic": "v", "quintic": "va"}[manner]:
         if not rows.known(key):
-            raise ScenarioError(
-                f"{_named(path)} lacks {names[key]}, which the interpolation {manner} "
-                "needs",
-                path,
-                names[key],
-            )
+            fault = f"are missing, which the interpolation {manner} needs"
+            file.get(names[key]).fail(fault)
     return manner
 
 
@@ -283,34 +276,24 @@ def with_controls(motion: Trajectory, robot: Robot) -> Trajectory:
     return motion.with_torques(RobotDynamics(robot).inverse)
 
 
-def _named(path: str | Path | None) -> str:
-    """The source of samples, in messages."""
-    return "the motion" if path is None else str(path)
-
-
-def _columns(samples: Samples, robot: Robot, path: str | Path | None) -> list[int]:
+def _columns(samples: Samples, robot: Robot, file: Field) -> list[int]:
     """Columns of the robot's joints, after a check of the names and locked joints."""
     names = list(samples.joint_names)
     known = {*robot.joint_names, *robot.locked_joints}
     if not set(robot.joint_names) <= set(names) <= known:
         held = example_values([name for name in robot.joint_names if name not in names])
         hint = f"; give locked_joints={held} if they are held"
-        raise ScenarioError(
-            f"{_named(path)} holds a motion of {', '.join(names)}; the joints of "
-            f"{robot.name!r} are {', '.join(robot.joint_names)}"
-            + (hint if known.issuperset(names) else ""),
-            path,
-            "joint_names",
+        file.get("joint_names").fail(
+            f"are {', '.join(names)}; the joints of {robot.name!r} are "
+            f"{', '.join(robot.joint_names)}{hint if known.issuperset(names) else ''}"
         )
     for name, position in robot.locked_joints.items():
         column = samples.q[:, names.index(name)] if name in names else position
         distance = float(np.max(np.abs(column - position), initial=0.0))
         if distance > APART:
-            raise ScenarioError(
-                f"{_named(path)}: joint {name} is up to {distance:g} away from "
-                f"{position:g}, at which it is locked in the robot",
-                path,
-                name,
+            file.get(name).fail(
+                f"is up to {distance:g} away from {position:g}, at which the joint is "
+                "locked in the robot"
             )
     return [names.index(name) for name in robot.joint_names]
 
