@@ -54,16 +54,16 @@ def constraint_tables(*constraints: str) -> str:
     [
         (
             LEVEL + constraint_tables(UPSIDE_DOWN),
-            ("start: segment 1 of 1: start: the tilt of frame tool0 is 3.1", "0.3 rad"),
+            ("start: the tilt of frame tool0 is 3.1", "0.3 rad"),
         ),
         (
             LEVEL + TILTED + constraint_tables(UPRIGHT),
-            ("segments[1].goal: segment 2 of 2: goal: the tilt", "1.571 rad"),
+            ("segments[1].goal: the tilt", "1.571 rad"),
         ),
         # The configuration between two segments is known before planning.
         (
             TILTED + LEVEL + constraint_tables(UPRIGHT),
-            ("segments[1]: segment 2 of 2: start: the tilt", "1.571 rad"),
+            ("segments[1]: start: the tilt", "1.571 rad"),
         ),
         (
             PLACE + constraint_tables(LOW),
@@ -71,7 +71,7 @@ def constraint_tables(*constraints: str) -> str:
         ),
         (
             LEVEL + constraint_tables(FIXED + "[0, 0, 1]", FIXED + "[1, 0, 0]"),
-            ("segment 1 of 1: start", "number 2 of the constraints", "contradict"),
+            ("start: the deviation", "number 2 of the constraints", "contradict"),
         ),
         (
             LEVEL + constraint_tables(LOAD),

@@ -46,9 +46,11 @@ class Field:
             ScenarioError: Always.
         """
         key = f"{shortened(self.key)}: " if self.key else ""
-        # A key with a point is not a word of the message.
-        subject = f"{self.key} " if "." in self.key else key
-        for said in (key, f"{self.key.rpartition('.')[2]}: ", subject):
+        # The message may begin with names of the value, and of the tables around it.
+        names = self.key.split(".")
+        paths = [".".join(names[k:]) for k in range(len(names))]
+        subjects = [f"{path} " for path in paths if "." in path]  # others are words
+        for said in (*(f"{name}: " for name in (*names, *paths)), *subjects):
             message = message.removeprefix(said)
         text = f"{self.path}: {key}{message}"
         raise ScenarioError(text, self.path, self.key or None)

@@ -693,13 +693,15 @@ def read_scenario(
         field = getattr(error, "field", None) or ""
         if re.split(r"\W", field)[0] in changed:
             raise
-        _blamed(document, field).fail(str(error))
+        # The key names the segment, or the start.
+        said = re.sub(r"^(segment \d+ of \d+: )?([qva]_start: )?", "", str(error))
+        _blamed(document, field).fail(said)
     return Scenario(problem, options)
 
 
 def _blamed(document: Field, field: str) -> Field:
     """Value of a scenario at fault, by a field of its problem: "segments[1].goal"."""
-    if re.match(r"(segments\[0\]\.)?[qv]_start", field):
+    if re.match(r"(segments\[0\]\.)?[qva]_start", field):
         return document.get("start")  # also the start of the first segment
     item = key_of(document, field, SECTIONS)
     return document.get("goal") if item is document else item
@@ -772,24 +774,17 @@ def scenario_text(
         ScenarioError: If a file cannot represent a value of the problem.
     """
     instance(problem, Problem, "problem")
-    start, limits = {"q": problem.q_start}, problem.motion_limits
-    if np.any(problem.v_start):
-        start["v"] = problem.v_start
-    if np.any(problem.a_start):
-        start["a"] = problem.a_start
-    parts: dict[str, Any] = {
-        "may_touch": problem.may_touch or None,
-        "margin": problem.margin or None,
-        "self_collision": problem.self_collision,
-        "robot": problem.robot,
-        "start": start,
-        "goal": None if problem.segments else problem.goal,
-        "scene": problem.scene if len(problem.scene) else None,
-        "motion_limits": None if limits == problem.robot.motion_limits else limits,
-        "constraints": problem.constraints or None,
-    }
+    start = {key: getattr(problem, f"{key}_start") for key in "qva"}
+    start = {key: x for key, x in start.items() if key == "q" or np.any(x)}
+    parts = {"robot": problem.robot, "start": start, **changed_fields(problem)}
+    if problem.segments:
+        del parts["goal"]  # it is that of the last segment
+    if problem.motion_limits == problem.robot.motion_limits:
+        parts.pop("motion_limits", None)
 
     def written(key: str, part: Any) -> Any:
+        if key == "segments":
+            return [written(f"{key}[{i}]", item) for i, item in enumerate(part)]
         try:
             if not isinstance(part, Robot):
                 return to_table(part, path.parent)
@@ -801,10 +796,7 @@ def scenario_text(
             raise ScenarioError(reason, path, key) from error
         return table
 
-    document = {k: written(k, part) for k, part in parts.items() if part is not None}
-    if problem.segments:
-        each = enumerate(problem.segments)
-        document["segments"] = [written(f"segments[{i}]", item) for i, item in each]
+    document = {k: written(k, part) for k, part in parts.items() if k in SECTIONS}
     changed = written("options", replace(Options.of(options), callback=None))
     if changed:
         document["options"] = changed

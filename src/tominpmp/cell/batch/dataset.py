@@ -139,7 +139,7 @@ def make_folder(folder: Path) -> Path:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        text = f"results: {folder}: {error.strerror}, expected a folder to write to"
+        text = f"{folder}: {error.strerror}, expected a folder to write results to"
         raise ScenarioError(text, folder) from error
     return folder
 
