@@ -1,4 +1,4 @@
-"""Representations of objects in notebooks: small plots (SVG) and tables (HTML).
+"""Representations of objects: small plots (SVG) and tables (HTML, or plain text).
 
 The module writes text only, and needs no plotting library; names are escaped, as they
 may come from untrusted files.
@@ -47,6 +47,22 @@ def table(
     if len(rows) > MOST_ROWS:
         lines.append(f"<tr><td>and {len(rows) - MOST_ROWS} more</td></tr>")
     return f"<table>{''.join(lines)}</table>"
+
+
+def text_table(rows: Sequence[Sequence[str]], left: int) -> str:
+    """A table in plain text, with two spaces between its columns.
+
+    Args:
+        rows: The cells of each row; the titles come first.
+        left: Number of columns, from the first, that are aligned on the left.
+    """
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    pads = [str.ljust if i < left else str.rjust for i in range(len(widths))]
+    lines = []
+    for row in rows:
+        cells = (pad(*cell) for pad, *cell in zip(pads, row, widths, strict=True))
+        lines.append("  ".join(cells).rstrip())
+    return "\n".join(lines)
 
 
 def _text(value: object) -> str:

@@ -390,7 +390,7 @@ def test_invalid_options_and_folders_are_rejected(tmp_path: Path) -> None:
     with pytest.raises(tm.OptionsError, match="no_such"):
         tm.plan_many([], no_such=3)
     (tmp_path / "file").write_text("")
-    with pytest.raises(tm.ScenarioError, match="^/.*file: .*expected a folder"):
+    with pytest.raises(tm.ScenarioError, match=r"^/.*file: .*expected a folder"):
         tm.plan_many([], results=tmp_path / "file")
     with pytest.raises(tm.ScenarioError, match="not a folder"):
         tm.Dataset(tmp_path / "none")

@@ -192,7 +192,7 @@ def test_interpolation_of_a_motion_file_can_be_chosen(
                 load_motion(path, interpolation=wrong)  # type: ignore[arg-type]
     lacking = replace(load_motion(path), v=np.full(jumping.q.shape, np.nan))
     for interpolation in ("controller", "cubic"):
-        with pytest.raises(ScenarioError, match="m.csv: velocities: are missing, which"):
+        with pytest.raises(ScenarioError, match=r"csv: velocities: are missing, which"):
             join(replace(lacking, interpolation=interpolation), planar3r, path)
 
 

@@ -79,7 +79,7 @@ class Typed(Field):
         return replace(field, key=self.key) if name in own else field
 
 
-def words(text: str) -> list[str]:
+def _words(text: str) -> list[str]:
     """Split at commas and spaces; brackets around the whole are dropped."""
     return re.split(r"\s*,\s*|\s+", text.strip().strip("[]()").strip())
 
@@ -152,7 +152,7 @@ def positions(
             or too few numbers.
     """
     text = getattr(args, name)
-    items, table = words(text), dict[str, Any]()
+    items, table = _words(text), dict[str, Any]()
     if text.strip() in robot.group_states:
         items, table["state"] = [], text.strip()
     elif number(items[0]) is None and "=" not in items[0]:
@@ -206,9 +206,9 @@ def _fill(table: Typed, items: Sequence[str], kinds: Mapping[str, type[Any]]) ->
             table.fail(f"{word} is given twice")
         declared = field_type(kinds.get(kind, object), key)
         plain = getattr(declared, "__origin__", declared) in (str, "str")
-        numbers = [number(word) for word in words(value)]
+        numbers = [number(word) for word in _words(value)]
         if declared == "tuple[str, ...]":
-            table.value[key] = words(value)
+            table.value[key] = _words(value)
         elif not plain and None not in numbers:
             table.value[key] = numbers[0] if len(numbers) == 1 else numbers
         else:
@@ -299,7 +299,7 @@ def load_changed_robot(
     if is_scenario(robot):
         _refuse("a scenario file", args, ())
         return scenario.read_robot(scenario.read_toml(robot).need("robot"))
-    locks = [word for text in args.lock or () for word in words(text)]
+    locks = [word for text in args.lock or () for word in _words(text)]
     locked: Any = joint_values(locks, "--lock", named=True)
     group = args.group or ""
     return load_limited_robot(
@@ -308,7 +308,7 @@ def load_changed_robot(
         package_dirs=args.package_dir or (),
         srdf=args.srdf,
         # With commas, a group is a list of links or joints.
-        group=words(group) if "," in group else args.group,
+        group=_words(group) if "," in group else args.group,
         limits=args.limits,
         locked_joints={**(resting or {}), **locked},
         kinematic=args.kinematic,
@@ -327,7 +327,7 @@ def _values(typed: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
     def value(name: str, given: Any) -> Any:
         if not isinstance(given, str):
             return given
-        numbers: Any = joint_values(words(given), _flag(name))
+        numbers: Any = joint_values(_words(given), _flag(name))
         return numbers if isinstance(numbers, dict) or numbers[1:] else numbers[0]
 
     return {name: value(name, typed[name]) for name in names if name in typed}
@@ -395,12 +395,12 @@ def _goal(args: ProblemOptions, robot: Robot, q_start: Array) -> Goal:
         # Joints whose positions are angles: the continuous ones, none, or more of them.
         wrap: bool | list[str] = args.wrap is None
         if args.wrap not in (None, "none"):
-            wrap = words(args.wrap)
+            wrap = _words(args.wrap)
         return JointGoal(q, rates(args, "goal_velocity", robot), wrap=wrap)
     if args.wrap is not None:
         raise OptionsError("--wrap is about the joints of a --goal", "--wrap")
     text = args.goal_velocity
-    v: Any = None if text is None else joint_values(words(text), "--goal-velocity")
+    v: Any = None if text is None else joint_values(_words(text), "--goal-velocity")
     frame, *numbers = args.goal_position or args.goal_pose or ("",)
     if args.goal_position is not None:
         return PositionGoal(frame, numbers, v)
@@ -427,7 +427,7 @@ def rates(args: ProblemOptions, name: str, robot: Robot) -> Array | None:
     text = getattr(args, name)
     if text is None:
         return None
-    values = _in_si(args, name, words(text), robot)
+    values = _in_si(args, name, _words(text), robot)
     return scenario.rates(Typed(values, key=_flag(name)), robot)
 
 

@@ -18,6 +18,7 @@ from tominpmp.bounds.result import LowerBound
 from tominpmp.motion.measures import SATURATED
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits, kinds_of
+from tominpmp.notebook import text_table
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import Robot
 from tominpmp.solution import Solution
@@ -282,8 +283,8 @@ def robot_text(data: dict[str, Any]) -> str:
     }
     kind = ", kinematic: without torques" if data["kinematic"] else ""
     lines = [f"{data['name']}: {count} joint{'' if count == 1 else 's'}{kind}", ""]
-    lines += _table(data["joints"])
-    lines += ["", "Units: rad, s, N m; for prismatic joints m, s, N.", ""]
+    lines += [_table(data["joints"]), ""]
+    lines += ["Units: rad, s, N m; for prismatic joints m, s, N.", ""]
     lines += [_row(name, row, width) for name, row in rows.items() if row]
     return "\n".join(lines)
 
@@ -299,7 +300,7 @@ def _row(label: str, items: list[str], width: int) -> str:
     )
 
 
-def _table(joints: list[dict[str, Any]]) -> list[str]:
+def _table(joints: list[dict[str, Any]]) -> str:
     """Format the table of joints; its lines are never shortened to fit a terminal."""
     columns = {key: [_cell(key, joint[key]) for joint in joints] for key in joints[0]}
     lower, upper = columns.pop("effort_lower", []), columns.get("effort_upper", [])
@@ -308,13 +309,11 @@ def _table(joints: list[dict[str, Any]]) -> list[str]:
         if opposite is None or joints[i]["effort_lower"] != -opposite:
             upper[i] = f"{low} to {high}"
     heads = {"name": "joint", "effort_upper": "effort"}
-    padded = []
-    for key, cells in columns.items():
-        head = heads.get(key, key.replace("position_", "").replace("_", " "))
-        width = max(map(len, [head, *cells]))
-        pad = str.ljust if key in ("name", "kind") else str.rjust
-        padded.append([pad(cell, width) for cell in (head, *cells)])
-    return ["  ".join(row) for row in zip(*padded, strict=True)]
+    head = [
+        heads.get(key, key.replace("position_", "").replace("_", " "))
+        for key in columns
+    ]
+    return text_table([head, *zip(*columns.values(), strict=True)], left=2)
 
 
 def _cell(key: str, value: Any) -> str:

@@ -221,23 +221,19 @@ def _check(
     """Read a file, interpolate its points, and verify the motion."""
     begin = time.perf_counter()
     refusals: tuple[Refusal, ...] = ()
-    notes: list[str] = []
     samples, message = read_motion(path, interpolation)
+    notes: dict[str, bool] = {}
     if message is not None:
         effort, moving = "u" in known_quantities(samples), problem.goal.ends_moving
         refusals = controller_refusals(
             message, effort_interface=effort, moving_end=moving
         )
-        if effort:
-            notes.append(
-                "The points have efforts: only controllers that command efforts take "
-                "them."
-            )
-        if moving:
-            notes.append(
-                "The motion ends in motion: the controller needs "
-                "allow_nonzero_velocity_at_trajectory_end."
-            )
+        notes = {
+            "The points have efforts: only controllers that command efforts take "
+            "them.": effort,
+            "The motion ends in motion: the controller needs "
+            "allow_nonzero_velocity_at_trajectory_end.": moving,
+        }
     joined = joined_samples(samples, problem, path)
     violations, verification = judge(joined.trajectory)
     return ExportCheck(
@@ -247,7 +243,7 @@ def _check(
         refusals,
         violations,
         verification,
-        notes=tuple(notes),
+        notes=tuple(note for note, applies in notes.items() if applies),
         seconds=time.perf_counter() - begin,
         duration=joined.trajectory.duration,
     )

@@ -491,17 +491,16 @@ def _outside_group(
     if not name.given:
         return {}
     srdf = SemanticDescription() if semantics is None else semantics
-    group, states = srdf.find_group(name.text()), srdf.group_states
-    links = _goal_names(request, "position", "orientation")
+    group, links = srdf.find_group(name.text()), list[str]()
     moving = set[str]() if group is None else set(srdf.groups[group].joints)
-    named = bool(moving)
-    if group is not None and named:
+    if group is not None and moving:
         warn_of_group(group, srdf.groups[group])
-    if not named:
+    else:
+        links = _goal_names(request, "position", "orientation")
         above = map(description.joints_above, links)
         moving = set(_goal_names(request, "joint")).union(*above)
     outside = [j for j in description.joints if j.name not in moving and not j.mimic]
-    if not named and links and outside:
+    if links and outside:
         warn_caller(
             f"{name.path}: {name.key}: the robot has no group {brief(name.text())} (it "
             f"has: {', '.join(srdf.groups) or 'none'}); planned are the joints that "
@@ -514,7 +513,8 @@ def _outside_group(
             f"{request.path}: start_state says nothing about {', '.join(lacking)}, "
             "outside the group; held where the robot's SRDF file has them, else at 0"
         )
-    return {j.name: start.get(j.name, rest_position(j, states)) for j in outside}
+    rest = {j.name: rest_position(j, srdf.group_states) for j in outside}
+    return {name: start.get(name, position) for name, position in rest.items()}
 
 
 def load_moveit(
@@ -804,10 +804,10 @@ class _GoalReader:
                 item.fail(f"holds more than {MOST_GOALS} combinations of regions")
             goals: list[Goal] = []
             for placed in itertools.product(*choices):
-                posed = [link for _, link in placed]
+                posed = [goal.frame for goal in placed if isinstance(goal, PoseGoal)]
                 free = {link: turn for link, turn in turns.items() if link not in posed}
                 turned = (_orientation_goal(link, *turn) for link, turn in free.items())
-                parts = [*fixed, *(goal for goal, _ in placed), *filter(None, turned)]
+                parts = [*fixed, *placed, *filter(None, turned)]
                 if not parts:
                     item.fail("has no effect: every orientation satisfies it")
                 goals.append(parts[0] if len(parts) == 1 else AllGoals(parts))
@@ -869,10 +869,8 @@ class _GoalReader:
             turns[link] = base @ rotation, tolerance
         return turns
 
-    def _place_goals(
-        self, place: Field, turns: Mapping[str, _Turn]
-    ) -> list[tuple[Goal, str | None]]:
-        """Alternative goals for the origin of a link, each with the link it orients."""
+    def _place_goals(self, place: Field, turns: Mapping[str, _Turn]) -> list[Goal]:
+        """Alternative goals for the origin of a link; poses orient the link, too."""
         link = self._link(place)
         exact = {link: turn for link, (turn, most) in turns.items() if not np.any(most)}
         rotation = exact.get(link)
@@ -884,7 +882,7 @@ class _GoalReader:
             if rotation is None:
                 offset.fail("an offset without an exact orientation is not read")
             base = pin.SE3(np.eye(3), -rotation @ shift) * base
-        goals: list[tuple[Goal, str | None]] = []
+        goals: list[Goal] = []
         for kind in ("primitive", "mesh"):
             # A pose without a shape is a point.
             for shape, spot in _placed_shapes(region, kind, base, optional="shapes"):
@@ -897,13 +895,11 @@ class _GoalReader:
                         mesh = Mesh("region", **_mesh(shape, self.frames))
                     spot = spot * pin.SE3(np.eye(3), mesh.points.mean(axis=0))
                 if isinstance(size, np.ndarray):
-                    goals.append((RegionGoal(link, -size, size, spot), None))
+                    goals.append(RegionGoal(link, -size, size, spot))
                 elif size == 0.0 and rotation is not None:
-                    pose = pin.SE3(rotation, spot.translation)
-                    goals.append((PoseGoal(link, pose), link))
+                    goals.append(PoseGoal(link, pin.SE3(rotation, spot.translation)))
                 else:
-                    point = PositionGoal(link, spot.translation, tolerance=size)
-                    goals.append((point, None))
+                    goals.append(PositionGoal(link, spot.translation, tolerance=size))
         if not 0 < len(goals) <= MOST_GOALS:
             region.fail(f"holds {len(goals)} regions, expected 1 to {MOST_GOALS}")
         return goals

@@ -278,17 +278,15 @@ def _seconds(value: Field) -> float:
     if not isinstance(value.value, dict):
         return value.number()
     old = "secs" in value.value or "nsecs" in value.value
-    sec, nanosec = ("secs", "nsecs") if old else ("sec", "nanosec")
-    value.only(sec, nanosec)
+    units = {"secs": BILLION, "nsecs": 1} if old else {"sec": BILLION, "nanosec": 1}
+    value.only(*units)
     total = 0
-    for name, unit in ((sec, BILLION), (nanosec, 1)):
-        item = value.get(name)
-        if not item.given:
-            continue
-        if not isinstance(item.value, int) or isinstance(item.value, bool):
-            item.fail(f"is {item.value!r}, expected a whole number")
-        item.number()  # refuses values that do not fit into a float
-        total += item.value * unit
+    for name, item in value.table().items():
+        if item.given:
+            if type(item.value) is not int:
+                item.fail(f"is {item.value!r}, expected a whole number")
+            item.number()  # refuses values that do not fit into a float
+            total += item.value * units[name]
     return total / BILLION
 
 

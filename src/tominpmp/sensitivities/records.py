@@ -13,6 +13,7 @@ import numpy as np
 from tominpmp.arrays import Array, FrozenArray, Record, frozen_array, number_or_nan
 from tominpmp.checks import instance, optional, whole, wrong
 from tominpmp.motion_limits import joint_kinds
+from tominpmp.notebook import text_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -234,18 +235,9 @@ class Sensitivities(Record):
         shown = [item for item in self.records if abs(item.effect) >= LEAST]
         rows = [_row(item, self.T) for item in shown[:most]]
         head = ("what", "limit", "more by", "changes T by", "d ln T / d ln")
-        widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
-        lines = [
-            "  ".join(
-                cell.ljust(width) if i < 2 else cell.rjust(width)
-                for i, (cell, width) in enumerate(zip(row, widths, strict=True))
-            ).rstrip()
-            for row in (head, *rows)
-        ]
         omitted = len(shown) - len(rows)
-        if omitted:
-            lines.append(f"and {omitted} more of less effect")
-        return "\n".join(lines)
+        more = f"\nand {omitted} more of less effect" if omitted else ""
+        return text_table([head, *rows], left=2) + more
 
     def plot(self, path: str | Path | None = None, *, most: int = 20) -> Figure:
         """Draw the sensitivities as bars, the largest first.

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 from tominpmp.cell.tours.station import Station, Visit
 from tominpmp.exceptions import PlanningFailed, ProblemError, brief, shortened
 from tominpmp.motion.trajectory import Trajectory
+from tominpmp.notebook import text_table
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.sequence import in_sequence, joined
 from tominpmp.sensitivities.analysis import analyse
@@ -274,14 +275,11 @@ class Tour:
 
     def table(self) -> str:
         """The visits as a table: station, arrival, stay and departure [s]."""
-        width = max([7, *(len(visit.station) for visit in self.visits)])
-        rows = [f"{'station':<{width}}  arrival [s]  stay [s]  departure [s]"]
-        rows += [
-            f"{visit.station:<{width}}  {visit.arrival:11.4f}  "
-            f"{visit.departure - visit.arrival:8.4f}  {visit.departure:13.4f}"
-            for visit in self.visits
-        ]
-        return "\n".join(rows)
+        rows = [("station", "arrival [s]", "stay [s]", "departure [s]")]
+        for visit in self.visits:
+            times = visit.arrival, visit.departure - visit.arrival, visit.departure
+            rows.append((visit.station, *(f"{time:.4f}" for time in times)))
+        return text_table(rows, left=1)
 
 
 def _place(
