@@ -106,6 +106,10 @@ BAD = {
         "plan planar3r --start start --goal 1,1,1 --wrap elbow",
         "error: --wrap: there is no joint 'elbow'",
     ),
+    "turning without a configuration": (
+        "plan planar3r --start start --goal-position tip 4 1 0 --wrap joint1",
+        "error: --wrap is about the joints of a --goal",
+    ),
     "obstacle as far as numbers go": (
         "plan planar3r --start start --goal 1,1,1 --obstacle sphere:a:r=1:at=1e308,0,0",
         "position is [1e+308, 0.0, 0.0], expected three coordinates [m], all finite, "

@@ -67,6 +67,11 @@ def free(goal: dict[str, Any], *widths: float) -> dict[str, Any]:
     return goal | {"orientation_constraints": [one]}
 
 
+TURNS = turn()["orientation_constraints"]
+NINE: dict[str, Any] = {"primitives": [], "primitive_poses": 9 * [{}]}
+SPOTS = place(constraint_region=NINE)["position_constraints"]
+
+
 def goal_of(robot: Robot, folder: Path, goal: dict[str, Any], **scene: Any) -> Any:
     request = changed(REQUEST, "goal_constraints", [goal])
     return load_moveit(robot, *write(folder, request=request, **scene)).goal
@@ -319,6 +324,12 @@ def test_meshes_are_read_from_triangles_and_from_files(
         assert corners == {tuple(np.multiply(row, scale)) for row in CORNERS}
     np.testing.assert_array_equal(found["part.0"].triangles, FACES)
     assert len(load_moveit_scene(paths[0])) == 4
+    shape = {"vertices": CORNERS, "triangles": FACES}
+    region = {"meshes": [shape], "mesh_poses": [{"position": [4.0, 1.0, 0.0]}]}
+    inside = goal_of(planar3r, tmp_path, place(constraint_region=region), scene=scene)
+    assert isinstance(inside, PositionGoal)
+    expected = np.array([4.0, 1.0, 0.0]) + np.mean(CORNERS, axis=0)
+    np.testing.assert_allclose(inside.position, expected)
 
 
 @pytest.mark.parametrize(
@@ -383,6 +394,11 @@ def test_joints_without_a_goal_stay_at_the_start_or_are_locked(
     locked = load_robot("planar3r", locked_joints={"joint3": -1.0})
     with pytest.warns(TominpmpWarning, match=r"joint3 is at -1\.7 .* locked at -1"):
         load_moveit(locked, *paths)
+    elsewhere = pytest.raises(
+        ScenarioError, match=r"is 0\.5, but joint 'joint3' is locked"
+    )
+    with pytest.warns(TominpmpWarning), elsewhere:
+        load_moveit(locked, *write(tmp_path))
 
 
 @pytest.mark.parametrize(
@@ -455,6 +471,11 @@ def test_joints_without_a_goal_stay_at_the_start_or_are_locked(
             "attached .*: cup",
         ),
         (("world", 7), "world", "a table"),
+        (
+            ("robot_state", "multi_dof_joint_state", "transforms", [{}, {}]),
+            "robot_state.multi_dof_joint_state.transforms",
+            "holds 2 transforms",
+        ),
     ],
 )
 def test_message_about_a_wrong_planning_scene_names_its_key(
@@ -524,6 +545,16 @@ def test_message_about_a_wrong_planning_scene_names_its_key(
             ("goal_constraints", [free(turn(), 4.0, 4.0, 4.0)]),
             "goal_constraints[0]",
             "every orientation satisfies it",
+        ),
+        (
+            ("goal_constraints", [{"orientation_constraints": 2 * TURNS}]),
+            "goal_constraints[0].orientation_constraints[1].link_name",
+            "the link 'tip' occurs twice",
+        ),
+        (
+            ("goal_constraints", [{"position_constraints": 2 * SPOTS}]),
+            "goal_constraints[0]",
+            "more than 64 combinations of regions",
         ),
         (
             ("goal_constraints", [free(turn(), 0.0, -0.1, 0.0)]),
