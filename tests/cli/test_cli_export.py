@@ -111,8 +111,8 @@ def test_effort_is_written_on_request_only(run: Run, planner: Planner) -> None:
         ("-o m.csv --with-effort", "--with-effort is for ROS messages (.yaml"),
         ("-o m.npz --ros-message JointTrajectory", "message is for ROS messages"),
         ("-o m.yaml --ros-message JointState", "message is 'JointState', expected one"),
-        ("-o - --with-effort", "--with-effort and --ros-message are for files"),
-        ("--no-output --ros-message JointTrajectory", "are for files of ROS messages"),
+        ("-o - --with-effort", "not for standard output"),
+        ("--no-output --ros-message JointTrajectory", "not for --no-output"),
         ("--with-effort", "--with-effort is for ROS messages"),
     ],
 )

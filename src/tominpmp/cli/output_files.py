@@ -73,14 +73,8 @@ def motion_file(options: PlanOptions) -> Path | None:
     if not options.no_output and name != STDOUT:
         motion = _free_name() if name is None else Path(name)
     check_target(motion, "--output", MOTION_ENDINGS)
-    if motion is not None:
-        check_options(motion, options.with_effort, options.ros_message)
-    elif options.with_effort or options.ros_message is not None:
-        raise OptionsError(
-            "--with-effort and --ros-message are for files of ROS messages "
-            "(--output FILE.yaml)",
-            "output",
-        )
+    target = motion or (OUTPUT if name == STDOUT else "--no-output")
+    check_options(target, options.with_effort, options.ros_message)
     check_target(options.save_scenario, "--save-scenario", (".toml",))
     paths = [getattr(options, field) for field in FILES]
     for path, (field, (_, endings, _)) in zip(paths, FILES.items(), strict=True):

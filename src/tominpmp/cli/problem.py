@@ -116,17 +116,15 @@ def _in_si(
     args: ProblemOptions, name: str, items: Sequence[str], robot: Robot
 ) -> list[float] | dict[str, float]:
     """Values of joints in words of an option, from degrees for revolute joints."""
-    values, degrees = joint_values(items, _flag(name)), args.degrees
-    revolute = {j.name for j in robot.description.joints if j.kind != "prismatic"}
-
-    def converted(name: str, value: float) -> float:
-        return np.pi / 180 * value if degrees and name in revolute else value
-
+    values = joint_values(items, _flag(name))
+    turning = [j.name for j in robot.description.joints if j.kind != "prismatic"]
+    units = dict.fromkeys(turning if args.degrees else (), np.pi / 180)
     if isinstance(values, dict):
-        return {name: converted(name, value) for name, value in values.items()}
+        return {joint: units.get(joint, 1.0) * x for joint, x in values.items()}
     if len(values) != robot.n:
         return values
-    return [converted(*pair) for pair in zip(robot.joint_names, values, strict=True)]
+    named = zip(robot.joint_names, values, strict=True)
+    return [units.get(joint, 1.0) * x for joint, x in named]
 
 
 def positions(
