@@ -54,10 +54,10 @@ def shortened(text: str, most: int = BRIEF) -> str:
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
-def enumerated(items: Sequence[object]) -> str:
+def enumerated(items: Sequence[object], most: int = MOST_NAMED) -> str:
     """The first items in words, and the number of the others."""
-    rest = f"; and {len(items) - MOST_NAMED} more" if len(items) > MOST_NAMED else ""
-    return "; ".join(map(str, items[:MOST_NAMED])) + rest
+    rest = f"; and {len(items) - most} more" if len(items) > most else ""
+    return "; ".join(map(str, items[:most])) + rest
 
 
 def brief(value: object, most: int = BRIEF) -> str:
@@ -359,4 +359,4 @@ def warn_caller(message: str) -> None:
         or frame.f_code.co_filename == "<string>"
     ):
         level, frame = level + 1, frame.f_back
-    warnings.warn(message, TominpmpWarning, stacklevel=level)
+    warnings.warn(shortened(message, LONGEST), TominpmpWarning, stacklevel=level)

@@ -57,10 +57,11 @@ def text_table(rows: Sequence[Sequence[str]], left: int) -> str:
         left: Number of columns, from the first, that are aligned on the left.
     """
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    pads = [str.ljust if i < left else str.rjust for i in range(len(widths))]
     lines = []
     for row in rows:
-        cells = (pad(*cell) for pad, *cell in zip(pads, row, widths, strict=True))
+        pairs = list(zip(row, widths, strict=True))
+        cells = [cell.ljust(width) for cell, width in pairs[:left]]
+        cells += [cell.rjust(width) for cell, width in pairs[left:]]
         lines.append("  ".join(cells).rstrip())
     return "\n".join(lines)
 

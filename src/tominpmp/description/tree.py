@@ -290,6 +290,10 @@ UNSEEN = (
 )
 
 
+# Most places that a warning names.
+MOST_PLACES = 20
+
+
 def warn_of(remarks: Mapping[str, Sequence[str]], path: Path) -> None:
     """Warn of what was corrected, left out or doubted in a file.
 
@@ -299,7 +303,8 @@ def warn_of(remarks: Mapping[str, Sequence[str]], path: Path) -> None:
     """
     for remark, places in remarks.items():
         if places:
-            warn_caller(f"{path}: {remark.format(enumerated(places))}")
+            shown = enumerated(places, MOST_PLACES)
+            warn_caller(f"{path}: {remark.format(shown)}")
 
 
 def fixed_joint(

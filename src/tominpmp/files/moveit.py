@@ -29,7 +29,7 @@ from tominpmp.description.fields import Field
 from tominpmp.description.files import missing_resource, resolve_resource
 from tominpmp.description.paths import checked_path, read_bytes
 from tominpmp.description.srdf import SemanticDescription, rest_position, warn_of_group
-from tominpmp.description.tree import UrdfDescription
+from tominpmp.description.tree import UNREAD, UrdfDescription, warn_of
 from tominpmp.description.yaml_reader import MAX_BYTES, parse_yaml
 from tominpmp.exceptions import (
     ProblemError,
@@ -40,7 +40,7 @@ from tominpmp.exceptions import (
     warn_caller,
 )
 from tominpmp.files.limits import load_limited_robot
-from tominpmp.files.records import blaming, warn_of_keys
+from tominpmp.files.records import blaming
 from tominpmp.files.scene_text import is_scene_text, parse_scene_text
 from tominpmp.goals.base import Goal
 from tominpmp.goals.frames import AxisGoal, PoseGoal, PositionGoal, RegionGoal
@@ -253,7 +253,7 @@ def _read_scene(message: Field, frames: _Frames) -> Scene:
     _refuse_attached(message.get("robot_state"))
     world = message.get("world")
     unread = dict.fromkeys((*_unread_precautions(message), *_unread(message, SCENE)))
-    warn_of_keys(message.path, "not read", tuple(unread))
+    warn_of({UNREAD: list(unread)}, message.path)
     octree = world.get("octomap").get("octomap").get("data")
     if octree.given:
         octree.fail("octrees are not read")
@@ -508,11 +508,9 @@ def _outside_group(
             f"and {', '.join(j.name for j in outside)} are held"
         )
     lacking = [joint.name for joint in outside if joint.name not in start]
-    if lacking:
-        warn_caller(
-            f"{request.path}: start_state says nothing about {', '.join(lacking)}, "
-            "outside the group; held where the robot's SRDF file has them, else at 0"
-        )
+    held = "held where the robot's SRDF file has them, else at 0"
+    remark = f"start_state says nothing about {{}}, outside the group; {held}"
+    warn_of({remark: lacking}, request.path)
     rest = {j.name: rest_position(j, srdf.group_states) for j in outside}
     return {name: start.get(name, position) for name, position in rest.items()}
 
@@ -576,7 +574,7 @@ def load_moveit(
     arm = _grouped_robot(robot, request, start, kinematic, joint_limits)
     _check_state(arm, state.get("joint_state"), start)
     _refuse_unread(request)
-    warn_of_keys(request.path, "not read", tuple(_unread(request, REQUEST)))
+    warn_of({UNREAD: list(_unread(request, REQUEST))}, request.path)
     _refuse_attached(state)
     frames = _read_frames(scene_message, arm, state)
     _check_upright(frames, arm, scene_message)
@@ -671,11 +669,9 @@ def _check_state(robot: Robot, state: Field, start: Mapping[str, float]) -> None
             f"says nothing about the joints {', '.join(lacking)}{hint}; the robot "
             f"has: {', '.join(sorted(known))}"
         )
-    if others:  # for example joints of a gripper
-        warn_caller(
-            f"{names.path}: {names.key}: the robot has no joints "
-            f"{', '.join(others[:20])}; their positions are ignored"
-        )
+    # For example joints of a gripper.
+    remark = "the robot has no joints {}: their positions are ignored"
+    warn_of({f"{names.key}: {remark}": others}, names.path)
     for name, position in robot.locked_joints.items():
         requested = start.get(name, position)
         if abs(requested - position) > LOCK_OFFSET:
@@ -690,10 +686,7 @@ def _start_velocity(robot: Robot, request: Field) -> Array | None:
         return None
     velocity = _start_values(request, "velocity")
     held = [name for name in robot.locked_joints if velocity.get(name, 0.0) != 0.0]
-    if held:
-        warn_caller(
-            f"{request.path}: {', '.join(held)} move at the start, but are locked"
-        )
+    warn_of({"{} move at the start, but are locked": held}, request.path)
     return np.array([velocity[name] for name in robot.joint_names])
 
 

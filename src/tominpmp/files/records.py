@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import MISSING, fields, replace
 from functools import cache
@@ -29,9 +29,7 @@ from tominpmp.exceptions import (
     ScenarioError,
     SceneError,
     TominpmpError,
-    brief,
     unknown,
-    warn_caller,
 )
 from tominpmp.goals.base import Goal
 from tominpmp.motion_limits import EffortCurve, MotionLimits
@@ -46,8 +44,6 @@ from tominpmp.scene.scene import Scene
 
 T = TypeVar("T")
 
-# Most keys that a warning names.
-MOST_KEYS = 20
 # Text for None where a field has another default; TOML has no null value.
 NONE = "none"
 # Classes whose tables have no key ``type``, and base classes whose tables have one.
@@ -69,13 +65,6 @@ def blaming(item: Field) -> Iterator[None]:
         if isinstance(error, ScenarioError) and error.path == item.path:
             raise
         item.blame(error)
-
-
-def warn_of_keys(path: Path, fate: str, keys: Sequence[str]) -> None:
-    """Warn of keys of a file, if any, with their fate, for example "not read"."""
-    if keys:
-        shown = ", ".join(brief(key).strip("'\"") for key in keys[:MOST_KEYS])
-        warn_caller(f"{path}: {fate}: {shown}")
 
 
 def classes(base: type[Any]) -> dict[str, type[Any]]:

@@ -275,10 +275,10 @@ class Tour:
 
     def table(self) -> str:
         """The visits as a table: station, arrival, stay and departure [s]."""
-        rows = [("station", "arrival [s]", "stay [s]", "departure [s]")]
+        rows = [["station", "arrival [s]", "stay [s]", "departure [s]"]]
         for visit in self.visits:
             times = visit.arrival, visit.departure - visit.arrival, visit.departure
-            rows.append((visit.station, *(f"{time:.4f}" for time in times)))
+            rows.append([visit.station, *(f"{time:.4f}" for time in times)])
         return text_table(rows, left=1)
 
 
