@@ -325,8 +325,7 @@ def _cell(key: str, value: Any) -> str:
 
 def rows_text(message: str, rows: Sequence[tuple[str, str]]) -> str:
     """Format a message and, below it, rows of a label and a text."""
-    width = max(len(label) for label, _ in rows) + 2
-    return "\n".join([message, "", *(f"  {k:<{width}}{text}" for k, text in rows)])
+    return f"{message}\n\n{textwrap.indent(text_table(rows, left=2), '  ')}"
 
 
 def plain(value: Any) -> Any:
