@@ -80,10 +80,10 @@ import re
 import tempfile
 from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, fields, replace
+from dataclasses import MISSING, dataclass, fields, replace
 from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -126,6 +126,8 @@ from tominpmp.robot.payload import Payload
 from tominpmp.robot.robot import DEFAULT_GRAVITY, Robot
 from tominpmp.scene.obstacles import Obstacle
 from tominpmp.scene.scene import Scene
+
+T = TypeVar("T")
 
 
 def read_motion_limits(table: Field, robot: Robot) -> MotionLimits | None:
@@ -290,9 +292,6 @@ def row(
         return joint_vector(robot, given, value.key, quantity)
 
 
-SEGMENT_KEYS = tuple(field.name for field in fields(Segment))
-
-
 def _read_segments(table: Field, robot: Robot, q_start: Array) -> tuple[Segment, ...]:
     """Read the segments of a problem.
 
@@ -308,24 +307,38 @@ def _read_segments(table: Field, robot: Robot, q_start: Array) -> tuple[Segment,
     segments: list[Segment] = []
     before: Array | None = q_start
     for item in table.items():
-        segment = _read_segment(item, robot, before)
+        segment = read_phase(Segment, item, robot, before)
         before = segment.goal.configuration
         segments.append(segment)
     return tuple(segments)
 
 
-def _read_segment(table: Field, robot: Robot, before: Array | None) -> Segment:
-    table.only(*SEGMENT_KEYS)
+def read_phase(kind: type[T], table: Field, robot: Robot, before: Array | None) -> T:
+    """Read a segment of a motion, or a station of a tour.
+
+    Args:
+        kind: Its class, which has a goal, and whose fields are the keys of the table.
+        table: Its table.
+        robot: The robot.
+        before: Positions of the joints that its goal does not name, see
+            :func:`read_goal`.
+
+    Raises:
+        ScenarioError: If the table is wrong.
+    """
+    known = {item.name: item.default for item in fields(kind)}  # type: ignore[arg-type]
+    table.only(*known)
+    for name in (key for key, default in known.items() if default is MISSING):
+        table.need(name)
     conditions = read_conditions(table, robot)
+    goal = read_goal(table.get("goal"), robot, before)
     try:
-        return Segment(read_goal(table.need("goal"), robot, before), **conditions)
+        return kind(goal=goal, **conditions)
     except ProblemError as error:
-        key_of(table, error.field).fail(str(error))
+        _key_of(table, error.field, known).fail(str(error))
 
 
-def key_of(
-    table: Field, field: str | None, keys: Collection[str] = SEGMENT_KEYS
-) -> Field:
+def _key_of(table: Field, field: str | None, keys: Collection[str]) -> Field:
     """Value of a table that an error concerns, by the field that the error names.
 
     Args:
@@ -348,7 +361,11 @@ def key_of(
     return item
 
 
-# Readers of the keys that scenarios and segments have in common.
+def _texts(items: Field) -> list[str]:
+    return [item.text() for item in items.items()]
+
+
+# Readers of keys that scenarios, segments and stations have.
 READERS: dict[str, Callable[[Field], Any]] = {
     "scene": _read_scene,
     "margin": Field.number,
@@ -359,11 +376,14 @@ READERS: dict[str, Callable[[Field], Any]] = {
     "stop": Field.flag,
     "dwell": Field.number,
     "arrival": attrgetter("value"),
+    "name": Field.text,
+    "after": _texts,
+    "then": _texts,
 }
 
 
 def read_conditions(table: Field, robot: Robot) -> dict[str, Any]:
-    """Read the conditions along the motion of a scenario, a tour or a segment.
+    """Read the conditions of a scenario, a tour, a segment or a station.
 
     Returns:
         The given values, as arguments by name.
@@ -703,7 +723,7 @@ def _blamed(document: Field, field: str) -> Field:
     """Value of a scenario at fault, by a field of its problem: "segments[1].goal"."""
     if re.match(r"(segments\[0\]\.)?[qva]_start", field):
         return document.get("start")  # also the start of the first segment
-    item = key_of(document, field, SECTIONS)
+    item = _key_of(document, field, SECTIONS)
     return document.get("goal") if item is document else item
 
 

@@ -35,14 +35,13 @@ that a station or the end does not name keep their positions of the start.
 
 from __future__ import annotations
 
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from tominpmp.arrays import Array
 from tominpmp.cell.tours.station import Rules, Station, checked_stations
 from tominpmp.description.fields import Field
-from tominpmp.exceptions import ProblemError, brief
+from tominpmp.exceptions import brief
 from tominpmp.files import scenario
 from tominpmp.files.records import blaming
 from tominpmp.robot.robot import Robot
@@ -51,7 +50,6 @@ SECTIONS = (
     *(name for name in scenario.SECTIONS if name not in ("goal", "segments")),
     *("tour", "stations"),
 )
-KEYS = tuple(field.name for field in fields(Station))
 
 
 def load_tour(path: str | Path) -> dict[str, Any]:
@@ -91,7 +89,8 @@ def load_tour(path: str | Path) -> dict[str, Any]:
         if count.value is not None:
             arguments["configurations"] = count.value
     items, precedence = document.need("stations"), tour.get("precedence")
-    stations = [_read_station(item, robot, q_start) for item in items.items()]
+    read = scenario.read_phase
+    stations = [read(Station, item, robot, q_start) for item in items.items()]
     pairs = precedence.value or ()
     with blaming(items):
         checked_stations(stations)
@@ -108,15 +107,3 @@ def _read_end(end: Field, robot: Robot, q_start: Array) -> Any:
     if end.value not in ("start", "last"):
         end.fail(f'is {brief(end.value)}, expected "start", "last" or joint positions')
     return "start" if end.value == "start" else None
-
-
-def _read_station(table: Field, robot: Robot, q_start: Array) -> Station:
-    table.only(*KEYS)
-    conditions = scenario.read_conditions(table, robot)
-    for key in ("after", "then"):
-        conditions[key] = [name.text() for name in table.get(key).items()]
-    name, goal = table.need("name").text(), table.need("goal")
-    try:
-        return Station(name, scenario.read_goal(goal, robot, q_start), **conditions)
-    except ProblemError as error:
-        scenario.key_of(table, error.field, KEYS).fail(str(error))
