@@ -83,7 +83,7 @@ from contextlib import suppress
 from dataclasses import MISSING, dataclass, fields, replace
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -126,8 +126,6 @@ from tominpmp.robot.payload import Payload
 from tominpmp.robot.robot import DEFAULT_GRAVITY, Robot
 from tominpmp.scene.obstacles import Obstacle
 from tominpmp.scene.scene import Scene
-
-T = TypeVar("T")
 
 
 def read_motion_limits(table: Field, robot: Robot) -> MotionLimits | None:
@@ -307,13 +305,15 @@ def _read_segments(table: Field, robot: Robot, q_start: Array) -> tuple[Segment,
     segments: list[Segment] = []
     before: Array | None = q_start
     for item in table.items():
-        segment = read_phase(Segment, item, robot, before)
+        segment: Segment = read_phase(Segment, item, robot, before)
         before = segment.goal.configuration
         segments.append(segment)
     return tuple(segments)
 
 
-def read_phase(kind: type[T], table: Field, robot: Robot, before: Array | None) -> T:
+def read_phase(
+    kind: type[Any], table: Field, robot: Robot, before: Array | None
+) -> Any:
     """Read a segment of a motion, or a station of a tour.
 
     Args:
@@ -326,7 +326,7 @@ def read_phase(kind: type[T], table: Field, robot: Robot, before: Array | None) 
     Raises:
         ScenarioError: If the table is wrong.
     """
-    known = {item.name: item.default for item in fields(kind)}  # type: ignore[arg-type]
+    known = {item.name: item.default for item in fields(kind)}
     table.only(*known)
     for name in (key for key, default in known.items() if default is MISSING):
         table.need(name)
