@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from tominpmp.cli.front import front_page
 from tominpmp.cli.signals import SIGNALLED, heeded_signals
-from tominpmp.cli.terminal import INTERRUPTED, flush_output, guarded, say
+from tominpmp.cli.terminal import INTERRUPTED, guarded, say
 
 
 def run(words: Sequence[str]) -> int:
@@ -22,7 +22,7 @@ def run(words: Sequence[str]) -> int:
         code = int(end.code or 0)
     if code == INTERRUPTED and signals.number is not None:
         code = SIGNALLED + signals.number
-    return flush_output(code)
+    return code
 
 
 def _run(words: list[str]) -> int:

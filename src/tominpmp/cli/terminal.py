@@ -152,6 +152,8 @@ def guarded(typed: Collection[str] = ()) -> Iterator[None]:
     try:
         with _warnings_shown():
             yield
+        if sys.stdout is not None:
+            sys.stdout.flush()  # Rich leaves that to the end of the program
     except (BrokenPipeError, SystemExit) as error:
         # Rich raises SystemExit if the pipe is closed while it writes the help.
         _discard_output()
@@ -164,7 +166,9 @@ def guarded(typed: Collection[str] = ()) -> Iterator[None]:
         if isinstance(error, OSError):
             stream = error.filename or OUTPUT  # Rich, which writes the help, names none
             message = f"{stream}: {error.strerror or error}"
-            code = UNWRITTEN if stream == OUTPUT else BAD_INPUT
+            if stream == OUTPUT:
+                _discard_output()
+                code = UNWRITTEN
         _explain(message, typed)
         raise SystemExit(code) from error
     except Exception as error:
@@ -222,29 +226,6 @@ def logged(verbose: bool, console: Console) -> AbstractContextManager[None]:
         console.print(text, soft_wrap=True)
 
     return log_shown("tominpmp", show) if verbose else nullcontext()
-
-
-def flush_output(code: int) -> int:
-    """Flush standard output.
-
-    Args:
-        code: The exit code so far. After BAD_INPUT or UNWRITTEN a failed flush is not
-            reported: the failure may have been reported already.
-
-    Returns:
-        The exit code.
-    """
-    try:
-        if sys.stdout is not None:
-            sys.stdout.flush()
-    except OSError as error:
-        _discard_output()
-        if isinstance(error, BrokenPipeError):
-            return CLOSED_PIPE
-        if code not in (BAD_INPUT, UNWRITTEN):
-            complain("error", f"{OUTPUT}: {error.strerror}")
-        return UNWRITTEN
-    return code
 
 
 def _discard_output() -> None:
