@@ -303,8 +303,7 @@ def warn_of(remarks: Mapping[str, Sequence[str]], path: Path) -> None:
     """
     for remark, places in remarks.items():
         if places:
-            shown = enumerated(places, MOST_PLACES)
-            warn_caller(f"{path}: {remark.format(shown)}")
+            warn_caller(f"{path}: {remark.format(enumerated(places, MOST_PLACES))}")
 
 
 def fixed_joint(

@@ -36,8 +36,6 @@ from tominpmp.exceptions import (
 
 # Attributes that lead from a generator, or an error, to its stack frame.
 FRAMES = ("gi_frame", "cr_frame", "ag_frame", "f_back", "tb_frame", "tb_next")
-# Characters of xacro's own warnings that are passed on.
-LONGEST_WARNING = 1000
 # xacro keeps global state in its modules.
 _LOCK = threading.Lock()
 
@@ -141,7 +139,7 @@ def _expanded(
         raise _unwrapped_error(error, path) from error
     # xacro repeats its warnings for each use of a macro.
     if lines := dict.fromkeys(printed.getvalue().splitlines()):
-        warn_caller(f"{path}: {shortened('; '.join(lines), LONGEST_WARNING)}")
+        warn_caller(f"{path}: {'; '.join(lines)}")
     return content
 
 
