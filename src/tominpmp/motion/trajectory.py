@@ -293,8 +293,6 @@ class Trajectory(TimedRows):
     @cached_property
     def turns(self) -> Turns:
         """Directions of motion of the joints, and their reversals."""
-        if self.t.size == 1:
-            return Turns.of_instant(self.t, self.v)
         return Turns.of(self._curve.derivative())
 
     def with_torques(

@@ -21,7 +21,7 @@ from numpy.polynomial.polynomial import polyval
 from scipy.linalg import pascal
 
 from tominpmp.arrays import Array, BoolArray, IntArray
-from tominpmp.dynamics import RESTING, STANDSTILL, STEADY, directions
+from tominpmp.dynamics import RESTING, STANDSTILL, STEADY
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
@@ -88,12 +88,6 @@ class Turns:
         order = np.argsort(times, kind="stable")
         times = _merged(times[order], SAME * t[-1])
         return cls(t, first, times, joint[row][order])
-
-    @classmethod
-    def of_instant(cls, t: Array, v: Array) -> Turns:
-        """Directions of a motion of one node, from its time and velocities, (1, n)."""
-        way = directions(v, 0.0 * v)
-        return cls(t, way, np.zeros(0), np.zeros(0, dtype=np.int64))
 
     def of_joints(self, included: BoolArray) -> Array:
         """Distinct times of reversals of some joints between the nodes [s].
