@@ -797,7 +797,8 @@ class _GoalReader:
                 item.fail(f"holds more than {MOST_GOALS} combinations of regions")
             goals: list[Goal] = []
             for placed in itertools.product(*choices):
-                posed = [goal.frame for goal in placed if isinstance(goal, PoseGoal)]
+                poses = (goal for goal in placed if isinstance(goal.target, pin.SE3))
+                posed = [goal.frame_name for goal in poses]
                 free = {link: turn for link, turn in turns.items() if link not in posed}
                 turned = (_orientation_goal(link, *turn) for link, turn in free.items())
                 parts = [*fixed, *placed, *filter(None, turned)]

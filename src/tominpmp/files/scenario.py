@@ -812,8 +812,7 @@ def scenario_text(
             if check:
                 _check_given_back(part, table, path, files or {})
         except TypeError as error:
-            reason = f"{path}: {key}: cannot be saved: {error}"
-            raise ScenarioError(reason, path, key) from error
+            Field(None, path, key).fail(f"cannot be saved: {error}")
         return table
 
     document = {k: written(k, part) for k, part in parts.items() if k in SECTIONS}
@@ -824,7 +823,7 @@ def scenario_text(
     try:
         text.encode()
     except UnicodeEncodeError as error:
-        raise ScenarioError(f"{path}: a name cannot be saved: {error}", path) from error
+        Field(None, path).fail(f"a name cannot be saved: {error}")
     return text
 
 
