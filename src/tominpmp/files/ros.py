@@ -451,9 +451,8 @@ class Refusal:
 
     def __str__(self) -> str:
         """Name the place and the fault."""
-        where = self.field if self.point is None else f"points[{self.point}]"
-        if self.point is not None and self.field:
-            where += f".{self.field}"
+        where = "" if self.point is None else f"points[{self.point}]."
+        where += self.field
         if self.joint is not None:
             where += f", joint {shortened(self.joint)}"
         return f"{where}: {self.reason}"
