@@ -25,6 +25,7 @@ from tominpmp.goals.joints import JointGoal
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options, Tolerances
 from tominpmp.problem.problem import Problem
+from tominpmp.verification.nearest import Touch
 
 # Scenarios
 
@@ -200,7 +201,8 @@ def test_verify_reports_a_valid_motion(run: Run, judge: Judge, files: None) -> N
 def test_verify_reports_the_violations_of_a_motion(
     run: Run, judge: Judge, files: None
 ) -> None:
-    judge.verdict = Verdict(False, 0.25, (Violation("torque", "joint2", 0.5, 3.0),))
+    torque, touch = Violation("torque", "joint2", 0.5, 3.0), Touch("a", "b", 0.25)
+    judge.verdict = Verdict(False, 0.25, (torque,), touches=(touch,))
     result = run("verify", "scenario.toml", "motion.yaml")
     assert result.exit_code == 1
     assert "does not solve the problem" in result.stdout
@@ -212,6 +214,7 @@ def test_verify_reports_the_violations_of_a_motion(
     assert data["T"] == 2.0
     assert data["min_clearance"] is None  # infinite
     assert "replay" not in data
+    assert data["touches"] == [{"link": "a", "other": "b", "time": 0.25}]
     assert data["violations"] == [
         {"kind": "torque", "joint": "joint2", "time": 0.5, "amount": 3.0}
     ]
