@@ -278,11 +278,8 @@ def _refuse_attached(state: Field) -> None:
 
 def _unread_precautions(message: Field) -> Iterator[str]:
     """Unread keys of a scene that would make a motion safer or less restricted."""
-    for name, key, neutral in (
-        ("link_padding", "padding", 0.0),
-        ("link_scale", "scale", 1.0),
-    ):
-        for item in message.get(name).items():
+    for key, neutral in {"padding": 0.0, "scale": 1.0}.items():
+        for item in message.get(f"link_{key}").items():
             if item.get(key).number(default=neutral) != neutral:
                 yield item.get(key).key
     objects = message.get("world").get("collision_objects").items()
