@@ -298,12 +298,9 @@ def _is_planned(problem: Problem, planned: Trajectory, motion: Trajectory) -> bo
     times = _inner_instants(np.union1d(planned.t, motion.t))
     expected, actual = planned(times), motion(times)
     _, _, control, *_ = joint_limits(problem.robot, problem.motion_limits)
-    differences = (
-        (expected.q - actual.q) / SAME_Q,
-        (expected.v - actual.v) / SAME_V,
-        (expected.u - actual.u) / (SAME_U * control.scale),
-    )
-    return all(bool(np.all(np.abs(part) <= 1.0)) for part in differences)
+    same = {"q": SAME_Q, "v": SAME_V, "u": SAME_U * control.scale}
+    apart = {k: np.abs(getattr(expected, k) - getattr(actual, k)) for k in same}
+    return all(bool(np.all(apart[k] <= most)) for k, most in same.items())
 
 
 def _inner_instants(nodes: Array) -> Array:
