@@ -11,12 +11,14 @@ paper's costates).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.checks import whole
+from tominpmp.motion_limits import LimitKind
 
 # Tolerated excess of a value over its bound between rows, in units of the scale.
 USABLE = 2e-3
@@ -207,42 +209,25 @@ class Constraint(ABC):
         """
         return None
 
-    # -- assumptions about a motion ----------------------------------------------------
+
+@dataclass(frozen=True, eq=False)
+class LimitOfJoints(Constraint):
+    """A limit of joints or their motors, each of which has values of its own.
+
+    Attributes:
+        kind: The kind of limit.
+        of_joints: Joint of each value at an instant, shape (count,).
+    """
+
+    kind: LimitKind
+    of_joints: IntArray
 
     @property
-    def assumes(self) -> bool:
-        """Whether the constraint makes assumptions about the motion."""
-        return False
+    def name(self) -> str:
+        """Name of the kind of limit, with "torque" in place of "effort"."""
+        return self.kind.name.replace("effort", "torque")
 
     @property
-    def informed(self) -> bool:
-        """Whether the assumptions of the constraint are set."""
-        return True
-
-    def assumed(self, states: States, beside: Array) -> Constraint:
-        """The constraint with assumptions taken from a motion at given instants.
-
-        Args:
-            states: The states at these instants.
-            beside: Velocities near these instants, shape (m, n).
-        """
-        return self
-
-    def corrected(
-        self, states: States, beside: Array, tolerance: float
-    ) -> tuple[Constraint, int]:
-        """The constraint with assumptions corrected by a motion, and their changes.
-
-        Args:
-            states: The states of the motion at the instants of the constraint.
-            beside: Velocities near the instants, shape (m, n).
-            tolerance: Tolerated relative excess.
-
-        Returns:
-            The constraint, and the number of values affected by the changes.
-        """
-        return self, 0
-
-    def joined(self, other: Constraint) -> Constraint:
-        """The constraint with the assumptions at its instants and at other instants."""
-        return self
+    def count(self) -> int:
+        """Number of values at an instant."""
+        return int(self.of_joints.size)

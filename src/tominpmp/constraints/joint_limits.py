@@ -7,30 +7,26 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray, Record
-from tominpmp.constraints.base import USABLE, Constraint, Partials, States
-from tominpmp.motion_limits import ACCELERATION, LimitKind
+from tominpmp.constraints.base import USABLE, LimitOfJoints, Partials, States
+from tominpmp.motion_limits import ACCELERATION
 
 # Zero acceleration at a dwell is not a limit of the user, so it has no quantity.
 AT_DWELL = replace(ACCELERATION, name="acceleration at a dwell", quantity="")
 
 
 @dataclass(frozen=True, eq=False)
-class JointLimit(Record, Constraint):
+class JointLimit(Record, LimitOfJoints):
     """Bounds on a derivative of the positions of some joints.
 
     Jerks (order 3) are differences of accelerations between pairs of instants, over
     time.
 
     Attributes:
-        kind: The kind of limit, with the order of the derivative.
-        of_joints: The joints with bounds, shape (k,).
         lower: Lower bounds, shape (k,).
         upper: Upper bounds, shape (k,).
         scale: Scale of the values, shape (k,).
     """
 
-    kind: LimitKind
-    of_joints: IntArray
     lower: Array
     upper: Array
     scale: Array
@@ -50,16 +46,6 @@ class JointLimit(Record, Constraint):
         """
         zero = np.zeros(scale.size)
         return cls(AT_DWELL, np.arange(scale.size), zero, zero, scale)
-
-    @property
-    def name(self) -> str:
-        """Name of the kind of limit."""
-        return self.kind.name
-
-    @property
-    def count(self) -> int:
-        """Number of values at an instant: one for each joint with a limit."""
-        return int(self.of_joints.size)
 
     @property
     def usable(self) -> Array | None:

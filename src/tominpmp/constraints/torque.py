@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.constraints.base import Constraint, Partials, States
+from tominpmp.constraints.base import Constraint, LimitOfJoints, Partials, States
 from tominpmp.constraints.friction import Signs, velocity_signs
 from tominpmp.dynamics import Dynamics
-from tominpmp.motion_limits import SIDES, LimitKind
+from tominpmp.motion_limits import SIDES
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,31 +76,19 @@ class Motors:
 
 
 @dataclass(frozen=True, eq=False)
-class MotorLimit(Constraint):
+class MotorLimit(LimitOfJoints):
     """Base class of constraints on torques, which handles dry friction.
+
+    The controls of kinematic robots are accelerations in place of torques.
 
     Attributes:
         motors: Functions of the torques.
-        kind: Kind of limit: of torques, or of the accelerations of a kinematic robot.
-        of_joints: Joint of each value at an instant, shape (count,).
     """
 
     motors: Motors
-    kind: LimitKind
-    of_joints: IntArray
 
     order = 2
     curable = True
-
-    @property
-    def name(self) -> str:
-        """Name of the kind of limit, with "torque" in place of "effort"."""
-        return self.kind.name.replace("effort", "torque")
-
-    @property
-    def count(self) -> int:
-        """Number of values at an instant."""
-        return int(self.of_joints.size)
 
     @property
     def assumes(self) -> bool:
@@ -118,8 +106,13 @@ class MotorLimit(Constraint):
         return np.zeros(self.count)
 
     def assumed(self, states: States, beside: Array) -> MotorLimit:
-        """The constraint with the velocity signs of a motion."""
-        return self.along(velocity_signs(states.v, beside)) if self.assumes else self
+        """The constraint with the velocity signs of a motion at given instants.
+
+        Args:
+            states: The states at these instants.
+            beside: Velocities near these instants, shape (m, n).
+        """
+        return self.along(velocity_signs(states.v, beside))
 
     def along(self, sign: Array) -> MotorLimit:
         """The constraint with given velocity signs.
@@ -134,7 +127,16 @@ class MotorLimit(Constraint):
     def corrected(
         self, states: States, beside: Array, tolerance: float
     ) -> tuple[MotorLimit, int]:
-        """The constraint with the signs of another motion, where they matter."""
+        """The constraint with the signs of another motion, where they matter.
+
+        Args:
+            states: The states of the motion at the instants of the constraint.
+            beside: Velocities near the instants, shape (m, n).
+            tolerance: Tolerated relative excess.
+
+        Returns:
+            The constraint, and the number of signs that changed.
+        """
         signs = self.assumed(states, beside).motors.signs
         if signs is None:
             return self, 0

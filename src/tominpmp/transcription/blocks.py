@@ -14,6 +14,7 @@ from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.constraints.base import Constraint, Partials, States
 from tominpmp.constraints.joint_limits import JointLimit
 from tominpmp.constraints.path import PathConstraint
+from tominpmp.constraints.torque import MotorLimit
 from tominpmp.exceptions import OptionsError
 from tominpmp.transcription.base import HullRows, Motion, Transcription
 from tominpmp.transcription.instants import Instants
@@ -188,14 +189,14 @@ class SampledRows:
 
     def informed(self, motion: Motion) -> SampledRows:
         """The block with the assumptions of its constraint taken from a motion."""
-        if self.constraint.informed:
+        if not isinstance(self.constraint, MotorLimit) or self.constraint.informed:
             return self
         return replace(self, constraint=self.assumed(motion, self.fixed))
 
     def assumed(self, motion: Motion, at: Instants) -> Constraint:
         """The constraint with its assumptions taken from a motion at instants."""
         of, constraint = self.scheme, self.constraint
-        if not constraint.assumes:
+        if not isinstance(constraint, MotorLimit) or not constraint.assumes:
             return constraint
         middle_v = of.states(motion, at.middles, 1).v
         return constraint.assumed(of.states(motion, at, constraint.order), middle_v)

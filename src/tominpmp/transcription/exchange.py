@@ -136,7 +136,7 @@ class Inspection:
         """
         block, of, motion = self.block, self.block.scheme, self.motion
         constraint, count = block.constraint, 0
-        if constraint.assumes:
+        if isinstance(constraint, MotorLimit) and constraint.assumes:
             at, states = block.states(motion)
             middle_v = of.states(motion, at.middles, 1).v
             constraint, count = constraint.corrected(states, middle_v, self.tolerance)
@@ -146,8 +146,10 @@ class Inspection:
             return replace(block, constraint=constraint.with_times(times)), times.size
         block = replace(block, constraint=constraint)
         if new.size:
-            joined = constraint.joined(block.assumed(motion, new))
-            block = replace(block, constraint=joined, fixed=block.fixed.joined(new))
+            if isinstance(constraint, MotorLimit):
+                constraint = constraint.joined(block.assumed(motion, new))
+            fixed = block.fixed.joined(new)
+            block = replace(block, constraint=constraint, fixed=fixed)
         return block, count + new.size
 
     def _violated(self) -> Instants:

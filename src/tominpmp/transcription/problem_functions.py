@@ -240,11 +240,11 @@ class ProblemFunctions:
         for item in joint_limits(self.problem.robot, self.motion_limits):
             joints, kind, most = item.joints, item.kind, item.upper
             if kind.quantity == "u":
-                limits.append(TorqueLimit(self.motors, kind, np.arange(self.n)))
+                limits.append(TorqueLimit(kind, np.arange(self.n), self.motors))
             elif kind.quantity == "du":
-                limits.append(TorqueRate(self.motors, kind, joints, most[joints]))
+                limits.append(TorqueRate(kind, joints, self.motors, most[joints]))
             elif kind.quantity == "uv":
-                both = self.motors, kind, np.tile(joints, len(SIDES))
+                both = kind, np.tile(joints, len(SIDES)), self.motors
                 limits.append(TorqueOverSpeed(*both, item.by_speed))
             elif joints.size:
                 scale = most if kind.order else self.step_scale
