@@ -62,38 +62,26 @@ FrozenArray: TypeAlias = Annotated[Array, _read_only]
 FrozenFlags: TypeAlias = Annotated[BoolArray, _read_only]
 
 
-def real_array(values: object) -> Array:
+def array_or_nan(values: object) -> Array:
     """Take a caller's numbers as a read-only array of floats.
 
     Unlike NumPy, this refuses numeric strings, truth values and None.
 
     Returns:
-        A new read-only array; NaN and infinities are accepted.
-
-    Raises:
-        ValueError: If the values are not real numbers in a regular array.
+        A new read-only array; NaN and infinities are accepted. A single NaN if the
+        values are not real numbers in a regular array.
     """
+    endless = isinstance(values, range) and len(values) > MOST_NUMBERS
     try:
-        if isinstance(values, range) and len(values) > MOST_NUMBERS:
-            raise ValueError(f"more than {MOST_NUMBERS} numbers")
-        array = np.asarray(values)
-    except Exception as error:  # ragged lists, and objects that pretend to be arrays
-        raise ValueError(f"{brief(values)} is not made of real numbers") from error
-    if array.size and array.dtype.kind not in "iuf":
-        raise ValueError(f"{brief(values)} is not made of real numbers")
-    return frozen_array(array)
-
-
-def array_or_nan(values: object) -> Array:
-    """A caller's numbers as by :func:`real_array`; a single NaN if it refuses them."""
-    try:
-        return real_array(values)
-    except ValueError:
-        return frozen_array(np.nan)
+        array = np.asarray(None if endless else values)
+    except Exception:  # ragged lists, and objects that pretend to be arrays
+        array = np.asarray(None)
+    real = not array.size or array.dtype.kind in "iuf"
+    return frozen_array(array if real else np.nan)
 
 
 def number_or_nan(value: object) -> float:
-    """A caller's number as by :func:`real_array`; NaN if it refuses the value."""
+    """A caller's number as by :func:`array_or_nan`; NaN if it refuses the value."""
     array = array_or_nan(value)
     return float(array) if array.shape == () else float("nan")
 
@@ -114,7 +102,7 @@ def to_number(word: str) -> float:
 
 
 def pair_or_nan(value: object) -> tuple[float, float]:
-    """A caller's pair of numbers, as by :func:`real_array`; NaN if it refuses them."""
+    """A caller's pair of numbers as by :func:`array_or_nan`; NaN if it refuses them."""
     pair = array_or_nan(value)
     first, second = pair.tolist() if pair.shape == (2,) else [float("nan")] * 2
     return first, second

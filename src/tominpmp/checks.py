@@ -306,11 +306,6 @@ LOCK_TOLERANCE = 1e-6
 UNIT_TOLERANCE = 1e-15
 
 
-def plain_vector(value: object) -> object:
-    """Coordinates of an object with x, y and z; other values unchanged."""
-    return _by_axes(value, "xyz")
-
-
 def plain_rotation(value: object) -> object:
     """A rotation, or a list of rotations, as matrices or quaternions (x, y, z, w)."""
     if isinstance(value, type) or isinstance(value, np.ndarray):
@@ -343,7 +338,7 @@ def split_pose(value: object) -> tuple[object, object] | None:
             return array[:3, 3], array[:3, :3]
         return (array[:3], array[3:]) if array.shape == (7,) else None
     position, rotation = parts
-    return plain_vector(position), plain_rotation(rotation)
+    return _by_axes(position, "xyz"), plain_rotation(rotation)
 
 
 def _by_names(value: object) -> tuple[object, object] | None:
@@ -393,7 +388,7 @@ def vector(
     Raises:
         ProblemError: If it is not a vector, or has the wrong size or invalid elements.
     """
-    array = array_or_nan(plain_vector(value) if size == 3 else value)
+    array = array_or_nan(_by_axes(value, "xyz") if size == 3 else value)
     if array.ndim != 1 or size not in (None, array.size):
         raise wrong(value, name, expected)
     if not np.all(np.abs(array) <= most):
