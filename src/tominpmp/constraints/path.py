@@ -11,7 +11,7 @@ of the duration: the times do not change with the duration of the motion.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, TypeAlias, TypeVar
@@ -326,12 +326,7 @@ class PathConstraint(Record, Constraint):
         used, place, parts = self._used(states, at, which)
         if not used.size:
             return Partials(at)
-        by_q, by_v, by_a = (
-            part[place, which] if part.size else None
-            for part in self.term_rows(*parts)[1:]
-        )
-        by_t = None if self.window is None else np.zeros(at.size)
-        return Partials(at, by_q, by_v, by_a, by_t=by_t)
+        return self._partials(self.term_rows(*parts)[1:], (place, which), at)
 
     def bend(self, states: States, at: IntArray, which: IntArray) -> Partials | None:
         """Second-order terms of values that are convex functions of vectors."""
@@ -340,13 +335,18 @@ class PathConstraint(Record, Constraint):
         if found is None or not used.size:
             return None
         size = next(part.shape[2] for part in found if part.size)
+        row = np.repeat(np.arange(at.size), size)
+        return self._partials(found, (place, which), at[row])._replace(row=row)
+
+    def _partials(
+        self, rows: Sequence[Array], chosen: tuple[IntArray, IntArray], at: IntArray
+    ) -> Partials:
+        """Partial derivatives, from those by q, v and a at distinct instants."""
         by_q, by_v, by_a = (
-            part[place, which].reshape(at.size * size, -1) if part.size else None
-            for part in found
+            part[chosen].reshape(at.size, -1) if part.size else None for part in rows
         )
-        at, row = np.repeat(at, size), np.repeat(np.arange(at.size), size)
         by_t = None if self.window is None else np.zeros(at.size)
-        return Partials(at, by_q, by_v, by_a, by_t=by_t, row=row)
+        return Partials(at, by_q, by_v, by_a, by_t=by_t)
 
     def _used(
         self, states: States, at: IntArray, which: IntArray

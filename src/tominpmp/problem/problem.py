@@ -247,7 +247,7 @@ class Problem(Record):
             phase._check_start()
         elif before.goal.configuration is not None:
             if not same:
-                phase._checks.clear(q_start, "start", later=True)
+                phase._checks.clear(q_start, "start")
             passing, v = not before.stop, phase.v_start
             phase._checks.admit(q_start, v, "start", passing=passing)
         rests, former = goal is segment.goal, before.goal if before else None

@@ -51,7 +51,7 @@ class StateChecks:
 
     def start(self, q: Array, v: Array) -> None:
         """Check a start: positions and velocities, shape (n,) each."""
-        self.clear(q, "start")
+        self.clear(q, "start", time=0.0)
         self.regular_mass(q, "start")
         self.admit(q, v, "start")
 
@@ -125,20 +125,18 @@ class StateChecks:
         messages += [f"{text}; it is left out" for text in faulty]
         return restricted(goal, valid), messages
 
-    def clear(self, q: Array, which: str, *, later: bool = False) -> None:
+    def clear(self, q: Array, which: str, time: float | None = None) -> None:
         """Check that the configuration at the "start" or the "goal" is collision-free.
 
         Args:
             q: The configuration, shape (n,).
             which: "start" or "goal".
-            later: Whether it is the start of a later segment, whose time is not known
-                yet.
+            time: Time at which the arm is there [s]; None if it is not known yet:
+                moving obstacles may be elsewhere then.
 
         Raises:
             ProblemError: If it is in collision, naming the deepest collision pair.
         """
-        # The arrival time is not known yet: moving obstacles may be elsewhere then.
-        time = 0.0 if which == "start" and not later else None
         moves = time is None and self.checker.moving
         if self.checker.hulls_clear(q):
             return
