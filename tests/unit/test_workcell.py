@@ -241,7 +241,7 @@ def test_wrong_robots_are_rejected(planar3r: Robot) -> None:
             "another one for each",
         ),
         ({"a": (planar3r, here), "b": (planar3r, here)}, "the bases of 'a' and 'b'"),
-        ({"a": planar3r}, "'a' is .*, expected a robot and its base"),
+        ({"a": planar3r}, "got .'a', <Robot .*, expected .name, robot, base"),
         ({"a/b": (planar3r, here)}, "expected a text without '/'"),
         ({}, "expected a list of .name, robot, base"),
         (planar3r, "expected a list of .name, robot, base"),

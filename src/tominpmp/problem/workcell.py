@@ -75,13 +75,11 @@ class Workcell(Record):
         """Check the robots and combine them."""
         parts: Any = self.robots
         if isinstance(parts, Mapping):
-            for name, item in parts.items():
-                if not isinstance(item, tuple | list) or len(item) != 2:
-                    given = f"robots: {brief(name)} is {brief(item)}"
-                    raise ProblemError(
-                        f"{given}, expected a robot and its base", "robots"
-                    )
-            parts = [(name, *item) for name, item in parts.items()]
+            # An item that is not a pair is refused with the other faults of parts.
+            parts = [
+                (name, *(item if isinstance(item, tuple | list) else [item]))
+                for name, item in parts.items()
+            ]
         robot = combine_robots(parts, gravity=self.gravity)
         placed = {name: (arm, base_placement(name, base)) for name, arm, base in parts}
         robots = MappingProxyType(placed)
