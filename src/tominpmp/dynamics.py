@@ -266,7 +266,7 @@ class RobotDynamics:
 
     def _acceleration(self, q: Array, v: Array, u: Array) -> Array:
         robot, (model, data) = self.robot, self.robot._model_and_data
-        if robot.expansion_matrix is not None:
+        if robot.expansion_matrix is not None or robot.kinematic:
             rest = u - self._smooth(q, v, np.zeros_like(v))
             return np.asarray(np.linalg.solve(self.mass(q), rest[..., None])[..., 0])
         aba, force = pin.aba, u - robot.damping * v
@@ -324,7 +324,7 @@ class RobotDynamics:
     def _acceleration_slopes(self, q: Array, v: Array, u: Array) -> tuple[Array, Array]:
         """Accelerations, and their derivatives by q, v and u, shape (3, m, n, n)."""
         robot, (model, data) = self.robot, self.robot._model_and_data
-        if robot.expansion_matrix is not None:
+        if robot.expansion_matrix is not None or robot.kinematic:
             acceleration = self._acceleration(q, v, u)
             parts = self.inverse_jacobians(q, v, acceleration)
             by_u = np.linalg.inv(parts.tau_a)
@@ -360,16 +360,9 @@ class DoubleIntegrator(RobotDynamics):
         none = np.zeros((len(q), self.n, self.n))
         return InverseJacobians(np.array(a), none, none, self.mass(q))
 
-    def _acceleration(self, q: Array, v: Array, u: Array) -> Array:
-        return np.array(u)
-
     def acceleration_at(self, q: Array, v: Array, u: Array) -> Array:
         """The controls, shape (n,)."""
         return u
-
-    def _acceleration_slopes(self, q: Array, v: Array, u: Array) -> tuple[Array, Array]:
-        none = np.zeros((len(q), self.n, self.n))
-        return u, np.array([none, none, self.mass(q)])
 
 
 def unknown_torques(q: Array, v: Array, a: Array) -> Array:

@@ -296,11 +296,7 @@ class FrameMotions:
 
 def skew(rows: Array) -> Array:
     """Matrices of x -> r x x for vectors r, shape (m, 3) to (m, 3, 3)."""
-    out = np.zeros((len(rows), 3, 3))
-    x, y, z = rows.T
-    out[:, 2, 1], out[:, 0, 2], out[:, 1, 0] = x, y, z
-    out[:, 1, 2], out[:, 2, 0], out[:, 0, 1] = -x, -y, -z
-    return out
+    return np.cross(np.eye(3), rows[:, None])
 
 
 def times(matrices: Array, rows: Array) -> Array:
