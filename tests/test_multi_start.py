@@ -15,7 +15,7 @@ from tominpmp.planner import starts
 from tominpmp.planner.alternatives import candidates_of_alternatives
 from tominpmp.planner.automatic_options import resolve_options
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.planner.torque_starts import torque_starts
+from tominpmp.planner.torque_starts import torque_starts, torques_may_lead
 from tominpmp.planner.work import Work
 from tominpmp.stopping import Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -39,6 +39,21 @@ def test_torque_starts_of_a_plan_are_not_repeated():
     system = ProblemFunctions.of(problem)
     assert len([*torque_starts(system, state, 5)]) == 5
     assert len([*torque_starts(system, state, 7)]) == 2
+
+
+@pytest.mark.parametrize(
+    ("limits", "tried"),
+    [
+        (None, True),
+        (tm.MotionLimits(), True),
+        (tm.MotionLimits(effort_scale=0.9), True),
+        (tm.MotionLimits(jerk=100.0), False),
+    ],
+)
+def test_torque_starts_are_tried_unless_other_limits_are_bounded(limits, tried):
+    """Regression: empty limits and a share of the torques prevented a swing."""
+    system = ProblemFunctions.of(reach(motion_limits=limits))
+    assert torques_may_lead(system) is tried
 
 
 class DrawnOutcomes:

@@ -87,10 +87,10 @@ def torques_may_lead(system: ProblemFunctions) -> bool:
     """Whether random torques may lead to a motion where no path does.
 
     In free space a guess of a path fails only for lack of torque: a small arm may have
-    to swing.
+    to swing. Torques that jump keep no limits beyond those of the torques themselves.
     """
-    smooth = system.problem.motion_limits is not None
-    return system.in_free_space and system.n <= FEW_JOINTS and not smooth
+    limited = bool(system.motion_limits._bounded)
+    return system.in_free_space and system.n <= FEW_JOINTS and not limited
 
 
 def _given_torques(system: ProblemFunctions, options: Options) -> Array:
