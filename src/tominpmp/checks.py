@@ -526,28 +526,19 @@ def in_order(
         ProblemError: If a joint is missing or unknown, a value is not a number, or the
             value of a joint that does not move is not its position.
     """
+    expected = f"expected a value for each of: {', '.join(joints)}"
     for joint, value in values.items():
         if joint in joints:
             continue
         if others is None or joint not in others:
-            raise ProblemError(
-                f"{name} has a value for {brief(joint)}{closest(joint, joints)}, "
-                f"expected one for each of: {', '.join(joints)}",
-                name,
-            )
+            other = brief(joint) + closest(joint, joints)
+            raise ProblemError(f"{name} has a value for {other}, {expected}", name)
         if not abs(_number(value, joint, name) - others[joint]) <= LOCK_TOLERANCE:
-            raise ProblemError(
-                f"{name}: joint {joint!r} is {brief(value)}, but it is locked at "
-                f"{others[joint]:g}",
-                name,
-            )
-    lacking = [joint for joint in joints if joint not in values]
+            fault = f"is {brief(value)}, but it is locked at {others[joint]:g}"
+            raise ProblemError(f"{name}: joint {joint!r} {fault}", name)
+    lacking = ", ".join(joint for joint in joints if joint not in values)
     if lacking and missing is None:
-        raise ProblemError(
-            f"{name} says nothing about {', '.join(lacking)}, expected a value for "
-            f"each of: {', '.join(joints)}",
-            name,
-        )
+        raise ProblemError(f"{name} says nothing about {lacking}, {expected}", name)
     return np.array([_number(values.get(j, missing), j, name) for j in joints])
 
 

@@ -47,7 +47,7 @@ BAD = {
     ),
     "unknown joint": (
         "plan planar3r --start start --goal elbow=1",
-        "--goal has a value for 'elbow', expected one for each of: joint1, joint2",
+        "--goal has a value for 'elbow', expected a value for each of: joint1, joint2",
     ),
     "joint twice": ("plan planar3r --start start --goal joint1=1,joint1=2", "twice"),
     "half a pair": ("plan planar3r --start start --goal joint1=", "JOINT=VALUE"),
@@ -87,7 +87,7 @@ BAD = {
     ),
     "velocity of a stranger": (
         "plan planar3r --start start --goal 1,1,1 --goal-velocity hand=1",
-        "--goal-velocity has a value for 'hand', expected one for each of",
+        "--goal-velocity has a value for 'hand', expected a value for each of",
     ),
     "frame velocity of two": (
         "plan planar3r --start start --goal-position tip 4 1 0 --goal-velocity 1,2",

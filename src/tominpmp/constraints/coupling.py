@@ -52,14 +52,13 @@ class JointCoupling(PathConstraint):
         expected = f"{count} number{'' if count == 1 else 's'}, one for each joint"
         self._keep(weights=vector(given, "weights", expected, count))
         self._keep(lower=number_or_nan(self.lower), upper=number_or_nan(self.upper))
-        if not self.lower <= self.upper or self.lower == np.inf:
+        bounded = np.any(np.isfinite([self.lower, self.upper]))
+        if not self.lower <= self.upper or not bounded:
             raise ProblemError(
                 f"lower is {self.lower:g} and upper {self.upper:g}, expected the lower "
-                "bound below the upper one, or equal bounds",
+                "bound below the upper one, or equal bounds; one may be infinite",
                 "lower",
             )
-        if not np.any(np.isfinite([self.lower, self.upper])):
-            raise ProblemError("lower, upper: both are infinite, no bound", "upper")
 
     @property
     def name(self) -> str:

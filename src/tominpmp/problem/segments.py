@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from types import NoneType
-from typing import Annotated, NamedTuple, TypeAlias
+from typing import Annotated, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -179,22 +179,17 @@ def _check_arrivals(segments: Sequence[Segment]) -> None:
         reached = max(earliest, reached) + segment.dwell
 
 
-def checked_segments(value: object, name: str = "segments") -> tuple[Segment, ...]:
+def checked_segments(value: Any, name: str = "segments") -> tuple[Segment, ...]:
     """Check a caller's segments.
 
     Raises:
         ProblemError: If the value is not a list of segments, holds too many segments,
             or a latest arrival cannot be met.
     """
-    expected = "a list of Segment, one for each goal"
-    if isinstance(value, str) or not isinstance(value, Sequence):
+    listed = isinstance(value, Sequence) and not isinstance(value, str)
+    if not listed or len(value) > MOST_SEGMENTS:
+        expected = f"a list of Segment, one for each goal, {MOST_SEGMENTS} at most"
         raise wrong(value, name, expected)
-    if len(value) > MOST_SEGMENTS:
-        raise ProblemError(
-            f"{name} has {len(value)} items, expected {expected}, {MOST_SEGMENTS} at "
-            "most",
-            name,
-        )
     for k, item in enumerate(value):
         instance(item, Segment, f"{name}[{k}]")
     _check_arrivals(value)
