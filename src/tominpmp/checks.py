@@ -180,6 +180,18 @@ def positive(value: object, name: str, unit: str = "", most: float = math.inf) -
     return number(value, name, expected, above=0.0, most=most)
 
 
+def non_negative(value: object, name: str, unit: str, below: float = math.inf) -> float:
+    """Check a number of zero or more, below a bound, with its unit in the message.
+
+    Raises:
+        ProblemError: If it is not a number, negative, or too large.
+    """
+    expected = (
+        f"a number >= 0{'' if math.isinf(below) else f' and < {below:.4g}'} [{unit}]"
+    )
+    return number(value, name, expected, least=0.0, most=math.nextafter(below, 0.0))
+
+
 def _is_whole(value: object) -> TypeGuard[int]:
     """Whether a caller's value is an integer; truth values do not count as integers."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
@@ -429,9 +441,7 @@ def optional(check: Check) -> Check:
 # Field types that a Record checks.
 FrameName: TypeAlias = Annotated[str, partial(text, expected="the name of a frame")]
 Metres: TypeAlias = Annotated[float, partial(positive, unit="m")]
-Seconds: TypeAlias = Annotated[
-    float, partial(number, expected="a time >= 0 [s]", least=0.0)
-]
+Seconds: TypeAlias = Annotated[float, partial(non_negative, unit="s")]
 Direction: TypeAlias = Annotated[Converted[VectorLike, Array], direction]
 _point = partial(vector, expected="three coordinates [m]", size=3)
 Point: TypeAlias = Annotated[Converted[VectorLike, Array], _point]

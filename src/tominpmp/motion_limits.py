@@ -19,6 +19,7 @@ from tominpmp.checks import (
     choice,
     instance,
     known_joints,
+    non_negative,
     number,
     one_per_joint,
     positive,
@@ -67,7 +68,7 @@ class EffortCurve(Record):
     def droop(cls, stall: float, no_load_speed: float) -> EffortCurve:
         """Linear droop of a direct-current motor: no torque at the no-load speed."""
         top = positive(no_load_speed, "no_load_speed", "rad/s or m/s")
-        torque = number(stall, "stall", "a number >= 0 [N m or N]", least=0.0)
+        torque = non_negative(stall, "stall", "N m or N")
         return cls(np.array([0.0, top]), np.array([torque, 0.0]))
 
     @classmethod

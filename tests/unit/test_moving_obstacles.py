@@ -200,7 +200,7 @@ WRONG = [
     ),
     (lambda: tm.ConstantVelocity((1, 2)), r"velocity is \(1, 2\), expected three"),
     (lambda: tm.ConstantVelocity(pivot="here"), "pivot is .here., expected three"),
-    (lambda: tm.ConstantVelocity(begin=-1.0), "begin is -1.0, expected a time >= 0"),
+    (lambda: tm.ConstantVelocity(begin=-1.0), "begin is -1.0, expected a number >= 0"),
     (lambda: tm.ConstantVelocity(begin=2, end=1), "end is 1, .*the beginning at 2 s"),
     (lambda: tm.ConstantVelocity(end=np.nan), "end is nan, expected a number"),
     (lambda: tm.PoseFunction(3), "function is 3, expected one"),

@@ -73,7 +73,7 @@ def test_start_may_have_a_velocity(planar3r: Robot) -> None:
         ({"goal": (1, 2, 3)}, "goal", r"goal is \(1, 2, 3\), expected a JointGoal"),
         ({"goal": None}, "goal", "goal is None"),
         ({"scene": {"o": 1}}, "scene", "scene is {'o': 1}, expected a Sc"),
-        ({"margin": -0.1}, "margin", r"margin is -0.1, expected a length >= 0 \[m\]"),
+        ({"margin": -0.1}, "margin", r"margin is -0.1, expected a number >= 0 \[m\]"),
         ({"margin": np.nan}, "margin", "margin is nan"),
         ({"margin": np.inf}, "margin", "margin is inf"),
         ({"margin": None}, "margin", "margin is None"),

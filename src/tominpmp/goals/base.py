@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, BoolArray
-from tominpmp.checks import JOINTS, array, instance, number, whole, wrong
+from tominpmp.checks import JOINTS, array, instance, whole, wrong
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.place import Ball, GoalResidual, Label, Miss, Place, joint_labels
 from tominpmp.goals.turns import MOST_WAYS
@@ -321,20 +321,3 @@ def joint_row(kinematics: RobotKinematics, value: Array, name: str) -> Array:
         ProblemError: If the numbers, or the kinematics, are invalid.
     """
     return array(value, name, (robot_of(kinematics).n,), JOINTS)
-
-
-def goal_tolerance(value: object, name: str, unit: str, most: float = np.inf) -> float:
-    """Check a caller's tolerance.
-
-    Args:
-        value: The tolerance.
-        name: Name of the tolerance in messages.
-        unit: Unit of the tolerance.
-        most: Exclusive upper bound.
-
-    Raises:
-        ProblemError: If the tolerance is negative, not finite or too large.
-    """
-    top = "" if np.isinf(most) else f" and < {most:.4g}"
-    below = float(np.nextafter(most, 0.0))
-    return number(value, name, f"a number >= 0{top} [{unit}]", least=0.0, most=below)

@@ -22,21 +22,22 @@ from tominpmp.checks import (
     VectorLike,
     array,
     instance,
+    non_negative,
     optional,
     text,
     vector,
     wrong,
 )
 from tominpmp.exceptions import ProblemError
-from tominpmp.goals.base import Goal, goal_tolerance, joint_row
+from tominpmp.goals.base import Goal, joint_row
 from tominpmp.goals.direction import across, deviations
 from tominpmp.goals.place import Ball, Label, Place
 from tominpmp.kinematics import FrameMotions, RobotKinematics
 from tominpmp.robot.robot import Robot
 from tominpmp.scene.rotations import checked_pose
 
-Distance: TypeAlias = Annotated[float, partial(goal_tolerance, unit="m")]
-Angle: TypeAlias = Annotated[float, partial(goal_tolerance, unit="rad", most=np.pi)]
+Distance: TypeAlias = Annotated[float, partial(non_negative, unit="m")]
+Angle: TypeAlias = Annotated[float, partial(non_negative, unit="rad", below=np.pi)]
 VelocityOrNone: TypeAlias = Annotated[
     Converted[VectorLike | None, Array | None],
     optional(partial(vector, expected="three components [m/s]", size=3)),

@@ -29,6 +29,7 @@ from tominpmp.checks import (
     known_joints,
     named_row,
     names,
+    non_negative,
     one_per_joint,
     text,
     vector,
@@ -36,7 +37,7 @@ from tominpmp.checks import (
     wrong,
 )
 from tominpmp.exceptions import ProblemError
-from tominpmp.goals.base import Goal, goal_tolerance, joint_row, robot_of
+from tominpmp.goals.base import Goal, joint_row, robot_of
 from tominpmp.goals.place import Place, joint_labels
 from tominpmp.goals.turns import MOST_WAYS, TURN, equivalent_positions
 from tominpmp.kinematics import RobotKinematics, endless_joints, prismatic_joints
@@ -308,7 +309,7 @@ class JointRegionGoal(GoalOnJoints):
         name = "goal.tolerance"
         row = self._in_order(self.tolerance, name)
         if is_single(row):
-            self._keep(tolerance=goal_tolerance(row, name, "rad or m"))
+            self._keep(tolerance=non_negative(row, name, "rad or m"))
             return
         expected = "numbers >= 0, one for each joint of the goal [rad or m]"
         row = vector(row, name, expected, self.q.size)

@@ -7,13 +7,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import field
 from functools import cached_property, partial
-from types import NoneType
 from typing import Annotated, TypeAlias
 
 import numpy as np
 
 from tominpmp.arrays import Array, Converted, Record, default, frozen_array, record
-from tominpmp.checks import JointsLike, instance, number, of_type
+from tominpmp.checks import JointsLike, instance, non_negative, of_type, optional
 from tominpmp.collision.checker import CollisionChecker
 from tominpmp.constraints.base import USABLE
 from tominpmp.constraints.path import PathConstraint, checked
@@ -50,11 +49,9 @@ FARTHEST = 1e4
 
 
 LoadedRobot: TypeAlias = Annotated[Robot, of_type(Robot, "a Robot (see load_robot)")]
-Margin: TypeAlias = Annotated[
-    float, partial(number, expected="a length >= 0 [m]", least=0.0)
-]
+Margin: TypeAlias = Annotated[float, partial(non_negative, unit="m")]
 FlagOrNone: TypeAlias = Annotated[
-    bool | None, of_type((bool, NoneType), "True, False or None")
+    bool | None, optional(of_type(bool, "True, False or None"))
 ]
 Segments: TypeAlias = Annotated[Sequence[Segment], checked_segments]
 

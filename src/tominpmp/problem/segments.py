@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from types import NoneType
 from typing import Annotated, Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -69,10 +68,10 @@ def checked_pairs(
 SomeGoal: TypeAlias = Annotated[Goal, of_type(Goal, SOME_GOAL)]
 Constraints: TypeAlias = Converted[Sequence[PathConstraint], tuple[PathConstraint, ...]]
 LimitsOrNone: TypeAlias = Annotated[
-    MotionLimits | None, of_type((MotionLimits, NoneType), "MotionLimits or None")
+    MotionLimits | None, optional(of_type(MotionLimits, "MotionLimits or None"))
 ]
 PayloadOrNone: TypeAlias = Annotated[
-    Payload | None, of_type((Payload, NoneType), "Payload or None")
+    Payload | None, optional(of_type(Payload, "Payload or None"))
 ]
 Pairs: TypeAlias = Annotated[Sequence[tuple[str, str]], checked_pairs]
 Flag: TypeAlias = Annotated[bool, flag]

@@ -25,7 +25,7 @@ from tominpmp.arrays import (
     frozen_array,
     record,
 )
-from tominpmp.checks import HUGE, Centre, instance, number, optional, text, wrong
+from tominpmp.checks import HUGE, Centre, instance, non_negative, optional, text, wrong
 from tominpmp.description.inertials import impossible_moments
 from tominpmp.description.model import are_neighbours
 from tominpmp.description.srdf import SemanticDescription
@@ -40,9 +40,7 @@ ROUNDING = 1e-6
 FAR = 10.0
 
 
-Mass: TypeAlias = Annotated[
-    float, partial(number, expected="a mass >= 0 [kg]", least=0.0)
-]
+Mass: TypeAlias = Annotated[float, partial(non_negative, unit="kg")]
 Name: TypeAlias = Annotated[str, partial(text, expected="a name")]
 
 
