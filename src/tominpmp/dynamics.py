@@ -143,8 +143,6 @@ class RobotDynamics:
         Returns:
             Torques, shape (m, n) [N m or N].
         """
-        if self.friction is None:
-            return self._smooth(q, v, a)
         return self.inverse_along(q, v, a, directions(v, a))
 
     def inverse_along(self, q: Array, v: Array, a: Array, signs: Array) -> Array:

@@ -59,11 +59,8 @@ class Window:
     times: Array
 
     @classmethod
-    def of(cls, during: tuple[float, float] | None) -> Window | None:
-        """The window between two checked times; None for the whole motion."""
-        if during is None:
-            return None
-        begin, end = during
+    def between(cls, begin: float, end: float) -> Window:
+        """The window between two checked times, with its initial rows."""
         last = end if np.isfinite(end) else begin + FIRST_STEP * (FIRST_TIMES - 1)
         usual = 1 + np.ceil((last - begin) / FIRST_STEP)
         count = int(np.clip(usual, FIRST_TIMES, MOST_TIMES))
@@ -276,7 +273,7 @@ class PathConstraint(Record, Constraint):
         # Cached motions of the frame may belong to another robot.
         return self._altered(
             "motions",
-            _window=Window.of(self.during),
+            _window=self.during and Window.between(*self.during),
             _kinematics=RobotKinematics(robot),
         )
 
