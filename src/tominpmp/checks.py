@@ -180,15 +180,16 @@ def positive(value: object, name: str, unit: str = "", most: float = math.inf) -
     return number(value, name, expected, above=0.0, most=most)
 
 
-def non_negative(value: object, name: str, unit: str, below: float = math.inf) -> float:
+def non_negative(
+    value: object, name: str, unit: str = "", below: float = math.inf
+) -> float:
     """Check a number of zero or more, below a bound, with its unit in the message.
 
     Raises:
         ProblemError: If it is not a number, negative, or too large.
     """
-    expected = (
-        f"a number >= 0{'' if math.isinf(below) else f' and < {below:.4g}'} [{unit}]"
-    )
+    expected = "a number >= 0" + ("" if math.isinf(below) else f" and < {below:.4g}")
+    expected += f" [{unit}]" if unit else ""
     return number(value, name, expected, least=0.0, most=math.nextafter(below, 0.0))
 
 

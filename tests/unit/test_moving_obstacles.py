@@ -204,7 +204,7 @@ WRONG = [
     (lambda: tm.ConstantVelocity(begin=2, end=1), "end is 1, .*the beginning at 2 s"),
     (lambda: tm.ConstantVelocity(end=np.nan), "end is nan, expected a number"),
     (lambda: tm.PoseFunction(3), "function is 3, expected one"),
-    (lambda: tm.PoseFunction(orbit, speed=-1), "speed is -1, expected 0 or more"),
+    (lambda: tm.PoseFunction(orbit, speed=-1), "speed is -1, expected a number >= 0"),
     (lambda: mover((1, 0, 0)), r"'mover': motion is \(1, 0, 0\), expected a Const"),
     (lambda: mover(tm.ConstantVelocity), "motion is <class.*expected a ConstantV"),
     (lambda: mover(lambda t: 1 / t), "'mover': motion: the function fails at 0 s"),

@@ -10,14 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, FrozenArray, Record, array_or_nan
-from tominpmp.checks import instance, number, positive, whole, wrong
+from tominpmp.checks import instance, non_negative, positive, whole, wrong
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
@@ -32,9 +31,7 @@ REQUIRED = 0.99
 MOST_SAMPLES = 100_000
 
 
-Amount: TypeAlias = Annotated[
-    float, partial(number, expected="a finite number >= 0", least=0.0)
-]
+Amount: TypeAlias = Annotated[float, non_negative]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -33,6 +33,7 @@ from tominpmp.checks import (
     VectorLike,
     array,
     instance,
+    non_negative,
     number,
     of_type,
     optional,
@@ -432,9 +433,7 @@ def _turns(rotations: Array) -> Array:
 
 
 Function: TypeAlias = Annotated[Callable[[float], Any], of_type(Callable, "one")]
-BoundOrNone: TypeAlias = Annotated[
-    float | None, optional(partial(number, expected="0 or more", least=0.0))
-]
+BoundOrNone: TypeAlias = Annotated[float | None, optional(non_negative)]
 
 
 @record
