@@ -30,7 +30,8 @@ import numpy as np
 
 import tominpmp as tm
 from benchmarks.random_goals import load_arm, sample_problems
-from tominpmp.verification.replay import Integration, Integrator
+from tominpmp.verification.plant import Plant
+from tominpmp.verification.replay import Integration, Integrator, torque_pieces
 
 COLUMNS = (
     "robot",
@@ -138,9 +139,9 @@ def exactness(solutions: list[tuple[str, tm.Solution]]) -> str:
     for name, solution in solutions:
         motion, problem = solution.trajectory, solution.problem
         assert motion is not None
-        cells: list[str] = []
+        torque, cells = torque_pieces(problem.robot, motion), list[str]()
         for integrator in INTEGRATORS:
-            replay = Integration(problem.robot, motion, integrator=integrator)
+            replay = Integration([Plant(problem.robot)], motion, torque, integrator)
             found = replay.run(problem.x_start)
             error = float(np.max(np.abs(found.q[-1] - motion.q[-1])))
             cells.append(f"{error:.1e} ({found.evaluations})")

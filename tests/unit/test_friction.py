@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from replays import integration
 from sample_arms import DOWNWARD, GRAVITY, describe, make_arm, rod, slide
 from scipy.integrate import solve_ivp
 
@@ -20,7 +21,6 @@ from tominpmp.bounds.lower_bound import lower_bound
 from tominpmp.combined_robots import combine_robots
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import OptionsError
-from tominpmp.verification.replay import Integration
 
 # The multi-start search is tested elsewhere.
 plan_quickly = partial(tm.plan, effort="quick", refine=None)
@@ -272,7 +272,7 @@ def test_replay_with_friction_matches_moreau_time_stepping() -> None:
     u = np.column_stack([np.where(t < 0.45, 8.0, -8.0), np.where(t < 0.65, 1.0, -6.0)])
     zero = np.zeros((11, 2))
     motion = tm.Trajectory(arm.joint_names, t, zero, zero, u)
-    replay = Integration(arm, motion).run(np.zeros(4))
+    replay = integration(arm, motion).run(np.zeros(4))
     dynamics, F, h = RobotDynamics(arm, dry=False), arm.friction, 1e-3
     q, v = np.zeros(2), np.zeros(2)
     for k in range(1000):

@@ -9,11 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from replays import integration
 
 import tominpmp as tm
 from tominpmp.options import Tolerances
 from tominpmp.verification.feedback import ends_agree, errors_matter
-from tominpmp.verification.replay import Integration
 
 # In this slow motion upwards, errors of the integrator grow by a factor of 2e10.
 START = [-0.872, 2.293, 4.992, 2.843, 1.309, -2.691]
@@ -32,9 +32,7 @@ def test_replay_that_finer_integration_changes_is_made_with_feedback(
     problem, motion = raised.problem, raised.trajectory
     start = np.concatenate([START, np.zeros(6)])
     ends = [
-        Integration(problem.robot, motion, integrator="DOP853", tightness=tightness)
-        .run(start)
-        .q[-1]
+        integration(problem.robot, motion, "DOP853", tightness).run(start).q[-1]
         for tightness in (1.0, 10.0)
     ]
     moves = float(np.max(np.abs(ends[0] - ends[1])))

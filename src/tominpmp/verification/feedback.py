@@ -57,7 +57,7 @@ class TrackingPlant(Plant):
 
     def __init__(self, robot: Robot, rate: float) -> None:
         super().__init__(robot)
-        self.rate_of_feedback = rate
+        self._rate = rate
         self._plan = np.zeros(5 * robot.n)
 
     def torque(self, t: float) -> Array:
@@ -69,26 +69,33 @@ class TrackingPlant(Plant):
         self._plan = super().torque(t)
         return self._plan[self._n : 3 * self._n] + x
 
-    def correction(self, error: Array) -> Array:
-        """Acceleration that the feedback adds for a tracking error, shape (..., n)."""
-        n, rate = self.robot.n, self.rate_of_feedback
-        return np.asarray(-rate * (rate * error[..., :n] + 2.0 * error[..., n:]))
-
     def free(self, t: float, x: Array) -> Array:
         """State derivative with the feedback, without held joints, shape (2n,)."""
         out = super().free(t, self.state(t, x))
-        out[self._n :] += self.correction(x)
+        out[self._n :] += correction(x, self._rate)
         return out
 
     def free_jacobian(self, t: float, x: Array) -> Array:
         """Jacobian of :meth:`free` with respect to the deviation, shape (2n, 2n)."""
         out = super().free_jacobian(t, self.state(t, x))
-        out[self._n :] += self.correction(np.eye(2 * self._n)).T  # which is linear
+        # The feedback is linear.
+        out[self._n :] += correction(np.eye(2 * self._n), self._rate).T
         return out
 
     def slope(self, t: float, x: Array) -> Array:
         """Time derivative of the deviation, shape (2n,)."""
         return super().slope(t, x) - self._plan[3 * self._n :]
+
+
+def correction(error: Array, rate: float) -> Array:
+    """Acceleration that the feedback adds for a tracking error, shape (..., n).
+
+    Args:
+        error: Deviation from the plan, shape (..., 2n).
+        rate: Rate of the feedback [1/s].
+    """
+    q, v = np.split(error, 2, axis=-1)
+    return np.asarray(-rate * (rate * q + 2.0 * v))
 
 
 class Tracking(Integration):
@@ -127,22 +134,38 @@ class Tracking(Integration):
         rates = pieces.derivatives()[:, robot.n :]
         both = np.concatenate([pieces.coefficients, rates], axis=1)
         pieces = replace(pieces, coefficients=both)
-        self._stages = stages
-        self._plants = [TrackingPlant(stage.problem.robot, rate) for stage in stages]
-        super().__init__(robot, trajectory, pieces, integrator, self._plants)
+        self._stages, self._rate = stages, rate
+        plants = [TrackingPlant(stage.problem.robot, rate) for stage in stages]
+        super().__init__(plants, trajectory, pieces, integrator)
 
     def run(self, start: Array) -> Replay:
         """Integrate from a state of shape (2n,) to the end; u includes the feedback."""
         out, n = super().run(start), start.size // 2
         plan = self.pieces(out.t)[:, n : 3 * n]
-        correction = self._plants[0].correction(np.hstack([out.q, out.v]) - plan)
-        self.feedback = np.zeros_like(correction)
-        for plant, stage in zip(self._plants, self._stages, strict=True):
+        added = correction(np.hstack([out.q, out.v]) - plan, self._rate)
+        self.feedback = np.zeros_like(added)
+        for plant, stage in zip(self.plants, self._stages, strict=True):
             check()
             rows = (out.t >= stage.begin) & (out.t <= stage.end)
-            torque = plant.dynamics.inertial(out.q[rows], correction[rows])
-            self.feedback[rows] = torque
+            self.feedback[rows] = plant.dynamics.inertial(out.q[rows], added[rows])
         return replace(out, u=out.u[:, :n] + self.feedback)
+
+    def excesses(self, t: Array, tolerance: float) -> list[LimitViolation]:
+        """Excess of the feedback over the share of the torque limits it may use.
+
+        Args:
+            t: Times of the replay [s], shape (m,).
+            tolerance: Tolerated excess over the torque limits, as a share of their
+                range.
+
+        Returns:
+            The excess of the worst joint; empty without torque limits.
+        """
+        robot = self.plants[0].robot
+        span = robot.limits.effort_upper - robot.limits.effort_lower
+        excess = np.abs(self.feedback) - FEEDBACK_SHARE * tolerance * span
+        worst = worst_of_joints(robot, FEEDBACK, t, excess, span, 0.0)
+        return [] if worst is None else [worst]
 
     def _piece(self, k: int, x: Array, times: Array) -> tuple[Array, Array]:
         """Integrate the deviation over a piece, and add the plan."""
@@ -229,22 +252,3 @@ def feedback_rate(growth: float, duration: float, tolerance: float) -> float | N
         return None
     growth_rate = np.log(min(growth, 1e300)) / duration
     return float(max(RATE_FACTOR * growth_rate, LEAST_RATE))
-
-
-def feedback_excess(
-    robot: Robot, t: Array, feedback: Array, tolerance: float
-) -> LimitViolation | None:
-    """Excess of feedback torques over the share of the torque limits they may use.
-
-    Args:
-        robot: The robot.
-        t: Times [s], shape (m,).
-        feedback: Feedback torques at the times, shape (m, n) [N m or N].
-        tolerance: Tolerated excess over the torque limits, as a share of their range.
-
-    Returns:
-        The excess of the worst joint; None without torque limits.
-    """
-    span = robot.limits.effort_upper - robot.limits.effort_lower
-    excess = np.abs(feedback) - FEEDBACK_SHARE * tolerance * span
-    return worst_of_joints(robot, FEEDBACK, t, excess, span, 0.0)

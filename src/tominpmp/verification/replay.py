@@ -171,12 +171,11 @@ class Integration:
     """Integration of the torques of a trajectory.
 
     Args:
-        robot: The robot.
+        plants: The robots of the segments.
         trajectory: The motion.
-        pieces: Torques of the motion; None to compute them.
+        pieces: Torques of the motion, see :func:`torque_pieces`.
         integrator: "DOP853" (explicit), "LSODA" (Adams, or backward differences for
             stiff arms) or "Radau" (implicit); None for LSODA.
-        plants: Robots of the segments; empty if the robot is the same on all segments.
         tightness: Factor by which the tolerances are tighter than the defaults.
 
     Attributes:
@@ -195,19 +194,15 @@ class Integration:
 
     def __init__(
         self,
-        robot: Robot,
+        plants: Sequence[Plant],
         trajectory: Trajectory,
-        pieces: Pieces | None = None,
+        pieces: Pieces,
         integrator: Integrator | None = None,
-        plants: Sequence[Plant] = (),
         tightness: float = 1.0,
     ) -> None:
         choice(integrator, (*get_args(Integrator), None), "integrator")
-        self._trajectory = trajectory
-        self.pieces = torque_pieces(robot, trajectory) if pieces is None else pieces
-        self.plants = tuple(plants) or (Plant(robot),)
-        middle = 0.5 * (self.pieces.t[1:] + self.pieces.t[:-1])
-        self._segment = trajectory.segment_at(middle)
+        self.plants, self._trajectory, self.pieces = plants, trajectory, pieces
+        self._segment = trajectory.segment_at(0.5 * (pieces.t[1:] + pieces.t[:-1]))
         self.integrator: Integrator = integrator or "LSODA"
         self.error = RTOL * ERRORS[self.integrator]
         if self.integrator == "LSODA":
@@ -298,7 +293,7 @@ class Integration:
             friction before each row, shape (m, n); fewer rows after a failure.
         """
         begin, end = float(times[0]), float(times[-1])
-        plant = self.plants[min(self._segment[k], len(self.plants) - 1)]
+        plant = self.plants[self._segment[k]]
         plant.load(begin, end, self.pieces.coefficients[k])
         rows, ways = np.empty((0, x.size)), np.empty((0, x.size // 2))
         if not np.all(np.isfinite(x)) or self.evaluations > MAX_EVALUATIONS:

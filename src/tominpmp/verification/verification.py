@@ -12,7 +12,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple, get_args
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 
@@ -34,7 +34,6 @@ from tominpmp.verification.feedback import (
     amplification,
     ends_agree,
     errors_matter,
-    feedback_excess,
     feedback_rate,
 )
 from tominpmp.verification.limit_violations import LimitViolation, limit_violations
@@ -184,15 +183,14 @@ def verify(
     choice(geometry, shapes, "geometry", " or ".join(map(repr, shapes)))
     if checker is not None:
         instance(checker, CollisionChecker, "checker", "a CollisionChecker or None")
-    robot = problem.robot
     trajectory = checked_motion(trajectory, problem)
     if trajectory.duration > LONGEST:
         return _too_long(problem, trajectory, tolerances, begin)
     trajectory = with_segments(problem, trajectory, tolerances)
     stages = stages_of(problem, trajectory)
-    torque = torque_pieces(robot, trajectory)
+    torque = torque_pieces(problem.robot, trajectory)
     plants = [Plant(stage.problem.robot) for stage in stages]
-    args = robot, trajectory, torque, integrator, plants
+    args = plants, trajectory, torque, integrator
     integration = Integration(*args)
     start, checkers = problem.x_start, _checkers(stages, checker, geometry)
     growth, goal = amplification(stages, trajectory), tolerances.goal
@@ -211,16 +209,15 @@ def verify(
         tracked = tracking.run(start)
         feedback = frozen_array(np.max(np.abs(tracking.feedback), axis=0))
         findings = judge(stages, tracked, torque, tolerances, checkers)
-        excess = feedback_excess(robot, tracked.t, tracking.feedback, tolerances.limits)
-        findings.items.extend([] if excess is None else [excess])
+        findings.items.extend(tracking.excesses(tracked.t, tolerances.limits))
     assert findings is not None  # noqa: S101
     if findings.violations:
-        gaps = np.abs(integration.defects()[:, : robot.n])
+        gaps = np.abs(integration.defects()[:, : trajectory.n])
         defect = float(np.max(np.nan_to_num(gaps, nan=np.inf), initial=0.0))
     replayed = findings.replay
     deviation = np.max(np.abs(replayed.q - trajectory(replayed.t, 0)), axis=0)
-    result = findings.result(problem, tolerances, deviation, growth, begin)
-    return replace(result, defect=defect, feedback=feedback)
+    more = {"growth": growth, "defect": defect, "feedback": feedback}
+    return findings.result(problem, tolerances, deviation, begin, **more)
 
 
 def _too_long(
@@ -231,8 +228,8 @@ def _too_long(
     row = "duration", "the motion", T, excess, "s", excess / LONGEST, True
     plan = replace(planned(trajectory, np.inf), complete=False)
     findings = Findings(plan, [LimitViolation(*row)], -np.inf)
-    deviation = np.full(trajectory.n, np.inf)
-    result = findings.result(problem, tolerances, deviation, np.inf, begin)
+    deviation, more = np.full(trajectory.n, np.inf), {"growth": np.inf, "defect": None}
+    result = findings.result(problem, tolerances, deviation, begin, **more)
     return replace(result, goal_error=np.inf, speed_error=np.inf)
 
 
@@ -261,18 +258,18 @@ class Findings(NamedTuple):
         problem: Problem,
         tolerances: Tolerances,
         deviation: Array,
-        growth: float,
         begin: float,
+        **more: Any,
     ) -> Verification:
-        """The verification; the caller adds a defect and feedback torques.
+        """The verification.
 
         Args:
             problem: The problem.
             tolerances: The tolerances.
             deviation: Largest distance of each joint from the plan, shape (n,) [rad or
                 m].
-            growth: Amplification of errors along the motion.
             begin: Start of the computation, by ``time.perf_counter`` [s].
+            **more: Other attributes of the verification.
         """
         worst: dict[str, LimitViolation] = {}  # by kind, over all segments
         for item in self.items:
@@ -288,14 +285,13 @@ class Findings(NamedTuple):
             violations=self.violations,
             min_clearance=self.distance,
             deviation=frozen_array(deviation),
-            defect=None,
             integrator=self.replay.integrator,
             complete=self.replay.complete,
             tolerances=tolerances,
             seconds=time.perf_counter() - begin,
             replay=self.replay,
             problem=problem,
-            growth=growth,
+            **more,
         )
 
 
