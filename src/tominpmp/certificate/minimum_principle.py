@@ -207,12 +207,9 @@ def _certificate(
     """The certificate of a motion from its costates and multipliers."""
     h, driven, sigma = motion.changes.h, motion.system.driven, dual.switching
     T, H, limits = float(h.sum()), dual.hamiltonian, motion.system.motion_limits
-    load = motion.loads
-    if motion.changes.profile == "torques":
-        load = motion.load[:, None]
     # Slack of the torques to their limits, in half ranges, shape (N, n).
-    above = np.maximum(1.0 - load.max(axis=1), 0.0)
-    below = np.maximum(1.0 + load.min(axis=1), 0.0)
+    above = np.maximum(1.0 - motion.loads.max(axis=1), 0.0)
+    below = np.maximum(1.0 + motion.loads.min(axis=1), 0.0)
     slack, slope = np.where(sigma < 0.0, above, below), np.abs(sigma)
     # Torques also obey where the Hamiltonian can decrease only within the tolerance.
     obeys = (slack <= AT_LIMIT) | (slope <= SINGULAR) | (slope * slack <= tolerance)

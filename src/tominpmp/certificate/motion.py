@@ -287,16 +287,20 @@ class GridMotion:
 
     @cached_property
     def loads(self) -> Array:
-        """Torques at both ends of the intervals, relative to limits, (N, 2, n)."""
-        return self._loads_at(0.0, 1.0)
+        """Torques at both ends of the intervals, relative to limits, (N, 2, n).
 
-    @cached_property
+        Torques that are constant on the intervals, or stand for several, are given by
+        their mean alone, shape (N, 1, n).
+        """
+        if self.changes.profile != "torques":
+            return self._loads_at(0.0, 1.0)
+        shares = (np.arange(SAMPLES) + 0.5) / SAMPLES
+        return np.asarray(self._loads_at(*shares.tolist()).mean(axis=1, keepdims=True))
+
+    @property
     def load(self) -> Array:
         """Mean torque of each interval, relative to its limits, shape (N, n)."""
-        shares = (np.arange(SAMPLES) + 0.5) / SAMPLES
-        if self.changes.profile != "torques":
-            return np.asarray(self.loads.mean(axis=1))
-        return np.asarray(self._loads_at(*shares.tolist()).mean(axis=1))
+        return np.asarray(self.loads.mean(axis=1))
 
     @cached_property
     def inertia(self) -> tuple[Array, Array]:

@@ -27,7 +27,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -171,38 +171,6 @@ class TorqueWeights(NamedTuple):
     way: Array
     weight: Array
 
-    @classmethod
-    def of(cls, motion: GridMotion, limits: LimitRows) -> TorqueWeights:
-        """Weights from the multipliers of torques on a segment of a motion.
-
-        Args:
-            motion: The motion on the segment.
-            limits: The limits of the segment, with their multipliers.
-        """
-        n = motion.changes.n
-        every = [tuple(np.zeros((5, 0, n)))]
-        # Payloads and gravity do not change the accelerations of a kinematic robot.
-        kinematic = motion.system.problem.robot.kinematic
-        for item in () if kinematic else limits_of_joints(motion):
-            kinds = (item.kind.name, PASSIVE)[: 1 + isinstance(item, TorqueLimit)]
-            rows = limits.selected(limits.of(*kinds) & (limits.y != 0.0))
-            if not isinstance(item, MotorLimit) or not rows.y.size:
-                continue
-            slopes = item.order > 2
-            at = motion.changes.pairs(rows.at.interval) if slopes else rows.at
-            sampled = SampledConstraint.of(motion, item, at)
-            # Differentiated as a function of the torques minus dry friction.
-            _, q, v, a, _ = sampled.states
-            states = sampled.states._replace(u=motion.system.dynamics.inverse(q, v, a))
-            each = np.arange(rows.y.size), rows.component
-            by = sampled.item.differentiate(states, *each)
-            assert by.by_u is not None  # noqa: S101
-            weight = np.zeros((at.size, n))
-            multiplier = rows.y if by.row is None else rows.y[by.row]
-            np.add.at(weight, by.at, multiplier[:, None] * by.by_u)
-            every.append((q, v, a, motion.ways(at), weight))
-        return cls(*map(np.concatenate, zip(*every, strict=True)))
-
 
 @dataclass(frozen=True, eq=False)
 class SegmentRows:
@@ -246,19 +214,10 @@ class SegmentRows:
         sums = np.bincount(self.rows.subject[mask], values[mask], minlength=count)
         return np.asarray(sums, dtype=float)
 
-    def _of_joint(
-        self,
-        kind: str,
-        joint: int,
-        value: float,
-        limit: float | None = None,
-        limit_unit: str = "",
-        unit: str = "",
-    ) -> Sensitivity:
-        """Record of a joint, with the attributes of :class:`Sensitivity`."""
+    def _of_joint(self, kind: str, joint: int, value: float, *more: Any) -> Sensitivity:
+        """Record of a joint, whose other attributes are given in their order."""
         name = self._robot.joint_names[joint]
-        limit = None if limit is None else float(limit)
-        return Sensitivity(kind, name, name, float(value), unit, limit, limit_unit)
+        return Sensitivity(kind, name, name, float(value), *more)
 
     # -- limits ------------------------------------------------------------------------
 
@@ -292,7 +251,8 @@ class SegmentRows:
                 for j in np.flatnonzero(np.isfinite(limit)).tolist():
                     # Positions may be zero, and have no derivative by a share.
                     per = f"1/{units[j]}" if kind.quantity == "q" else ""
-                    yield self._of_joint(name, j, value[j], limit[j], units[j], per)
+                    size = float(limit[j])
+                    yield self._of_joint(name, j, value[j], per, size, units[j])
             for joint in item.by_speed:
                 yield from self._over_speed(item, joint)
 
@@ -306,7 +266,8 @@ class SegmentRows:
         # Far from the optimum, torques of the other sign have multipliers, too.
         side = np.repeat(SIDES, len(item.by_speed))[rows.component]
         shifts = kind.shifts(bound, u[:, joint], v[:, joint], side)
-        limit = (bound, units_of(self._robot, kind)[joint]) if kind.numbers else ()
+        unit = units_of(self._robot, kind)[joint]
+        limit = ("", float(bound), unit) if kind.numbers else ()
         for parameter, by in shifts.items():
             yield self._of_joint(parameter, joint, -float(each @ by), *limit)
 
@@ -340,8 +301,32 @@ class SegmentRows:
 
     @cached_property
     def _torques(self) -> TorqueWeights:
-        """Cost of torques on the segment; empty for a kinematic robot."""
-        return TorqueWeights.of(self.motion, self.rows)
+        """Cost of torques on the segment, from their multipliers.
+
+        It is empty for a kinematic robot, whose accelerations payloads and gravity do
+        not change.
+        """
+        motion, n = self.motion, self._robot.n
+        every = [tuple(np.zeros((5, 0, n)))]
+        for item in () if self._robot.kinematic else limits_of_joints(motion):
+            kinds = (item.kind.name, PASSIVE)[: 1 + isinstance(item, TorqueLimit)]
+            rows = self.rows.selected(self.rows.of(*kinds) & (self.rows.y != 0.0))
+            if not isinstance(item, MotorLimit) or not rows.y.size:
+                continue
+            slopes = item.order > 2
+            at = motion.changes.pairs(rows.at.interval) if slopes else rows.at
+            sampled = SampledConstraint.of(motion, item, at)
+            # Differentiated as a function of the torques minus dry friction.
+            _, q, v, a, _ = sampled.states
+            states = sampled.states._replace(u=motion.system.dynamics.inverse(q, v, a))
+            each = np.arange(rows.y.size), rows.component
+            by = sampled.item.differentiate(states, *each)
+            assert by.by_u is not None  # noqa: S101
+            weight = np.zeros((at.size, n))
+            multiplier = rows.y if by.row is None else rows.y[by.row]
+            np.add.at(weight, by.at, multiplier[:, None] * by.by_u)
+            every.append((q, v, a, motion.ways(at), weight))
+        return TorqueWeights(*map(np.concatenate, zip(*every, strict=True)))
 
     def _cost(self, robot: Robot) -> float:
         """Sum of torques and constraint values for a changed robot, by multipliers."""
@@ -372,7 +357,8 @@ class SegmentRows:
         ):
             value = np.sum(torques.weight * coefficient * factor, axis=0)
             for j in np.flatnonzero(coefficient).tolist():
-                yield self._of_joint(kind, j, value[j], coefficient[j], units[j])
+                size = float(coefficient[j])
+                yield self._of_joint(kind, j, value[j], "", size, units[j])
 
     # -- positions of the goal, of obstacles and of the base ---------------------------
 
@@ -386,7 +372,7 @@ class SegmentRows:
         values = 0.0 - self._sums(GOAL, self.rows.y, place.value.size)
         for row, label in enumerate(place.labels):
             if label in joints:
-                at = 0.0 - place.value[row], label.unit, f"1/{label.unit}"
+                at = f"1/{label.unit}", 0.0 - float(place.value[row]), label.unit
                 item = self._of_joint("goal", joints[label], values[row], *at)
                 yield replace(item, subject=item.subject + of_segment)
         if not joints.keys() >= set(place.labels):

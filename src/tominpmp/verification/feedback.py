@@ -23,7 +23,7 @@ from tominpmp.motion_limits import FEEDBACK
 from tominpmp.options import Tolerances
 from tominpmp.robot.robot import Robot
 from tominpmp.stopping import check
-from tominpmp.verification.limit_violations import LimitViolation, worst_of_joints
+from tominpmp.verification.limit_violations import Excesses, LimitViolation
 from tominpmp.verification.plant import Plant
 from tominpmp.verification.polynomials import Pieces
 from tominpmp.verification.replay import RTOL, Integration, Integrator, Replay
@@ -164,8 +164,7 @@ class Tracking(Integration):
         robot = self.plants[0].robot
         span = robot.limits.effort_upper - robot.limits.effort_lower
         excess = np.abs(self.feedback) - FEEDBACK_SHARE * tolerance * span
-        worst = worst_of_joints(robot, FEEDBACK, t, excess, span, 0.0)
-        return [] if worst is None else [worst]
+        return Excesses.of_joints(robot, FEEDBACK, t, excess, span).worst(0.0)
 
     def _piece(self, k: int, x: Array, times: Array) -> tuple[Array, Array]:
         """Integrate the deviation over a piece, and add the plan."""

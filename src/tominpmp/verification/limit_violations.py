@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -107,6 +107,47 @@ class LimitViolation:
         )
 
 
+class Excesses(NamedTuple):
+    """Excesses over one kind of limit along a motion.
+
+    Attributes:
+        kind: Name of the kind of limit.
+        subjects: Name and unit of the subject of each column.
+        t: Times [s], shape (m,).
+        excess: Excesses over the limits at the times, shape (m, k).
+        scale: Scale of the excesses of each subject, shape (k,).
+    """
+
+    kind: str
+    subjects: Sequence[tuple[str, str]]
+    t: Array
+    excess: Array
+    scale: Array
+
+    @classmethod
+    def of_joints(cls, robot: Robot, kind: LimitKind, *rows: Array) -> Excesses:
+        """Excesses over one kind of joint limit, from times, excesses and scale."""
+        joints = [*zip(robot.joint_names, units_of(robot, kind), strict=True)]
+        return cls(kind.name, joints, *rows)
+
+    def worst(self, tolerance: float) -> list[LimitViolation]:
+        """The worst violation; empty where no subject has a limit.
+
+        Args:
+            tolerance: Tolerated excess, as a share of the scale.
+        """
+        scale, excess = self.scale, np.where(np.isnan(self.excess), np.inf, self.excess)
+        # An excess over a limit whose scale is infinite or zero is not divided.
+        share = excess / np.where(np.isfinite(scale) & (scale > 0.0), scale, 1.0)
+        row, column = np.unravel_index(int(np.argmax(share)), share.shape)
+        amount, worst = float(excess[row, column]), float(share[row, column])
+        if amount == -np.inf:
+            return []
+        (name, unit), time = self.subjects[int(column)], float(self.t[row])
+        rest = name, time, amount, unit, worst, worst > tolerance
+        return [LimitViolation(self.kind, *rest)]
+
+
 def limit_violations(
     problem: Problem,
     replay: Replay,
@@ -164,21 +205,24 @@ def limit_violations(
 
     # A kind that is reported as part of another kind is merged with it: torque-speed
     # curves are part of effort limits.
-    merged: dict[str, tuple[LimitKind, Array, Array, Array]] = {}
+    merged: dict[str, Excesses] = {}
     for item in limits:
-        kind, scale, (times, excess) = item.kind, item.scale, excesses(item)
+        kind, (times, excess) = item.kind, excesses(item)
         if kind.part_of:
-            kind, _, known_excess, scale = merged[kind.part_of]
-            excess = np.maximum(known_excess, excess)
-        merged[kind.name] = kind, times, excess, scale
-    worst = [worst_of_joints(robot, *row, tolerance) for row in merged.values()]
+            whole = merged[kind.part_of]
+            excess = np.maximum(whole.excess, excess)
+            merged[whole.kind] = whole._replace(t=times, excess=excess)
+        else:
+            row = times, excess, item.scale
+            merged[kind.name] = Excesses.of_joints(robot, kind, *row)
+    every = [*merged.values()]
     for constraint in problem.ready_constraints:
         sizes = np.min([constraint.sizes(t, q, v, accel) for accel in a], axis=0)
         excess = np.where(np.isfinite(sizes), sizes, np.inf) - constraint.largest
         subjects = [(constraint.subject, constraint.unit)]
-        row = t, excess[:, None], np.array([constraint.scale]), tolerance
-        worst.append(_worst(constraint.name, subjects, *row))
-    return [item for item in worst if item is not None]
+        row = t, excess[:, None], np.array([constraint.scale])
+        every.append(Excesses(constraint.name, subjects, *row))
+    return [worst for item in every for worst in item.worst(tolerance)]
 
 
 def planned_violations(
@@ -195,61 +239,6 @@ def planned_violations(
     replay = planned(motion, torque=torque)
     outside = np.stack([problem.a_start, 0.0 * problem.a_start])
     return limit_violations(problem, replay, torque, tolerance, outside)
-
-
-def worst_of_joints(
-    robot: Robot,
-    kind: LimitKind,
-    t: Array,
-    excess: Array,
-    scale: Array,
-    tolerance: float,
-) -> LimitViolation | None:
-    """The worst violation of one kind of joint limit.
-
-    Args:
-        robot: The robot.
-        kind: The kind of limit.
-        t: Times [s], shape (m,).
-        excess: Excesses over the limits at the times, shape (m, n).
-        scale: Scale of the excess of each joint, shape (n,).
-        tolerance: Tolerated excess, as a share of the scale.
-
-    Returns:
-        The violation; None where no joint has a limit.
-    """
-    joints = [*zip(robot.joint_names, units_of(robot, kind), strict=True)]
-    return _worst(kind.name, joints, t, excess, scale, tolerance)
-
-
-def _worst(
-    kind: str,
-    subjects: Sequence[tuple[str, str]],
-    t: Array,
-    excess: Array,
-    scale: Array,
-    tolerance: float,
-) -> LimitViolation | None:
-    """The worst violation in a table of excesses.
-
-    Args:
-        kind: Name of the kind of limit.
-        subjects: Name and unit of the subject of each column.
-        t: Times [s], shape (m,).
-        excess: Excesses over the limits, shape (m, k).
-        scale: Scale of the excesses, shape (k,).
-        tolerance: Tolerated excess, as a share of the scale.
-    """
-    excess = np.where(np.isnan(excess), np.inf, excess)
-    # An excess over a limit whose scale is infinite or zero is not divided.
-    share = excess / np.where(np.isfinite(scale) & (scale > 0.0), scale, 1.0)
-    row, column = np.unravel_index(int(np.argmax(share)), share.shape)
-    amount, worst = float(excess[row, column]), float(share[row, column])
-    if amount == -np.inf:
-        return None  # no subject has a limit
-    name, unit = subjects[int(column)]
-    violated = worst > tolerance
-    return LimitViolation(kind, name, float(t[row]), amount, unit, worst, violated)
 
 
 def _directions(robot: Robot, replay: Replay, v: Array, ends: IntArray) -> Array:
