@@ -97,16 +97,11 @@ def rest_nodes(motion: GridMotion) -> list[int]:
     Args:
         motion: The motion, without its dwells.
     """
-
-    def smooth(part: GridMotion) -> bool:
-        return part.system.motion_limits.continuous
-
     parts = motion.segments
-    nodes = [end for end in (0, -1) if smooth(parts[end])]
+    smooth = [part.system.motion_limits.continuous for part in parts]
+    nodes = [end for end in (0, -1) if smooth[end]]
     if motion.changes.controls > motion.changes.N:
-        for part, after, segment in zip(
-            parts[:-1], parts[1:], motion.system.problem.segments[:-1], strict=True
-        ):
-            if segment.dwell > 0.0 and (smooth(part) or smooth(after)):
-                nodes.append(part.span[1])
+        for k, segment in enumerate(motion.system.problem.segments[:-1]):
+            if segment.dwell > 0.0 and any(smooth[k : k + 2]):
+                nodes.append(parts[k].span[1])
     return nodes

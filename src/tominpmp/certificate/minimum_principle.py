@@ -141,7 +141,7 @@ class Examination(NamedTuple):
 def examine(
     problem: Problem,
     trajectory: Trajectory,
-    verification: Verification | None,
+    verification: Verification,
     tolerance: float,
     *,
     enough: float = 0.0,
@@ -152,7 +152,7 @@ def examine(
     Args:
         problem: The problem that the motion solves.
         trajectory: The motion, whose dwells are left out.
-        verification: Verification of the motion, if there is one.
+        verification: Verification of the motion.
         tolerance: Largest predicted gain of small changes, as a share of the duration.
         enough: Predicted gain up to which distances need not be evaluated.
         period: Period of the controller clock of the motion [s]: the share of the
@@ -175,11 +175,11 @@ def examine(
 
 
 def _unevaluated(
-    trajectory: Trajectory, verification: Verification | None, tolerance: float
+    trajectory: Trajectory, verification: Verification, tolerance: float
 ) -> Certificate:
     """Certificate of a motion whose conditions cannot be evaluated."""
     n, N, T = trajectory.n, trajectory.t.size - 1, trajectory.duration
-    stands = bool(verification) and not T
+    stands = verification.ok and not T
     moves = T and (np.any(trajectory.v) or np.any(np.ptp(trajectory.q, axis=0)))
     return Certificate(
         joint_names=trajectory.joint_names,
@@ -200,7 +200,7 @@ def _unevaluated(
 def _certificate(
     motion: GridMotion,
     dual: DualSolution,
-    verification: Verification | None,
+    verification: Verification,
     tolerance: float,
     rounding: float,
 ) -> Certificate:
@@ -224,8 +224,7 @@ def _certificate(
     error: float | None = None
     first = dual.costates[:1]
     if not motion.sections:
-        replay = None if verification is None else verification.replay
-        integrated = _integrated(motion, dual, replay)
+        integrated = _integrated(motion, dual, verification.replay)
         if not need_smooth(motion.system.problem.robot, limits):
             error = _disagreement(dual, integrated)
         first = integrated[:1]
@@ -312,7 +311,7 @@ def clock_share(trajectory: Trajectory, period: float) -> float:
 # -- costates by the adjoint equation --------------------------------------------------
 
 
-def _integrated(motion: GridMotion, dual: DualSolution, replay: Replay | None) -> Array:
+def _integrated(motion: GridMotion, dual: DualSolution, replay: Replay) -> Array:
     """Integrate the adjoint equation backwards over each interval.
 
     The integration of each interval starts with the costate of the linear program at
@@ -322,8 +321,8 @@ def _integrated(motion: GridMotion, dual: DualSolution, replay: Replay | None) -
     Args:
         motion: The motion.
         dual: Costates just before the nodes, and multipliers of the motion.
-        replay: Replay of the torques, along whose states the equation is integrated;
-            None for the states of the plan.
+        replay: Replay of the torques, along whose states the equation is integrated if
+            it is complete; otherwise along the states of the plan.
 
     Returns:
         Costates just after the start and just before the nodes 1 to N - 1, shape
@@ -334,7 +333,7 @@ def _integrated(motion: GridMotion, dual: DualSolution, replay: Replay | None) -
     shares = (np.arange(PLACES) + 0.5) / PLACES
     times, q, v, a, _ = motion.states(motion.instants(*shares.tolist()))
     u = motion.system.dynamics.inverse(q, v, a)  # torques minus dry friction
-    if replay is not None and replay.complete:
+    if replay.complete:
         q = np.stack([np.interp(times, replay.t, x) for x in replay.q.T], axis=1)
         v = np.stack([np.interp(times, replay.t, x) for x in replay.v.T], axis=1)
     x = np.concatenate([q, v], axis=1)

@@ -106,7 +106,7 @@ def failed_conditions(
     motion: GridMotion,
     dual: DualSolution,
     out: Certificate,
-    verification: Verification | None,
+    verification: Verification,
     *,
     fastest: bool,
 ) -> Iterator[str]:
@@ -116,12 +116,12 @@ def failed_conditions(
         motion: The motion.
         dual: Costates and multipliers of the motion.
         out: The certificate of the motion, without message and verdict.
-        verification: Verification of the motion, if there is one.
+        verification: Verification of the motion.
         fastest: Whether T is not rounded up to a clock: a motion that waits for the
             next tick may have any torques.
     """
     h, T = motion.changes.h, float(motion.changes.t[-1])
-    if verification is not None and not verification.ok:
+    if not verification.ok:
         yield f"The motion is not admissible: {verification.message}"
     if not out.stationarity <= out.tolerance:
         yield (

@@ -31,13 +31,12 @@ logger = logging.getLogger(__name__)
 
 StateFunction = Callable[[Array], Array]
 
-# Number of integration steps over the whole motion while arcs are searched for, and for
-# the final accuracy: it is doubled up to MOST_STEPS, until the duration changes by less
+# Number of integration steps over the whole motion while arcs are searched for, and
+# numbers for the final accuracy, one after another until the duration changes by less
 # than the share ACCURACY.
 FEWER_STEPS = 30
-STEPS = 60
+STEPS = (60, 120, 240, 480, 960)
 ACCURACY = 1e-7
-MOST_STEPS = 960
 # With more steps than this, the structure is not changed any more.
 CHANGED_STEPS = 240
 # Least number of steps of an arc.
@@ -127,7 +126,7 @@ def solve_lengths(
     arcs: Arcs,
     states: StateFunction,
     budget: Budget,
-    total: int = STEPS,
+    total: int = STEPS[0],
 ) -> OptimisedArcs | None:
     """Optimise the lengths and free torques of arcs with a fixed structure.
 
@@ -330,9 +329,8 @@ def sharpen(optimised: OptimisedArcs) -> OptimisedArcs:
 
     This has a budget of its own, of which it needs a small part.
     """
-    total, budget = STEPS // 2, Budget()
-    while total < MOST_STEPS:
-        total *= 2
+    budget = Budget()
+    for total in STEPS:
         finer = polish(optimised, budget, total)
         if finer is None:
             break

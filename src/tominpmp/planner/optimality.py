@@ -133,6 +133,7 @@ class CertifiedDescent:
         """The certificate of a motion, with the multipliers behind it."""
         problem, motion = self.system.problem, candidate.trajectory
         replay, enough = candidate.verification, ENOUGH * self.tolerance
+        assert replay is not None  # noqa: S101
         findings = examine(problem, motion, replay, self.tolerance, enough=enough)
         promise = findings.certificate.stationarity
         logger.info("T %.5f s, small changes promise %.1e", candidate.duration, promise)
@@ -175,8 +176,7 @@ class CertifiedDescent:
         """The motion with its certified status, and a remark on the predicted gain."""
         if findings.certificate.ok:
             return replace(best, status=Status.CONVERGED)
-        converged = best.status is Status.CONVERGED
-        status = Status.STALLED if converged else best.status
+        status = Status.STALLED if best.status is Status.CONVERGED else best.status
         promise = 100.0 * findings.certificate.stationarity
         remark = f"Small changes promise {promise:.2g} % of T"
         intervals = best.trajectory.t.size - 1

@@ -157,10 +157,6 @@ class ClearanceProof:
         return f"{', '.join(clauses)} at all times"
 
 
-# The proof for a problem without collision pairs.
-WITHOUT_PAIRS = ClearanceProof(True, (), None, 0.0, False, 0)
-
-
 def _merged(distances: Iterable[ProvedDistance]) -> tuple[ProvedDistance, ...]:
     """Merge proved distances of equal kind and margin into the least of them."""
     # In falling order the least bound of each kind and margin comes last.
@@ -214,8 +210,6 @@ def prove_clearance(
     if deviation is not None:
         deviation = _lengths(deviation, "deviation", trajectory.n)
     max_stretches = whole(max_stretches, "max_stretches")
-    if not checker.pairs:
-        return WITHOUT_PAIRS
     motion, drift = _rows(trajectory, deviation)
     return _proof(checker, motion, margins, drift, slack, max_stretches)
 
@@ -233,12 +227,8 @@ def clearance_of(
     proofs = []
     motion, drift = _rows(trajectory, deviation)
     for stage in stages_of(problem, trajectory):
-        checker = stage.problem.checker
-        if checker.pairs:
-            section = motion.between(stage.begin, stage.end)
-            proofs.append(_proof(checker, section, stage.problem.margins, drift))
-    if not proofs:
-        return WITHOUT_PAIRS
+        section, phase = motion.between(stage.begin, stage.end), stage.problem
+        proofs.append(_proof(phase.checker, section, phase.margins, drift))
     worst = min(proofs, key=lambda item: (item.proved, item.room))
     return replace(
         worst,
@@ -276,6 +266,8 @@ def _proof(
         max_stretches: Number of time intervals after which the proof is given up, in
             the mean over the pairs.
     """
+    if not checker.pairs:
+        return ClearanceProof(True, (), None, 0.0, False, 0)
     least, most = margins - slack, max_stretches * margins.size
     search = ClosestApproach(checker, motion, least, drift=drift, most=most).run()
     nearest = search.nearest()._replace(margin=float(margins[search.pair]))
