@@ -72,14 +72,14 @@ class TrackingPlant(Plant):
     def free(self, t: float, x: Array) -> Array:
         """State derivative with the feedback, without held joints, shape (2n,)."""
         out = super().free(t, self.state(t, x))
-        out[self._n :] += correction(x, self._rate)
+        out[self._n :] += _correction(x, self._rate)
         return out
 
     def free_jacobian(self, t: float, x: Array) -> Array:
         """Jacobian of :meth:`free` with respect to the deviation, shape (2n, 2n)."""
         out = super().free_jacobian(t, self.state(t, x))
         # The feedback is linear.
-        out[self._n :] += correction(np.eye(2 * self._n), self._rate).T
+        out[self._n :] += _correction(np.eye(2 * self._n), self._rate).T
         return out
 
     def slope(self, t: float, x: Array) -> Array:
@@ -87,7 +87,7 @@ class TrackingPlant(Plant):
         return super().slope(t, x) - self._plan[3 * self._n :]
 
 
-def correction(error: Array, rate: float) -> Array:
+def _correction(error: Array, rate: float) -> Array:
     """Acceleration that the feedback adds for a tracking error, shape (..., n).
 
     Args:
@@ -142,7 +142,7 @@ class Tracking(Integration):
         """Integrate from a state of shape (2n,) to the end; u includes the feedback."""
         out, n = super().run(start), start.size // 2
         plan = self.pieces(out.t)[:, n : 3 * n]
-        added = correction(np.hstack([out.q, out.v]) - plan, self._rate)
+        added = _correction(np.hstack([out.q, out.v]) - plan, self._rate)
         self.feedback = np.zeros_like(added)
         for plant, stage in zip(self.plants, self._stages, strict=True):
             check()

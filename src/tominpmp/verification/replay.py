@@ -217,30 +217,19 @@ class Integration:
         """Integrate from a state of shape (2n,) to the end."""
         pieces, n = self.pieces, start.size // 2
         time_step = _row_step(self._trajectory.duration)
-        times, states, ways = [np.zeros(1)], [start[None]], [np.zeros((0, n))]
-        x = start
+        parts, x = [(np.zeros(1), start[None], np.zeros((0, n)))], start
         for k in range(pieces.count):
             check()
             ticks = subdivided(pieces.t[k : k + 2], time_step)
             rows, way = self._piece(k, x, ticks)
-            times.append(ticks[1 : len(rows) + 1])
-            states.append(rows)
-            ways.append(way)
+            parts.append((ticks[1 : len(rows) + 1], rows, way))
             if len(rows) < ticks.size - 1:
                 break
             x = rows[-1]
-        t, path = np.concatenate(times), np.concatenate(states)
-        return Replay(
-            self._trajectory.joint_names,
-            t,
-            path[:, :n],
-            path[:, n:],
-            pieces(t),
-            np.concatenate(ways),
-            self.integrator,
-            self.evaluations,
-            bool(t[-1] == pieces.t[-1]),
-        )
+        t, path, way = map(np.concatenate, zip(*parts, strict=True))
+        motion = t, path[:, :n], path[:, n:], pieces(t), way
+        how = self.integrator, self.evaluations, bool(t[-1] == pieces.t[-1])
+        return Replay(self._trajectory.joint_names, *motion, *how)
 
     def _watched(self, slope: Slope) -> Slope:
         """A state derivative that counts its evaluations, and aborts long integrations.
