@@ -50,7 +50,8 @@ def energy_bounds(problem: Problem, q: Array, ends: Array) -> list[LowerBound]:
     twice = np.sum(ends * RobotDynamics(robot).inertial(both, ends), axis=1)
     first, last = np.sqrt(np.maximum(twice, 0.0)).tolist()
     top = float(np.sqrt(np.sum(rotors * robot.limits.velocity**2)))
-    motion = OneWay(Ramp(rate), SpeedLaw.line(rate, drag), top, (first, last))
+    slowing = SpeedLaw(np.zeros(0), np.array([rate]), np.array([drag]))
+    motion = OneWay(Ramp(rate), slowing, top, (first, last))
     distance = float(np.sqrt(np.sum(rotors * (q - problem.q_start) ** 2)))
     T = motion.least_time(distance)
     reason = "no torques carry the arm there sooner"

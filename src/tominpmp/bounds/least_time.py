@@ -98,11 +98,6 @@ class SpeedLaw:
     ramp: Ramp | None = None
 
     @classmethod
-    def line(cls, level: float, slope: float = 0.0) -> SpeedLaw:
-        """A law with a single line for all speeds."""
-        return cls(np.zeros(0), np.array([level]), np.array([slope]))
-
-    @classmethod
     def least_of(cls, limits: Callable[[Array], Array], bends: Array) -> SpeedLaw:
         """The law of the least of several limits at each speed.
 

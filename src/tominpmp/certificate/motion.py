@@ -276,15 +276,6 @@ class GridMotion:
 
     # -- torques as shares of their limits ---------------------------------------------
 
-    def _loads_at(self, *shares: float) -> Array:
-        """Torques at shares of all intervals, relative to their limits, (N, k, n)."""
-        loads = []
-        for part in self.segments:
-            u = part.torques(part.instants(*shares))
-            load = (u - part.system.effort_middle) / part.system.effort_half
-            loads.append(load.reshape(-1, len(shares), self.changes.n))
-        return np.concatenate(loads)
-
     @cached_property
     def loads(self) -> Array:
         """Torques at both ends of the intervals, relative to limits, (N, 2, n).
@@ -292,10 +283,15 @@ class GridMotion:
         Torques that are constant on the intervals, or stand for several, are given by
         their mean alone, shape (N, 1, n).
         """
-        if self.changes.profile != "torques":
-            return self._loads_at(0.0, 1.0)
-        shares = (np.arange(SAMPLES) + 0.5) / SAMPLES
-        return np.asarray(self._loads_at(*shares.tolist()).mean(axis=1, keepdims=True))
+        constant = self.changes.profile == "torques"
+        shares = (np.arange(SAMPLES) + 0.5) / SAMPLES if constant else np.arange(2.0)
+        parts = []
+        for part in self.segments:
+            u = part.torques(part.instants(*shares.tolist()))
+            load = (u - part.system.effort_middle) / part.system.effort_half
+            parts.append(load.reshape(-1, shares.size, self.changes.n))
+        loads = np.concatenate(parts)
+        return np.asarray(loads.mean(axis=1, keepdims=True)) if constant else loads
 
     @property
     def load(self) -> Array:

@@ -78,17 +78,16 @@ class LimitViolation:
     @property
     def clause(self) -> str:
         """The violation in words, without the segment."""
-        amount = f"{abs(self.amount):.3g} {self.unit}"
+        amount, when = f"{abs(self.amount):.3g} {self.unit}", f"at {self.time:.3f} s"
         if self.kind in ("goal", "speed"):
             velocity = "" if self.kind == "goal" else "the velocity of "
             if self.amount < np.inf:
                 return f"{self.name} ends {amount} from {velocity}the goal"
             verb = f"has {velocity}" if velocity else "is at "
-            lost = f"the replay is lost at {self.time:.3f} s"
-            return f"{lost}, before {self.name} {verb}the goal"
+            return f"the replay is lost {when}, before {self.name} {verb}the goal"
         if self.kind == "arrival":
             verb = f"too {self.name}" if self.amount > 0.0 else "in time"
-            return f"the goal is reached {amount} {verb}, at {self.time:.3f} s"
+            return f"the goal is reached {amount} {verb}, {when}"
         if self.kind == "duration":
             longest = self.time - self.amount
             return (
@@ -97,14 +96,11 @@ class LimitViolation:
             )
         if self.kind == "clearance":
             verb = "lack" if self.amount > 0.0 else "have more than"
-            return f"{self.name} {verb} {amount} of clearance at {self.time:.3f} s"
+            return f"{self.name} {verb} {amount} of clearance {when}"
         side = "beyond" if self.amount > 0.0 else "within"
         if self.kind not in joint_kinds():
-            return f"the {self.kind} is {amount} {side} its limit at {self.time:.3f} s"
-        return (
-            f"joint {self.name} is {amount} {side} its {self.kind} limit at "
-            f"{self.time:.3f} s"
-        )
+            return f"the {self.kind} is {amount} {side} its limit {when}"
+        return f"joint {self.name} is {amount} {side} its {self.kind} limit {when}"
 
 
 class Excesses(NamedTuple):
