@@ -19,7 +19,7 @@ from tominpmp.certificate.dwells import rest_nodes
 from tominpmp.certificate.limits import PASSIVE, TRUST, LimitRows, limits_of
 from tominpmp.certificate.motion import GridMotion
 from tominpmp.linear_programs.piqp import PiqpSolver, Termination
-from tominpmp.linear_programs.program import LinearProgram, LpSolution
+from tominpmp.linear_programs.program import LinearProgram
 from tominpmp.problem.joint_limits import control_kind
 from tominpmp.transcription.instants import Instants
 
@@ -146,7 +146,7 @@ class _Program:
     # -- solution ----------------------------------------------------------------------
 
     def solve(self) -> DualSolution | None:
-        """Solve the program; None if the solver fails."""
+        """Solve the program; None if the solver fails, or the program contains NaN."""
         changes, limits, columns = self.motion.changes, self.rows, self._columns()
         every = sp.vstack([changes.defects(), limits.change], format="csc")
         scale = [np.tile(self.state_scale, self.N)]
@@ -182,8 +182,11 @@ class _Program:
             np.arange(rows.shape[0]),
             np.arange(rows.shape[1]),
         )
-        solution = _solve(program)
-        if solution is None:
+        numbers = (program.matrix.data, program.row_lower, program.row_upper)
+        if any(np.any(np.isnan(values)) for values in numbers):
+            return None
+        solution = PiqpSolver(ACCURACY).solve(program)
+        if not (solution.optimal and np.all(np.isfinite(solution.row_duals))):
             return None
         duals = units * solution.row_duals
         return self._read(
@@ -258,13 +261,3 @@ class _Program:
         width = np.append(h, 0.0) + np.append(0.0, h)
         density = at_nodes / width[:, None]
         return np.asarray(-self.T * (density[1:] + density[:-1] + inside / h[:, None]))
-
-
-def _solve(program: LinearProgram) -> LpSolution | None:
-    """Solve a program; None if the solver fails, or the program contains NaN."""
-    numbers = (program.matrix.data, program.row_lower, program.row_upper)
-    if any(np.any(np.isnan(values)) for values in numbers):
-        return None
-    solution = PiqpSolver(ACCURACY).solve(program)
-    valid = solution.optimal and bool(np.all(np.isfinite(solution.row_duals)))
-    return solution if valid else None

@@ -148,9 +148,9 @@ class ArcProgram:
         self.evaluations = 0
         self._n = system.n
         self._start = system.problem.x_start
-        self._held = arcs.held[self.arc_of_step] != 0
         self.follows = arcs.follows[self.arc_of_step]
-        self.modes = HOLDS * self._held + FOLLOWS * self.follows
+        held = arcs.held[self.arc_of_step] != 0
+        self.modes = HOLDS * held + FOLLOWS * self.follows
         self._column = np.full(arcs.free.shape, -1)
         self._column[arcs.free] = arcs.count + np.arange(int(arcs.free.sum()))
         self.guess = np.tile(self._start, (self.arc_of_step.size, STAGES, 1))
@@ -372,8 +372,8 @@ class ArcProgram:
         # Left out are the speed limits of joints that are held, or about to be, as the
         # speeds are at them, and the limits of torques that do not follow, as the
         # bounds of the unknowns keep them.
-        held = self._held.copy()
-        held[:-1] |= self._held[1:]
+        held = (self.modes & HOLDS) > 0
+        held[:-1] |= held[1:]
         free = {VELOCITY: held, TORQUE: ~self.follows}
         # Positions and velocities that the goal fixes need no margin at the end.
         given = {POSITION: system.final_configuration, VELOCITY: system.final_velocity}

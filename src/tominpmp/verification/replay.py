@@ -14,7 +14,7 @@ import threading
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from scipy import integrate
@@ -23,12 +23,10 @@ from scipy.integrate import ODEintWarning, OdeSolver, odeint
 from tominpmp.arrays import Array, FrozenArray, Record
 from tominpmp.checks import choice
 from tominpmp.motion.trajectory import Trajectory, torque_breaks
+from tominpmp.robot.robot import Robot
 from tominpmp.stopping import check
 from tominpmp.verification.plant import STILL, Plant, Slope
 from tominpmp.verification.polynomials import Pieces
-
-if TYPE_CHECKING:
-    from tominpmp.robot.robot import Robot
 
 # Relative and absolute tolerance of the integration [rad, m, rad/s, m/s].
 RTOL, ATOL = 1e-9, 1e-11
