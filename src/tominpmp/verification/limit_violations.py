@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 # Speed below which a joint may stop, reverse or start at another time than in a replay
 # [rad/s or m/s]: a tenth of the tolerance of the final velocity.
 SLOW = 1e-3
+# Shares of the pieces at which torques are compared with their limits in addition.
+PEAKS = np.arange(1, 8) / 8
 # Rounding error of positions, as a share of the largest position. Accelerations contain
 # its second differences: within microseconds rounding looks like a jerk.
 ROUNDING = 16.0 * float(np.finfo(np.float64).eps)
@@ -197,7 +199,14 @@ def limit_violations(
             beyond = u[both] + (dynamics.mass(q[both]) @ jumps[..., None])[..., 0]
             friction = robot.friction * directions
             return _rates(replay.t, ends, u, item.upper, beyond, friction)
-        return t, np.min([item.beyond(q, v, accel, u) for accel in a], axis=0)
+        beyond = np.min([item.beyond(q, v, accel, u) for accel in a], axis=0)
+        if item.kind.quantity != "u":
+            return t, beyond
+        # Torques may peak between two rows, where pieces are short.
+        times, inside = torque.inside(PEAKS)
+        reached = times < replay.t[-1]
+        more = item.outside(inside[reached])
+        return np.append(t, times[reached]), np.concatenate([beyond, more])
 
     # A kind that is reported as part of another kind is merged with it: torque-speed
     # curves are part of effort limits.
@@ -205,9 +214,9 @@ def limit_violations(
     for item in limits:
         kind, (times, excess) = item.kind, excesses(item)
         if kind.part_of:
-            whole = merged[kind.part_of]
-            excess = np.maximum(whole.excess, excess)
-            merged[whole.kind] = whole._replace(t=times, excess=excess)
+            # The rows of the replay come first.
+            whole = merged[kind.part_of].excess[: times.size]
+            np.maximum(whole, excess, out=whole)
         else:
             row = times, excess, item.scale
             merged[kind.name] = Excesses.of_joints(robot, kind, *row)

@@ -96,6 +96,15 @@ class Pieces:
         signs = np.vander([-1.0, 1.0], self.coefficients.shape[2], increasing=True)
         return np.swapaxes(self.coefficients[: self.count] @ signs.T, 1, 2)
 
+    def inside(self, shares: Array) -> tuple[Array, Array]:
+        """Times at shares of each piece, shape (P k,) [s], and the values there.
+
+        Args:
+            shares: The shares, from 0 to 1, shape (k,).
+        """
+        times = (self.t[:-1, None] + np.diff(self.t)[:, None] * shares).ravel()
+        return times, self.on(np.repeat(np.arange(self.count), shares.size), times)
+
     def derivatives(self) -> Array:
         """Coefficients of the derivatives with respect to time, shape (P, n, K)."""
         order = np.arange(1.0, self.coefficients.shape[2])
