@@ -475,10 +475,13 @@ def test_collision_between_two_sampled_instants_is_found(tmp_path) -> None:
     assert found.violations[0].time == pytest.approx(0.0505, abs=2e-4)
 
 
-def test_torque_peak_between_two_rows_is_compared_with_the_limit() -> None:
+@pytest.mark.parametrize("curve", [False, True])
+def test_torque_peak_between_two_rows_is_compared_with_the_limit(curve: bool) -> None:
     # Regression: torques were compared at the rows alone. A rail whose carriage is sped
     # up within a millisecond has no torque at either end of it.
-    robot = make_arm(slide(MASS), effort=FORCE)
+    robot = make_arm(slide(MASS), effort=1e3 if curve else FORCE)
+    of_speed = {"joint1": EffortCurve(np.array([0.0, 1.0]), np.full(2, FORCE))}
+    limits = MotionLimits(effort_curves=of_speed) if curve else None
     speed, h = 3e-3 * PUSH, 1e-3
     t = np.array([0.0, 0.1, 0.1 + h, 0.2])
     q = np.array([[0.0], [0.0], [0.5 * h * speed], [speed * (0.1 - 0.5 * h)]])
@@ -488,7 +491,8 @@ def test_torque_peak_between_two_rows_is_compared_with_the_limit() -> None:
         robot.joint_names, t, q, v, rest, a=rest, inverse_dynamics=dynamics
     )
     goal = JointGoal(q[-1], v[-1])
-    found = verify(Problem(robot, np.zeros(1), goal), motion)
+    problem = Problem(robot, np.zeros(1), goal, motion_limits=limits)
+    found = verify(problem, motion)
     # A speed that changes by polynomials of degree 5 has 1.5 times its mean slope.
     most = 1.5 * MASS * speed / h
     assert found.worst["effort"].amount == pytest.approx(most - FORCE, rel=1e-3)

@@ -204,8 +204,8 @@ def limits_of(motion: GridMotion, near: bool = True) -> LimitRows:
 
 def limits_of_joints(part: GridMotion) -> list[JointLimit | MotorLimit]:
     """Joint and motor limits on a segment of a motion."""
-    system = replace(part.system, clearance_rows=None)  # distances take time
-    every = system.constraints
+    # Distances take time.
+    every = replace(part.system, clearance_rows=None).constraints
     return [item for item in every if isinstance(item, JointLimit | MotorLimit)]
 
 

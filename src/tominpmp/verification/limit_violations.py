@@ -182,6 +182,11 @@ def limit_violations(
     accelerated = any(item.kind.quantity in ("a", "j") for item in limits)
     if accelerated or any(item.order > 1 for item in problem.ready_constraints):
         a = np.array([dynamics.forward_along(q, v, u, way) for way in directions])
+    # Torques may peak between two rows, where pieces are short.
+    inside = (torque.t[:-1, None] + np.diff(torque.t)[:, None] * PEAKS).ravel()
+    inside = inside[inside < replay.t[-1]]
+    between = np.transpose([np.interp(inside, replay.t, x) for x in replay.v.T])
+    torques, speeds = np.vstack([u, torque(inside)]), np.vstack([v, between])
 
     def excesses(item: JointBounds) -> tuple[Array, Array]:
         """Times, and excesses over a limit, the least of all possible directions.
@@ -199,14 +204,9 @@ def limit_violations(
             beyond = u[both] + (dynamics.mass(q[both]) @ jumps[..., None])[..., 0]
             friction = robot.friction * directions
             return _rates(replay.t, ends, u, item.upper, beyond, friction)
-        beyond = np.min([item.beyond(q, v, accel, u) for accel in a], axis=0)
-        if item.kind.quantity != "u":
-            return t, beyond
-        # Torques may peak between two rows, where pieces are short.
-        times, inside = torque.inside(PEAKS)
-        reached = times < replay.t[-1]
-        more = item.outside(inside[reached])
-        return np.append(t, times[reached]), np.concatenate([beyond, more])
+        if item.kind.quantity in ("u", "uv"):
+            return np.append(t, inside), item.beyond(q, speeds, a[0], torques)
+        return t, np.min([item.beyond(q, v, accel, u) for accel in a], axis=0)
 
     # A kind that is reported as part of another kind is merged with it: torque-speed
     # curves are part of effort limits.
@@ -214,9 +214,9 @@ def limit_violations(
     for item in limits:
         kind, (times, excess) = item.kind, excesses(item)
         if kind.part_of:
-            # The rows of the replay come first.
-            whole = merged[kind.part_of].excess[: times.size]
-            np.maximum(whole, excess, out=whole)
+            whole = merged[kind.part_of]
+            excess = np.maximum(whole.excess, excess)
+            merged[whole.kind] = whole._replace(t=times, excess=excess)
         else:
             row = times, excess, item.scale
             merged[kind.name] = Excesses.of_joints(robot, kind, *row)

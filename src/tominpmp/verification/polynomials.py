@@ -40,13 +40,10 @@ class Pieces:
         t: Ends of the pieces [s], shape (P + 1,).
         coefficients: Coefficients of 1, s, s^2, ..., shape (P, n, K); for a curve at a
             single time, which has no piece, the value, shape (1, n, 1).
-        deviation: Largest measured deviation from the curve, relative to its largest
-            value.
     """
 
     t: Array
     coefficients: Array
-    deviation: float
 
     @classmethod
     def of(cls, curve: Callable[[Array], Array], t: Array) -> Pieces:
@@ -56,17 +53,17 @@ class Pieces:
         until they follow the curve.
         """
         if t.size == 1:
-            return cls(t, curve(t)[:, :, None], 0.0)
-        pieces = cls._fit(curve, t)
-        for _ in range(HALVINGS):
-            if not pieces.deviation > DEVIATION:
+            return cls(t, curve(t)[:, :, None])
+        for _ in range(HALVINGS + 1):
+            pieces, deviation = cls._fit(curve, t)
+            if not deviation > DEVIATION:
                 break
             t = np.sort(np.concatenate([t, 0.5 * (t[1:] + t[:-1])]))
-            pieces = cls._fit(curve, t)
         return pieces
 
     @classmethod
-    def _fit(cls, curve: Callable[[Array], Array], t: Array) -> Pieces:
+    def _fit(cls, curve: Callable[[Array], Array], t: Array) -> tuple[Pieces, float]:
+        """Fit a curve, and measure the deviation as a share of its largest value."""
         s = np.cos(np.pi * (np.arange(POINTS) + 0.5) / POINTS)
         probes = np.array(PROBES)
         middle, half = 0.5 * (t[1:] + t[:-1]), 0.5 * np.diff(t)
@@ -80,7 +77,7 @@ class Pieces:
         relevant = np.max(np.abs(fitted), axis=(0, 2)) > ROUNDING * scale
         terms = int(np.max(np.flatnonzero(relevant), initial=0)) + 1
         fitted = np.ascontiguousarray(np.swapaxes(fitted[:, :terms], 1, 2))
-        return cls(t, fitted, deviation)
+        return cls(t, fitted), deviation
 
     @property
     def count(self) -> int:
@@ -95,15 +92,6 @@ class Pieces:
         """
         signs = np.vander([-1.0, 1.0], self.coefficients.shape[2], increasing=True)
         return np.swapaxes(self.coefficients[: self.count] @ signs.T, 1, 2)
-
-    def inside(self, shares: Array) -> tuple[Array, Array]:
-        """Times at shares of each piece, shape (P k,) [s], and the values there.
-
-        Args:
-            shares: The shares, from 0 to 1, shape (k,).
-        """
-        times = (self.t[:-1, None] + np.diff(self.t)[:, None] * shares).ravel()
-        return times, self.on(np.repeat(np.arange(self.count), shares.size), times)
 
     def derivatives(self) -> Array:
         """Coefficients of the derivatives with respect to time, shape (P, n, K)."""
