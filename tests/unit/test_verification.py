@@ -173,6 +173,16 @@ def test_motion_within_all_limits_is_verified() -> None:
     assert "reaches the goal" in found.message
 
 
+def test_defect_of_an_interval_whose_integration_fails_is_infinite() -> None:
+    # Regression: it was the distance at the last row before the integration failed.
+    none = np.zeros((2, 1))
+    push = np.full((2, 1), 1e9)  # the speed of failure is exceeded half-way
+    motion = Trajectory(("joint1",), np.array([0.0, 0.01]), none, none, push)
+    found = verify(rail_problem(), motion)
+    assert not found.complete and found.replay.t.size > 2
+    assert found.defect == np.inf
+
+
 def test_velocity_limit_is_checked_between_the_nodes() -> None:
     # Three nodes at rest hide the top speed; the torques do not.
     motion = rail_motion(nodes=3)

@@ -262,7 +262,7 @@ class Integration:
             for piece in np.flatnonzero(interval == k).tolist():
                 ticks = subdivided(pieces.t[piece : piece + 2], TIME_STEP)
                 rows, _ = self._piece(piece, x, ticks)
-                x = rows[-1] if len(rows) else np.full_like(x, np.nan)
+                x = rows[-1] if len(rows) == ticks.size - 1 else np.full_like(x, np.nan)
             out[k] = x - nodes[k + 1]
         return out
 

@@ -76,10 +76,10 @@ class Verification:
             to be replayed.
         deviation: Largest distance of each joint from the plan, shape (n,) [rad or m].
         defect: Largest distance in position by which the integration of an interval
-            from its first node misses its last node [rad or m]; None for a motion
-            without violations, and for a motion that is too long to be replayed. If the
-            defect is small and the goal is missed, the motion is unstable, or errors
-            add up.
+            from its first node misses its last node [rad or m], infinite if it fails on
+            the way; None for a motion without violations, and for a motion that is too
+            long to be replayed. If the defect is small and the goal is missed, the
+            motion is unstable, or errors add up.
         integrator: Name of the integrator.
         complete: Whether the replay reached the end of the motion.
         tolerances: The tolerances.
