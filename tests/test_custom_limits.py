@@ -238,6 +238,24 @@ def test_custom_motion_limit_is_used_by_every_part(
     assert read.motion_limits == limited.problem.motion_limits
 
 
+@dataclass(frozen=True, eq=False)
+class CountedLimits(tm.MotionLimits):
+    """Motion limits with a limit of the power that counts as a limit of the speed."""
+
+    counted_power: Any = field(
+        default=None,
+        metadata={"kind": PowerLimit("counted", ("W", "W"), "uv", 3, "velocity")},
+    )
+
+
+def test_custom_motion_limit_counts_as_part_of_another_kind(free: tm.Solution) -> None:
+    limits = CountedLimits(counted_power={"joint1": WATTS})
+    verdict = tm.verify(replace(problem(), motion_limits=limits), free.trajectory)
+    (broken,) = verdict.violations
+    assert (broken.kind, broken.name) == ("velocity", "joint1")
+    assert broken.amount == pytest.approx(largest_power(free) - WATTS, rel=1e-3)
+
+
 # -- a limit of several motors together ------------------------------------------------
 
 

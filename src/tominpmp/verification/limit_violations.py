@@ -215,7 +215,7 @@ def limit_violations(
         kind, (times, excess) = item.kind, excesses(item)
         if kind.part_of:
             whole = merged[kind.part_of]
-            excess = np.maximum(whole.excess, excess)
+            times, excess = np.append(whole.t, times), np.vstack([whole.excess, excess])
             merged[whole.kind] = whole._replace(t=times, excess=excess)
         else:
             row = times, excess, item.scale
