@@ -70,8 +70,7 @@ def combine_robots(parts: Sequence[Part], *, gravity: ArrayLike | None = None) -
     }
     robot = assembled(
         name=description.name,
-        description=description,
-        linkage=Linkage.resolve(description.joints, locked),
+        linkage=Linkage.resolve(description, locked),
         table_for=partial(_joined_table, robots),
         gravity=world,
         srdf=_joined_semantics(robots, description.path),

@@ -91,12 +91,12 @@ from tominpmp.robot.robot import load_robot
         (one_joint(limit='<limit effort="x"/>'), "limit effort='x', expected a number"),
         (one_joint(limit='<limit effort="nan"/>'), "effort='nan', expected a number"),
         (one_joint(limit='<limit effort="-1"/>'), "effort=-1 is negative"),
-        (one_joint(inside='<dynamics damping="-1"/>'), "damping=-1"),
+        (one_joint(inside='<dynamics damping="-1"/>'), "damping='-1'"),
         (one_joint(inside="<mimic/>"), "joint j1: <mimic> lacks .*'joint'"),
         (one_joint(inside='<mimic joint="x"/>'), "joint j1 follows 'x', which is no"),
         (
             one_shape('<sphere radius="-1"/>'),
-            "sphere radius=-1, expected at least 0",
+            "sphere radius='-1', expected a number from 0 to",
         ),
         (one_shape("<sphere/>"), "lacks the attribute 'radius'"),
         (one_shape('<box size="1 1"/>'), "box size='1 1', expected 3 numbers"),
@@ -104,7 +104,7 @@ from tominpmp.robot.robot import load_robot
         (one_shape(""), "<geometry> has nothing"),
         (
             robot(link("a", '<inertial><mass value="-1"/></inertial>')),
-            "link a: mass value=-1",
+            "link a: mass value='-1'",
         ),
         (robot(link("a", "<inertial/>")), "link a: <inertial> lacks <mass>"),
     ],
@@ -266,7 +266,7 @@ def test_materials_with_one_name_keep_their_own_colours(tmp_path: Path) -> None:
 
 
 def linkage(folder: Path, *insides: str, **locked: float) -> Linkage:
-    return Linkage.resolve(read(folder, chain(*insides)).joints, locked)
+    return Linkage.resolve(read(folder, chain(*insides)), locked)
 
 
 FOLLOW_1 = '<mimic joint="j1" multiplier="2" offset="0.5"/>'

@@ -56,7 +56,6 @@ def describe_model(
     collision: pin.GeometryModel | None = None,
     visual: pin.GeometryModel | None = None,
     package_dirs: Sequence[Path] = (),
-    path: Path | None = None,
 ) -> tuple[UrdfDescription, SemanticDescription | None, Mapping[str, Any]]:
     """Describe a model of Pinocchio, with its geometry if it has any.
 
@@ -65,7 +64,6 @@ def describe_model(
         collision: Collision shapes.
         visual: Visual shapes.
         package_dirs: Package folders, which are stored in the description.
-        path: The file of the model, if there is one.
 
     Returns:
         The description; a semantic description with the link pairs that the collision
@@ -76,7 +74,7 @@ def describe_model(
         RobotLoadError: If a joint has several degrees of freedom or both turns and
             slides, a mass or inertia is not finite, or a shape has an unsupported type.
     """
-    path = Path(f"<pinocchio.Model {model.name}>") if path is None else path
+    path = Path(f"<pinocchio.Model {model.name}>")
     reader = _ModelReader(model, path)
     links, empty_shapes = reader.links(), list[str]()
     for geometry, kind in ((collision, "collisions"), (visual, "visuals")):

@@ -27,7 +27,7 @@ from tominpmp.checks import (
     vector,
     wrong,
 )
-from tominpmp.description.tree import JointDescription, Mimic
+from tominpmp.description.tree import JointDescription, Mimic, UrdfDescription
 from tominpmp.exceptions import (
     OptionsError,
     ProblemError,
@@ -43,16 +43,18 @@ class Linkage:
     """Dependence of the joints of a description on those that remain free.
 
     Attributes:
+        description: Links and joints.
         locked: Position of every joint that cannot move [rad or m].
         followers: Joints that follow a free joint, with their direct relation to it.
     """
 
+    description: UrdfDescription
     locked: Mapping[str, float]
     followers: Mapping[str, Mimic]
 
     @classmethod
     def resolve(
-        cls, joints: Sequence[JointDescription], locked_joints: Mapping[str, float]
+        cls, description: UrdfDescription, locked_joints: Mapping[str, float]
     ) -> Linkage:
         """Express mimic joints by their leaders.
 
@@ -60,7 +62,7 @@ class Linkage:
         followers.
 
         Args:
-            joints: All joints that can move.
+            description: Links and joints.
             locked_joints: Positions of the joints to lock [rad or m].
 
         Raises:
@@ -69,6 +71,7 @@ class Linkage:
                 contradicts a leader.
             RobotLoadError: If mimic joints follow each other in a cycle.
         """
+        joints = description.joints
         names = [joint.name for joint in joints]
         mimics = {joint.name: joint.mimic for joint in joints if joint.mimic}
         positions = _check_positions(names, locked_joints)
@@ -93,7 +96,7 @@ class Linkage:
             if fault:
                 message = f"locked_joints: joint {name} {fault}"
                 raise OptionsError(message, "locked_joints")
-        return cls(locked, followers)
+        return cls(description, locked, followers)
 
     def reasons(self) -> dict[str, str]:
         """For every joint that is not free, the reason, in words."""
@@ -103,9 +106,9 @@ class Linkage:
         }
         return {name: "is locked" for name in self.locked} | follows
 
-    def warn_of_limits(self, joints: Sequence[JointDescription]) -> None:
+    def warn_of_limits(self) -> None:
         """Warn of joints that are locked outside their limits, beyond rounding."""
-        for joint in joints:
+        for joint in self.description.joints:
             position = self.locked.get(joint.name)
             # Limits may be missing (NaN) or meaningless for a joint that is not moved.
             if position is None or not joint.lower < joint.upper:
@@ -297,12 +300,7 @@ class JointTable:
         return self.columns[column]
 
     @classmethod
-    def from_description(
-        cls,
-        joint_names: Sequence[str],
-        joints: Sequence[JointDescription],
-        linkage: Linkage,
-    ) -> JointTable:
+    def from_linkage(cls, joint_names: Sequence[str], linkage: Linkage) -> JointTable:
         r"""Collect the values of the free joints from a description.
 
         A joint that follows, :math:`q_f = m q + o`, contributes its position and
@@ -312,10 +310,9 @@ class JointTable:
 
         Args:
             joint_names: Free joints, in the order of the model.
-            joints: All joints of the description.
-            linkage: Locked and following joints.
+            linkage: The description, with locked and following joints.
         """
-        by_name = {joint.name: joint for joint in joints}
+        by_name = {joint.name: joint for joint in linkage.description.joints}
         rows = []
         for name in joint_names:
             joint = by_name[name]

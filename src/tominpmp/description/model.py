@@ -274,14 +274,14 @@ def expansion(
     return free, matrix, offset
 
 
-def configured_model(
+def configure_model(
     model: pin.Model,
     table: JointTable,
     gravity: Array,
     matrix: Array | None,
     offset: Array | None,
-) -> pin.Model:
-    """Copy a model and set its limits, friction, rotor inertia and gravity.
+) -> None:
+    """Set the limits, friction, rotor inertia and gravity of a model.
 
     A joint that follows gets the limits that its leader implies, and no motor.
 
@@ -292,7 +292,6 @@ def configured_model(
         matrix: S, shape (nv, n), or ``None``.
         offset: c, shape (nv,), or ``None``.
     """
-    model = model.copy()
     matrix = np.eye(len(table.joint_names)) if matrix is None else matrix
     leader, ratio = np.abs(matrix).argmax(axis=1), matrix.sum(axis=1)
     shift = 0.0 if offset is None else offset
@@ -315,4 +314,3 @@ def configured_model(
     for loss in LOSSES:
         setattr(model, loss, alone(table[loss]))
     model.gravity = pin.Motion(gravity, np.zeros(3))
-    return model

@@ -258,26 +258,21 @@ class _SrdfReader:
 
         The reason is empty if the file states no reason.
         """
-        text, links = self.context.text, self.links
-        pairs: dict[Pair, str] = {}
-        unknown: set[str] = set()
+        text, named = self.context.text, dict[Pair, str]()
         for element in self.root.iter("disable_default_collisions"):
             first = text(element, "link", element.tag)
-            if first in links:
-                rest = (link for link in self.description.links if link != first)
-                pairs |= {_ordered(first, second): WHOLE_LINK for second in rest}
-            else:
-                unknown.add(first)
+            rest = (link for link in self.description.links if link != first)
+            named |= {_ordered(first, second): WHOLE_LINK for second in rest}
         for tag in ("enable_collisions", "disable_collisions"):
             for element in self.root.iter(tag):
                 first, second = (text(element, f"link{i}", tag) for i in (1, 2))
                 pair = _ordered(first, second)
                 if tag == "enable_collisions":
-                    pairs.pop(pair, None)
-                elif links.issuperset(pair):
-                    pairs[pair] = element.get("reason", "").strip()
+                    named.pop(pair, None)
                 else:
-                    unknown |= {*pair} - links
+                    named[pair] = element.get("reason", "").strip()
+        unknown = set().union(*named) - self.links
+        pairs = {k: why for k, why in named.items() if self.links.issuperset(k)}
         if unknown and not pairs:
             self.context.fail(
                 "belongs to another robot: it names the links "

@@ -23,6 +23,7 @@ import hashlib
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
+from graphlib import CycleError, TopologicalSorter
 from io import BytesIO
 from itertools import islice
 from pathlib import Path
@@ -245,24 +246,20 @@ class _UrdfReader:
 
         only_text = {"build_scene_graph": False, "load_meshes": False}
         robot = yourdfpy.URDF.load(source, **only_text).robot
-        pairs = zip(robot.links, root.findall("link"), strict=True)
-        links = tuple(self._link(*pair) for pair in pairs)
-        pairs = zip(robot.joints, root.findall("joint"), strict=True)
-        joints = tuple(self._joint(*pair) for pair in pairs)
-        gravity = None
-        own = root.find("tominpmp")
-        if own is not None and "gravity" in own.attrib:
-            gravity = context.numbers(own, "gravity", "robot", (0.0, 0.0, 0.0))
-        _check_tree([link.name for link in links], joints, context)
-        warn_of(self.remarks, context.path)
-        return UrdfDescription(
+        gravity, own = None, root.find("tominpmp[@gravity]")
+        if own is not None:
+            gravity = context.numbers(own, "gravity", "robot", _ZEROS)
+        description = UrdfDescription(
             name=robot.name,
-            bodies=links,
-            tree=joints,
+            bodies=tuple(map(self._link, robot.links, root.findall("link"))),
+            tree=tuple(map(self._joint, robot.joints, root.findall("joint"))),
             gravity=gravity,
             path=context.path,
             package_dirs=context.folders,
         )
+        _check_tree(description)
+        warn_of(self.remarks, context.path)
+        return description
 
     # -- copy for yourdfpy -------------------------------------------------------------
 
@@ -505,46 +502,41 @@ class _UrdfReader:
             self.remarks[SOFT_LIMITS].append(name)
 
 
-def _check_tree(
-    links: Sequence[str],
-    joints: Sequence[JointDescription],
-    context: XmlContext,
-) -> None:
+def _check_tree(description: UrdfDescription) -> None:
     """Check that the joints form one tree of the links, and that leaders exist."""
+    links, joints = description.links, description.tree
     names = [joint.name for joint in joints]
     above: dict[str, JointDescription] = {}
     for joint in joints:
         for end in ("parent", "child"):
             link = getattr(joint, end)
             if link not in links:
-                context.fail(
+                description.fail(
                     f"joint {joint.name}: its {end} link {brief(link)} does not exist"
                 )
         if joint.child in above:
-            context.fail(
+            description.fail(
                 f"link {joint.child} is the child of two joints, "
                 f"{above[joint.child].name} and {joint.name}: closed loops are not "
                 "supported"
             )
         above[joint.child] = joint
         if joint.mimic is not None and joint.mimic.leader not in names:
-            context.fail(
+            description.fail(
                 f"joint {joint.name} follows {brief(joint.mimic.leader)}, which is "
                 "not a joint"
             )
     roots = [name for name in links if name not in above]
     if len(roots) > 1:
-        context.fail(
+        description.fail(
             f"has {len(roots)} links without a parent joint, expected one: "
             f"{', '.join(roots[:10])}"
         )
-    reached, front = set(roots), roots
-    while front:
-        front = [joint.child for joint in joints if joint.parent in front]
-        reached.update(front)
-    rest = [name for name in links if name not in reached]
-    if rest:
-        context.fail(f"the links {', '.join(rest[:10])} form a loop without a base")
+    try:
+        TopologicalSorter({joint.child: [joint.parent] for joint in joints}).prepare()
+    except CycleError as error:
+        loop = [name for name in links if name in error.args[1]]
+        description.fail(f"the links {', '.join(loop[:10])} form a loop without a base")
 
 
 # Number written for no limit; readers take numbers of this size for no limit.

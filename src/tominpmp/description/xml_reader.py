@@ -155,20 +155,15 @@ class XmlContext:
         """
         if attribute not in element.attrib:
             return default
-        text = element.attrib[attribute]
+        text, count = element.attrib[attribute], len(default)
         values = tuple(map(to_number_or_nan, text.split()))
-        count = len(default)
-        if len(values) != count or not all(abs(v) <= most for v in values):
+        least = -most if low is None else low
+        if len(values) != count or not all(least <= v <= most for v in values):
             wanted = "a number" if count == 1 else f"{count} numbers"
-            size = "" if math.isinf(most) else f" of at most {most:g} in size"
+            ends = "" if math.isinf(most) else f" from {least:g} to {most:g}"
             self.fail(
                 f"{where}: {element.tag} {attribute}={brief(text)}, expected "
-                f"{wanted}{size}"
-            )
-        if low is not None and min(values, default=low) < low:
-            self.fail(
-                f"{where}: {element.tag} {attribute}={min(values):g}, expected at "
-                f"least {low:g}"
+                f"{wanted}{ends}"
             )
         return values
 

@@ -616,9 +616,8 @@ def _overrides(robot: Robot, locked: Mapping[str, float]) -> dict[str, Any]:
     """Values per joint that differ from those of the description."""
     # URDF files have no armature, while models of Pinocchio have.
     joints = tuple(replace(one, armature=0.0) for one in robot.description.joints)
-    plain = JointTable.from_description(
-        robot.joint_names, joints, Linkage.resolve(joints, locked)
-    )
+    linkage = Linkage.resolve(replace(robot.description, tree=joints), locked)
+    plain = JointTable.from_linkage(robot.joint_names, linkage)
     plain = plain.without_dynamics() if robot.kinematic else plain
     table: dict[str, Any] = {}
     for key in OVERRIDES:

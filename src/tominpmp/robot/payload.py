@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -26,13 +26,16 @@ from tominpmp.arrays import (
     record,
 )
 from tominpmp.checks import HUGE, Centre, instance, non_negative, optional, text, wrong
-from tominpmp.description.inertials import impossible_moments
 from tominpmp.description.model import are_neighbours
 from tominpmp.description.srdf import SemanticDescription
 from tominpmp.description.tree import SIZES, LinkDescription, Shape, UrdfDescription
 from tominpmp.exceptions import FrameNotFound, ProblemError, brief, warn_caller
+from tominpmp.robot.inertials import impossible_moments
 from tominpmp.scene.meshes import Mesh
 from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Obstacle, Sphere
+
+if TYPE_CHECKING:
+    from tominpmp.robot.robot import Robot
 
 # Relative asymmetry that an inertia matrix may have by rounding.
 ROUNDING = 1e-6
@@ -120,29 +123,24 @@ class Payload(Record):
 
 
 def attach(
-    payload: Payload,
-    description: UrdfDescription,
-    srdf: SemanticDescription | None,
-    model: pin.Model,
-    geometry: pin.GeometryModel,
+    payload: Payload, robot: Robot
 ) -> tuple[UrdfDescription, SemanticDescription | None]:
     """Add a payload to the descriptions of a robot.
 
+    If the SRDF file disables link pairs, contact is also allowed between the payload
+    and links on the carrying joint and the joints next to it.
+
     Args:
         payload: The payload.
-        description: Content of the URDF file.
-        srdf: Content of the SRDF file; if it disables link pairs, contact is also
-            allowed between the payload and links on the carrying joint and the joints
-            next to it.
-        model: The robot without the payload.
-        geometry: Its collision geometry.
+        robot: The robot without the payload.
 
     Raises:
         ProblemError: If its name is the name of a frame of the robot.
         FrameNotFound: If the robot lacks the frame that carries it.
     """
     instance(payload, Payload, "payload")
-    names = [frame.name for frame in model.frames[1:]]
+    description, srdf = robot.description, robot.srdf
+    names = [frame.name for frame in robot.model.frames[1:]]
     if payload.name in names:
         expected = "a name that no frame of the robot has"
         raise wrong(payload.name, "payload.name", expected)
@@ -157,17 +155,16 @@ def attach(
     extended = description.with_link(carried, link, payload)
     if srdf is None or not srdf.disabled_pairs:
         return extended, srdf
-    adjacent = _adjacent_links(model, geometry, int(model.getBodyId(link)))
+    adjacent = _adjacent_links(robot, link)
     pairs = [(min(name, payload.name), max(name, payload.name)) for name in adjacent]
     pairs = [*srdf.disabled_pairs, *pairs]
     return extended, replace(srdf, disabled_pairs=tuple(dict.fromkeys(pairs)))
 
 
-def _adjacent_links(
-    model: pin.Model, geometry: pin.GeometryModel, body: int
-) -> list[str]:
+def _adjacent_links(robot: Robot, link: str) -> list[str]:
     """Links with shapes on the joint of a link and on the adjacent joints."""
-    items, joint = geometry.geometryObjects, int(model.frames[body].parentJoint)
+    model, items = robot.model, robot.collision_model.geometryObjects
+    joint = int(model.frames[model.getBodyId(link)].parentJoint)
     carriers = {joint, *(int(item.parentJoint) for item in items)}
     near = {k for k in carriers if are_neighbours(model, joint, k, carriers)} | {joint}
     near_items = (item for item in items if int(item.parentJoint) in near)

@@ -35,7 +35,6 @@ from tominpmp.description.files import (
     robot_names,
 )
 from tominpmp.description.from_pinocchio import describe_model
-from tominpmp.description.inertials import check_inertia, warn_of_inertia
 from tominpmp.description.joint_table import (
     LOSSES,
     JointLimits,
@@ -51,7 +50,7 @@ from tominpmp.description.model import (
     ScratchData,
     build_geometry,
     build_model,
-    configured_model,
+    configure_model,
     expansion,
     sticks,
 )
@@ -77,6 +76,7 @@ from tominpmp.exceptions import (
 )
 from tominpmp.motion_limits import MotionLimits, kinds_of, limits_by_joint
 from tominpmp.notebook import card, skeletons, table
+from tominpmp.robot.inertials import check_inertia, warn_of_inertia
 from tominpmp.robot.payload import Payload, attach
 
 
@@ -357,10 +357,12 @@ class Robot(Record):
             "position_upper": position_upper,
         }
         check_kinematic(self.kinematic, values)
-        table = self._table().overridden(self._linkage().reasons(), values)
+        linkage = Linkage.resolve(self.description, self.locked_joints)
+        table = self._table().overridden(linkage.reasons(), values)
         changed = check_gravity(self.gravity if gravity is None else gravity)
-        robot = self._rebuilt(table=table, gravity=changed)
-        robot._check_inertia()
+        robot = self._rebuilt(linkage=linkage, table=table, gravity=changed)
+        if not robot.kinematic:
+            check_inertia(robot)
         # The geometry does not depend on these values and need not be read again.
         for name in ("collision_model", "visual_model"):
             if name in self.__dict__:
@@ -380,9 +382,9 @@ class Robot(Record):
             RobotLoadError: If no moving joint remains.
         """
         instance(positions, Mapping, "positions", "positions by joint name")
-        joints = self.description.joints
-        linkage = Linkage.resolve(joints, {**positions, **self.locked_joints})
-        linkage.warn_of_limits(joints)
+        locked = {**positions, **self.locked_joints}
+        linkage = Linkage.resolve(self.description, locked)
+        linkage.warn_of_limits()
         limits = self.motion_limits
         if limits is not None:
             kept_names = {k: k for k in self.joint_names if k not in linkage.locked}
@@ -396,9 +398,7 @@ class Robot(Record):
             ProblemError: If another frame has its name.
             FrameNotFound: If the robot lacks the frame that carries it.
         """
-        description, srdf = attach(
-            payload, self.description, self.srdf, self.model, self.collision_model
-        )
+        description, srdf = attach(payload, self)
         return self._rebuilt(description=description, srdf=srdf)
 
     @property
@@ -413,19 +413,6 @@ class Robot(Record):
         columns |= {loss: getattr(self, loss) for loss in LOSSES}
         return JointTable(self.joint_names, columns)
 
-    def _check_inertia(self) -> None:
-        """Check that every joint moves some inertia, unless the robot has no torques.
-
-        Raises:
-            RobotLoadError: If a joint moves without inertia.
-        """
-        if not self.kinematic:
-            ties = self.expansion_matrix, self.expansion_offset
-            check_inertia(self.model, self._table(), *ties, self.description)
-
-    def _linkage(self) -> Linkage:
-        return Linkage.resolve(self.description.joints, self.locked_joints)
-
     def _rebuilt(
         self,
         *,
@@ -434,9 +421,10 @@ class Robot(Record):
         **changes: Any,
     ) -> Robot:
         """The robot with fields changed, and the model derived from them again."""
-        kept = ("name", "description", "gravity", "srdf", "motion_limits", "kinematic")
+        kept = ("name", "gravity", "srdf", "motion_limits", "kinematic")
         values = {name: getattr(self, name) for name in kept} | changes
-        linkage = linkage or self._linkage()
+        description = values.pop("description", self.description)
+        linkage = linkage or Linkage.resolve(description, self.locked_joints)
         table = table or self._table()
         return assembled(linkage=linkage, table_for=table.only, **values)
 
@@ -456,7 +444,6 @@ class Robot(Record):
 
 def assembled(
     *,
-    description: UrdfDescription,
     linkage: Linkage,
     table_for: Callable[[tuple[str, ...]], JointTable],
     gravity: Array,
@@ -466,8 +453,7 @@ def assembled(
     """Make a robot with the model derived from its description.
 
     Args:
-        description: Links and joints.
-        linkage: Which joints are locked, and which follow others.
+        linkage: Links and joints, of which some are locked and some follow others.
         table_for: Values of the joints that move freely, by their names.
         gravity: Gravity in the world, shape (3,) [m/s^2].
         srdf: Semantic description, if there is one.
@@ -476,14 +462,16 @@ def assembled(
     Raises:
         RobotLoadError: If no moving joint remains.
     """
-    plain = build_model(description, linkage.locked)
-    joint_names, *ties = expansion(plain, linkage.followers, description.order)
+    description = linkage.description
+    model = build_model(description, linkage.locked)
+    joint_names, *ties = expansion(model, linkage.followers, description.order)
     if not joint_names:
         description.fail("no joint is left that moves")
     joints = table_for(joint_names)
+    configure_model(model, joints, gravity, *ties)
     values |= {loss: joints[loss] for loss in LOSSES}
     return Robot(
-        model=configured_model(plain, joints, gravity, *ties),
+        model=model,
         joint_names=joint_names,
         limits=JointLimits(*joints.ends, joints["velocity"], *joints["effort"].T),
         gravity=gravity,
@@ -585,14 +573,13 @@ class RobotSource:
             OptionsError: If the group is unknown, or a position is wrong.
             JointNotFound: If a joint is unknown.
         """
-        joints = self.description.joints
         locked_joints = {} if locked_joints is None else locked_joints
         # The caller's own locks are resolved first, so that errors name them.
-        linkage = Linkage.resolve(joints, locked_joints)
+        linkage = Linkage.resolve(self.description, locked_joints)
         if group is None:
             return linkage
         locks = group_locks(self.semantics, self.description, group, locked_joints)
-        return Linkage.resolve(joints, locks)
+        return Linkage.resolve(self.description, locks)
 
 
 def read_source(
@@ -839,13 +826,11 @@ def load_robot(
     check_kinematic(kinematic, values)
     loaded = read_source(source, package_dirs, srdf, geometry, xacro_args)
     linkage = loaded.linkage(group, locked_joints)
-    linkage.warn_of_limits(loaded.description.joints)
+    linkage.warn_of_limits()
     known, reasons = loaded.known_values(limits), linkage.reasons()
 
     def table_for(joint_names: tuple[str, ...]) -> JointTable:
-        table = JointTable.from_description(
-            joint_names, loaded.description.joints, linkage
-        )
+        table = JointTable.from_linkage(joint_names, linkage)
         overrides = {
             key: {k: v for k, v in known[key].items() if k in joint_names}
             for key in SHEET_COLUMNS
@@ -859,7 +844,6 @@ def load_robot(
     own_gravity = loaded.description.gravity or DEFAULT_GRAVITY
     robot = assembled(
         name=loaded.name or loaded.description.name,
-        description=loaded.description,
         linkage=linkage,
         table_for=table_for,
         gravity=check_gravity(own_gravity if gravity is None else gravity),
@@ -871,9 +855,9 @@ def load_robot(
             if kind.of_torques:
                 known.pop(name, None)
     robot = replace(robot, motion_limits=limits_by_joint(known, robot.joint_names))
-    robot._check_inertia()
     if not kinematic:
-        warn_of_inertia(robot.model, loaded.description)
+        check_inertia(robot)
+        warn_of_inertia(robot)
     if loaded.semantics is not None:
         motors = set(robot.joint_names) - set(robot.passive_joints)
         warn_of_passive(loaded.semantics.passive, motors)
