@@ -90,7 +90,7 @@ def test_unknown_groups_are_refused(tmp_path: Path) -> None:
     assert caught.value.option == "group"
     with pytest.raises(OptionsError, match="no group 3"):
         arm(tmp_path, group=3)
-    with pytest.raises(OptionsError, match="no SRDF file with groups"):
+    with pytest.raises(OptionsError, match="has: none; or give an SRDF file"):
         arm(tmp_path, "", group="arm")
     with pytest.raises(OptionsError, match="no joint moves"):
         arm(tmp_path, '<group name="a"/>', group="a")

@@ -21,7 +21,7 @@ import pinocchio as pin
 from tominpmp.arrays import Array, IntArray, frozen_array
 from tominpmp.description.joint_table import LOSSES
 from tominpmp.description.model import mesh_arrays
-from tominpmp.description.srdf import SemanticDescription
+from tominpmp.description.srdf import Pair, SemanticDescription, ordered_pair
 from tominpmp.description.tree import (
     EMPTY,
     JointDescription,
@@ -278,25 +278,21 @@ def _semantics(
 
 def _unchecked_pairs(
     reader: _ModelReader, collision: pin.GeometryModel
-) -> tuple[tuple[str, str], ...]:
+) -> tuple[Pair, ...]:
     """Link pairs that the collision pairs leave out; empty without a real choice.
 
     A model without any pair, or with all possible pairs, makes no choice.
     """
     items = list(collision.geometryObjects)
     links = [reader.placed(item)[0] for item in items]
-    checked = {
-        tuple(sorted((links[pair.first], links[pair.second])))
-        for pair in collision.collisionPairs
-    }
+    pairs = collision.collisionPairs
+    checked = {ordered_pair(links[pair.first], links[pair.second]) for pair in pairs}
     every = {
-        tuple(sorted((links[i], links[k])))
+        ordered_pair(links[i], links[k])
         for i, k in combinations(range(len(items)), 2)
         if items[i].parentJoint != items[k].parentJoint and links[i] != links[k]
     }
-    if not checked or every <= checked:
-        return ()
-    return tuple(sorted((one, other) for one, other in every - checked))
+    return tuple(sorted(every - checked)) if checked else ()
 
 
 def _triangles(solid: Any) -> Triangles | None:

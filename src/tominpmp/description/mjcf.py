@@ -21,7 +21,7 @@ from tominpmp.checks import FARTHEST
 from tominpmp.description.files import missing_resource, resolve_resource
 from tominpmp.description.from_pinocchio import ellipsoid
 from tominpmp.description.model import one_line
-from tominpmp.description.srdf import SemanticDescription
+from tominpmp.description.srdf import SemanticDescription, ordered_pair
 from tominpmp.description.tree import (
     UNREAD,
     UNSEEN,
@@ -362,7 +362,7 @@ class _MjcfReader:
             apart |= (fixed[parents[fixed]][:, None] == fixed) & (fixed > 0)
             apart[np.arange(model.nbody), parents] |= parents > 0
         pairs = np.argwhere(apart).tolist()
-        named = {tuple(sorted((self.bodies[i], self.bodies[k]))) for i, k in pairs}
+        named = {ordered_pair(self.bodies[i], self.bodies[k]) for i, k in pairs}
         states = {
             model.key(k).name or f"key {k}": dict(zip(self.names, row, strict=True))
             for k, row in enumerate(model.key_qpos.tolist())

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -29,8 +29,8 @@ from tominpmp.exceptions import (
     OptionsError,
     RobotLoadError,
     brief,
-    closest,
     shortened,
+    unknown,
     warn_caller,
 )
 
@@ -149,6 +149,68 @@ class SemanticDescription(Record):
             states[key[1]] |= self.states_of_groups[key]
         return replace(self, group_states=states)
 
+    def joints_of(self, group: Group, description: UrdfDescription) -> Collection[str]:
+        """Find the joints of a group.
+
+        Args:
+            group: Name of a group; of a link, for the chain from the base to it; names
+                of joints, or of the base and tip links of a chain.
+            description: Description of the robot.
+
+        Raises:
+            OptionsError: If the group is unknown, or has no joint.
+        """
+        name = self.find_group(group) if isinstance(group, str) else None
+        moving = {joint.name for joint in description.joints}
+        single = isinstance(group, str) or not isinstance(
+            group, Sequence | set | frozenset
+        )
+        # A single link stands for the chain from the base to it.
+        names: list[Any] = [description.root, group] if single else list(group)
+        valid = all(isinstance(name, str) for name in names)
+        joints: Collection[str]
+        if name is not None:
+            joints = self.groups[name].joints
+            warn_of_group(name, self.groups[name])
+        elif names and valid and not single and moving.issuperset(names):
+            joints = names
+        elif len(names) == 2 and valid and {*names} <= {*description.links}:
+            joints = moving & description.joints_between(*names)
+        else:
+            raise OptionsError(
+                f"group: {unknown('group', group, list(self.groups), 'the robot has')}"
+                "; or give an SRDF file with groups as srdf, the name of the last link "
+                "of a chain, two links (base, tip), or names of joints",
+                "group",
+            )
+        if not joints:
+            raise OptionsError(f"group: no joint moves {brief(group)}", "group")
+        return joints
+
+    def rest_positions(
+        self, joints: Iterable[JointDescription], inside: Collection[str]
+    ) -> dict[str, float]:
+        """Rest positions [rad or m] of the joints outside a group, by joint name.
+
+        They are those of the group states, else zero or the limit nearest to it; joints
+        that follow others have none.
+
+        Args:
+            joints: Joints of the robot.
+            inside: Names of the joints in the group.
+        """
+        outside = (j for j in joints if j.name not in inside and not j.mimic)
+        return {joint.name: self._rest_position(joint) for joint in outside}
+
+    def _rest_position(self, joint: JointDescription) -> float:
+        states = self.group_states
+        for state in dict.fromkeys((*REST_STATES, *states)):
+            if joint.name in states.get(state, {}):
+                return states[state][joint.name]
+        if not joint.lower < joint.upper:
+            return 0.0
+        return min(max(0.0, joint.lower), joint.upper)
+
     def find_group(self, name: str) -> str | None:
         """Name of a group in the file; None without a match.
 
@@ -262,21 +324,21 @@ class _SrdfReader:
         for element in self.root.iter("disable_default_collisions"):
             first = text(element, "link", element.tag)
             rest = (link for link in self.description.links if link != first)
-            named |= {_ordered(first, second): WHOLE_LINK for second in rest}
+            named |= {ordered_pair(first, second): WHOLE_LINK for second in rest}
         for tag in ("enable_collisions", "disable_collisions"):
             for element in self.root.iter(tag):
                 first, second = (text(element, f"link{i}", tag) for i in (1, 2))
-                pair = _ordered(first, second)
+                pair = ordered_pair(first, second)
                 if tag == "enable_collisions":
                     named.pop(pair, None)
                 else:
                     named[pair] = element.get("reason", "").strip()
-        unknown = set().union(*named) - self.links
+        lacking = set().union(*named) - self.links
         pairs = {k: why for k, why in named.items() if self.links.issuperset(k)}
-        if unknown and not pairs:
+        if lacking and not pairs:
             self.context.fail(
                 "belongs to another robot: it names the links "
-                f"{', '.join(sorted(unknown)[:10])}, the robot has "
+                f"{', '.join(sorted(lacking)[:10])}, the robot has "
                 f"{', '.join(self.description.links)}"
             )
         return pairs
@@ -346,73 +408,9 @@ class _SrdfReader:
         return joint if joint in self.known else joint.rpartition("/")[2]
 
 
-def _ordered(one: str, other: str) -> Pair:
+def ordered_pair(one: str, other: str) -> Pair:
+    """Names of two links in alphabetical order."""
     return min(one, other), max(one, other)
-
-
-def group_locks(
-    semantics: SemanticDescription | None,
-    description: UrdfDescription,
-    group: Group,
-    locked: Mapping[str, float],
-) -> dict[str, float]:
-    """Find the positions at which the joints outside a group are locked.
-
-    Args:
-        semantics: Content of the SRDF file, if there is one: its group states contain
-            rest positions.
-        description: Description of the robot.
-        group: Name of a group; of a link, for the chain from the base to it; names of
-            joints, or of the base and tip links of a chain.
-        locked: Positions of joints that the caller locks [rad or m].
-
-    Returns:
-        Positions by name of these, and of all joints outside the group: from a group
-        state, else zero or the limit nearest to it.
-
-    Raises:
-        OptionsError: If the group is unknown, or has no joint.
-    """
-    srdf = SemanticDescription() if semantics is None else semantics
-    inside = _group_joints(srdf, description, group)
-    outside = [j for j in description.joints if j.name not in inside and not j.mimic]
-    return {j.name: rest_position(j, srdf.group_states) for j in outside} | dict(locked)
-
-
-def _group_joints(
-    semantics: SemanticDescription, description: UrdfDescription, group: Group
-) -> Collection[str]:
-    """Joints of a group by name, of a list of joints, or of a chain between links."""
-    name = semantics.find_group(group) if isinstance(group, str) else None
-    moving = {joint.name for joint in description.joints}
-    single = isinstance(group, str) or not isinstance(group, Sequence | set | frozenset)
-    # A single link stands for the chain from the base to it.
-    names: list[Any] = [description.root, group] if single else list(group)
-    valid = all(isinstance(name, str) for name in names)
-    joints: Collection[str]
-    if name is not None:
-        joints = semantics.groups[name].joints
-        warn_of_group(name, semantics.groups[name])
-    elif names and valid and not single and moving.issuperset(names):
-        joints = names
-    elif len(names) == 2 and valid and {*names} <= {*description.links}:
-        joints = moving & description.joints_between(*names)
-    else:
-        raise OptionsError(_no_group(list(semantics.groups), group), "group")
-    if not joints:
-        raise OptionsError(f"group: no joint moves {brief(group)}", "group")
-    return joints
-
-
-def _no_group(groups: Sequence[str], group: object) -> str:
-    known = f"; the robot has: {', '.join(groups)}"
-    if not groups:
-        known = ": the robot has no SRDF file with groups; give one as srdf"
-    return (
-        f"group: there is no group {brief(group)}{closest(group, groups)}"
-        f"{known}; or give the name of the last link of a chain, two links (base, tip),"
-        " or names of joints"
-    )
 
 
 def warn_of_group(name: str, group: JointGroup) -> None:
@@ -424,20 +422,6 @@ def warn_of_group(name: str, group: JointGroup) -> None:
         faults.append("moves the base, which is planned for as standing still")
     if faults:
         warn_caller(f"the group {name!r} {' and '.join(faults)}")
-
-
-def rest_position(joint: JointDescription, states: Mapping[str, Positions]) -> float:
-    """Rest position of a joint [rad or m].
-
-    It is taken from a group state, preferably one with a usual name; otherwise it is
-    zero, or the position limit nearest to zero.
-    """
-    for state in dict.fromkeys((*REST_STATES, *states)):
-        if joint.name in states.get(state, {}):
-            return states[state][joint.name]
-    if not joint.lower < joint.upper:
-        return 0.0
-    return min(max(0.0, joint.lower), joint.upper)
 
 
 def warn_of_passive(passive: Collection[str], motors: Collection[str]) -> None:

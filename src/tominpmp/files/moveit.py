@@ -28,7 +28,7 @@ from tominpmp.constraints.path import PathConstraint
 from tominpmp.description.fields import Field
 from tominpmp.description.files import missing_resource, resolve_resource
 from tominpmp.description.paths import checked_path, read_bytes
-from tominpmp.description.srdf import SemanticDescription, rest_position, warn_of_group
+from tominpmp.description.srdf import SemanticDescription, warn_of_group
 from tominpmp.description.tree import UNREAD, UrdfDescription, warn_of
 from tominpmp.description.yaml_reader import MAX_BYTES, parse_yaml
 from tominpmp.exceptions import (
@@ -496,20 +496,19 @@ def _outside_group(
         links = _goal_names(request, "position", "orientation")
         above = map(description.joints_above, links)
         moving = set(_goal_names(request, "joint")).union(*above)
-    outside = [j for j in description.joints if j.name not in moving and not j.mimic]
+    outside = srdf.rest_positions(description.joints, moving)
     if links and outside:
         warn_caller(
             f"{name.path}: {name.key}: the robot has no group {brief(name.text())} (it "
             f"has: {', '.join(srdf.groups) or 'none'}); planned are the joints that "
             "carry the links of the goal, "
-            f"and {', '.join(j.name for j in outside)} are held"
+            f"and {', '.join(outside)} are held"
         )
-    lacking = [joint.name for joint in outside if joint.name not in start]
+    lacking = [joint for joint in outside if joint not in start]
     held = "held where the robot's SRDF file has them, else at 0"
     remark = f"start_state says nothing about {{}}, outside the group; {held}"
     warn_of({remark: lacking}, request.path)
-    rest = {j.name: rest_position(j, srdf.group_states) for j in outside}
-    return {name: start.get(name, position) for name, position in rest.items()}
+    return {joint: start.get(joint, rest) for joint, rest in outside.items()}
 
 
 def load_moveit(

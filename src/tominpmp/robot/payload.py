@@ -27,7 +27,7 @@ from tominpmp.arrays import (
 )
 from tominpmp.checks import HUGE, Centre, instance, non_negative, optional, text, wrong
 from tominpmp.description.model import are_neighbours
-from tominpmp.description.srdf import SemanticDescription
+from tominpmp.description.srdf import SemanticDescription, ordered_pair
 from tominpmp.description.tree import SIZES, LinkDescription, Shape, UrdfDescription
 from tominpmp.exceptions import FrameNotFound, ProblemError, brief, warn_caller
 from tominpmp.robot.inertials import impossible_moments
@@ -156,7 +156,7 @@ def attach(
     if srdf is None or not srdf.disabled_pairs:
         return extended, srdf
     adjacent = _adjacent_links(robot, link)
-    pairs = [(min(name, payload.name), max(name, payload.name)) for name in adjacent]
+    pairs = [ordered_pair(name, payload.name) for name in adjacent]
     pairs = [*srdf.disabled_pairs, *pairs]
     return extended, replace(srdf, disabled_pairs=tuple(dict.fromkeys(pairs)))
 

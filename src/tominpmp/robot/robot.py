@@ -57,7 +57,6 @@ from tominpmp.description.model import (
 from tominpmp.description.srdf import (
     Group,
     SemanticDescription,
-    group_locks,
     read_srdf,
     warn_of_passive,
 )
@@ -573,13 +572,16 @@ class RobotSource:
             OptionsError: If the group is unknown, or a position is wrong.
             JointNotFound: If a joint is unknown.
         """
+        description = self.description
         locked_joints = {} if locked_joints is None else locked_joints
         # The caller's own locks are resolved first, so that errors name them.
-        linkage = Linkage.resolve(self.description, locked_joints)
+        linkage = Linkage.resolve(description, locked_joints)
         if group is None:
             return linkage
-        locks = group_locks(self.semantics, self.description, group, locked_joints)
-        return Linkage.resolve(self.description, locks)
+        srdf = SemanticDescription() if self.semantics is None else self.semantics
+        inside = srdf.joints_of(group, description)
+        locks = srdf.rest_positions(description.joints, inside) | dict(locked_joints)
+        return Linkage.resolve(description, locks)
 
 
 def read_source(
@@ -850,11 +852,9 @@ def load_robot(
         srdf=loaded.semantics,
         kinematic=kinematic,
     )
-    if kinematic:
-        for name, kind in kinds_of(MotionLimits).items():
-            if kind.of_torques:
-                known.pop(name, None)
-    robot = replace(robot, motion_limits=limits_by_joint(known, robot.joint_names))
+    of_torques = [name for name, k in kinds_of(MotionLimits).items() if k.of_torques]
+    kept = {k: v for k, v in known.items() if not kinematic or k not in of_torques}
+    robot = replace(robot, motion_limits=limits_by_joint(kept, robot.joint_names))
     if not kinematic:
         check_inertia(robot)
         warn_of_inertia(robot)
