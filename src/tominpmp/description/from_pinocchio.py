@@ -143,8 +143,8 @@ class _ModelReader:
             "revolute" if turns else "prismatic",
             self.main[model.parents[index]],
             self.main[index],
-            frozen_array(model.jointPlacements[index].homogeneous),
-            frozen_array(axis / ratio),
+            model.jointPlacements[index],
+            axis / ratio,
             *(-math.inf, math.inf, math.inf, math.nan),
         )
         if joint.nv == 0:
@@ -192,8 +192,7 @@ class _ModelReader:
             if not np.isfinite([own.mass, *own.lever, *own.inertia.ravel()]).all():
                 fault = f"mass, centre or inertia of link {name} is not finite"
                 fail_to_load(self.path, fault)
-            com, inertia = frozen_array(own.lever), frozen_array(own.inertia)
-            links[name] = LinkDescription(name, float(own.mass), com, inertia)
+            links[name] = LinkDescription(name, float(own.mass), own.lever, own.inertia)
         of_frames = (joint.child for joint in self.fixed)
         return links | {name: LinkDescription(name) for name in of_frames}
 
@@ -233,17 +232,17 @@ def _shape(item: pin.GeometryObject, placement: pin.SE3, path: Path) -> Shape | 
     Raises:
         RobotLoadError: If its type is not supported.
     """
-    body, place = item.geometry, frozen_array(placement.homogeneous)
-    kind, file = type(body).__name__, Path(item.meshPath)
+    body, file = item.geometry, Path(item.meshPath)
+    kind = type(body).__name__
     if kind == "Box":
-        return solid("box", 2.0 * np.asarray(body.halfSide).ravel(), place)
+        return solid("box", 2.0 * np.asarray(body.halfSide).ravel(), placement)
     if kind == "Sphere":
-        return solid("sphere", (body.radius,), place)
+        return solid("sphere", (body.radius,), placement)
     if kind in ("Cylinder", "Capsule"):
-        return solid(kind.lower(), (body.radius, 2.0 * body.halfLength), place)
+        return solid(kind.lower(), (body.radius, 2.0 * body.halfLength), placement)
     if kind.startswith("BVHModel") and item.meshPath and file.is_file():
         scale = tuple(np.asarray(item.meshScale).tolist())
-        return Shape("mesh", scale, place, str(file.absolute()))
+        return Shape("mesh", scale, placement, str(file.absolute()))
     triangles = _triangles(body)
     if triangles is None:
         fail_to_load(
@@ -252,7 +251,7 @@ def _shape(item: pin.GeometryObject, placement: pin.SE3, path: Path) -> Shape | 
             "cylinder, capsule, cone, ellipsoid, mesh or convex one",
         )
     corners, faces = frozen_array(triangles[0]), triangles[1]
-    return Shape("mesh", (1.0, 1.0, 1.0), place, "", corners, faces)
+    return Shape("mesh", (1.0, 1.0, 1.0), placement, "", corners, faces)
 
 
 def _semantics(

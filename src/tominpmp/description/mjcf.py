@@ -272,8 +272,8 @@ class _MjcfReader:
             turns if _kind(self.mujoco.mjtJoint, own) == "hinge" else "prismatic",
             above,
             below,
-            place.homogeneous,
-            frozen_array(own.axis),
+            place,
+            own.axis,
             lower,
             upper,
             velocity=math.inf,
@@ -282,8 +282,7 @@ class _MjcfReader:
             friction=float(own.frictionloss[0]),
             armature=float(own.armature[0]),
         )
-        place = place * joint.motion(-float(own.qpos0[0]))
-        return replace(joint, placement=frozen_array(place.homogeneous))
+        return replace(joint, placement=place * joint.motion(-float(own.qpos0[0])))
 
     def _link(self, body: int) -> LinkDescription:
         """Describe a body: its weight, and shapes that collide, are seen, or both."""
@@ -302,8 +301,8 @@ class _MjcfReader:
         return LinkDescription(
             self.bodies[body],
             float(own.mass[0]) or None,
-            frozen_array(own.ipos),
-            frozen_array(lower + np.tril(lower, -1).T),
+            own.ipos,
+            lower + np.tril(lower, -1).T,
             tuple(solids),
             tuple(seen),
         )
@@ -311,13 +310,12 @@ class _MjcfReader:
     def _shape(self, geom: Any) -> Shape | None:
         """Describe a shape; None for a plane or a height field, which have no end."""
         place, kind = _placement(geom.pos, geom.quat), _kind(self.mujoco.mjtGeom, geom)
-        matrix = frozen_array(place.homogeneous)
         if kind in HALVES:
             count = len(HALVES[kind])
-            shape = solid(kind, geom.size[:count] * HALVES[kind], matrix)
+            shape = solid(kind, geom.size[:count] * HALVES[kind], place)
         elif kind == "ellipsoid":
             corners, faces = ellipsoid(geom.size)
-            shape = Shape("mesh", (1.0,) * 3, matrix, "", frozen_array(corners), faces)
+            shape = Shape("mesh", (1.0,) * 3, place, "", frozen_array(corners), faces)
         elif kind == "mesh":
             shape = self._mesh(self.model.mesh(geom.dataid[0]), place)
         else:
@@ -332,13 +330,13 @@ class _MjcfReader:
         model, file, k = self.model, self.files[mesh.name], mesh.id
         if file:
             centre = _placement(model.mesh_pos[k], model.mesh_quat[k])
-            matrix = frozen_array((place * centre.inverse()).homogeneous)
-            return Shape("mesh", tuple(model.mesh_scale[k].tolist()), matrix, file)
-        matrix, first = frozen_array(place.homogeneous), mesh.vertadr[0]
+            place = place * centre.inverse()
+            return Shape("mesh", tuple(model.mesh_scale[k].tolist()), place, file)
+        first = mesh.vertadr[0]
         corners = frozen_array(model.mesh_vert[first : first + mesh.vertnum[0]])
         first = mesh.faceadr[0]
         faces = model.mesh_face[first : first + mesh.facenum[0]].astype(np.int64)
-        return Shape("mesh", (1.0,) * 3, matrix, "", corners, faces)
+        return Shape("mesh", (1.0,) * 3, place, "", corners, faces)
 
     @property
     def gravity(self) -> tuple[float, ...]:

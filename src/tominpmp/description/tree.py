@@ -12,12 +12,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Annotated, Any, NoReturn, TypeAlias
 
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arrays import Array, IntArray, Record, frozen_array
+from tominpmp.arrays import Array, FrozenArray, IntArray, Record, frozen_array
 from tominpmp.exceptions import enumerated, fail_to_load, warn_caller
 
 # Link to which the bases of combined robots are fixed, and link below a robot whose
@@ -28,6 +28,15 @@ _ROD = {"radius": 1, "length": 1}
 SIZES = {"box": {"size": 3}, "cylinder": _ROD, "capsule": _ROD, "sphere": {"radius": 1}}
 # Least thickness of shapes; flat ones get it [m].
 MIN_THICKNESS = 1e-6
+
+
+def _matrix(placement: Any, _: str) -> Array:
+    """Read-only matrix of a placement, shape (4, 4)."""
+    return frozen_array(getattr(placement, "homogeneous", placement))
+
+
+# A placement, stored as a matrix; it may be given as a pinocchio.SE3, too.
+Placement: TypeAlias = Annotated[Array, _matrix]
 
 
 @dataclass(frozen=True)
@@ -64,7 +73,7 @@ class Shape(Record):
 
     kind: str
     sizes: tuple[float, ...]
-    placement: Array
+    placement: Placement
     file: str = ""
     corners: Array | None = None
     faces: IntArray | None = None
@@ -88,8 +97,8 @@ class LinkDescription(Record):
 
     name: str
     mass: float | None = None
-    com: Array = field(default_factory=lambda: frozen_array(np.zeros(3)))
-    inertia: Array = field(default_factory=lambda: frozen_array(np.zeros((3, 3))))
+    com: FrozenArray = field(default_factory=lambda: np.zeros(3))
+    inertia: FrozenArray = field(default_factory=lambda: np.zeros((3, 3)))
     collisions: tuple[Shape, ...] = ()
     visuals: tuple[Shape, ...] = ()
 
@@ -122,8 +131,8 @@ class JointDescription(Record):
     kind: str
     parent: str
     child: str
-    placement: Array
-    axis: Array = field(default_factory=lambda: frozen_array(np.zeros(3)))
+    placement: Placement
+    axis: FrozenArray = field(default_factory=lambda: np.zeros(3))
     lower: float = 0.0
     upper: float = 0.0
     velocity: float = 0.0
@@ -253,7 +262,7 @@ class UrdfDescription(Record):
             base: Placement base_to_world of the root, which replaces an earlier one.
         """
         if self.mount:
-            at = {self.mount: frozen_array(base.homogeneous)}
+            at = {self.mount: base}
             tree = [
                 replace(j, placement=at.get(j.name, j.placement)) for j in self.tree
             ]
@@ -273,7 +282,7 @@ class UrdfDescription(Record):
         return fresh_name(name, {joint.name for joint in self.tree})
 
 
-def solid(kind: str, sizes: Iterable[float], placement: Array) -> Shape | None:
+def solid(kind: str, sizes: Iterable[float], placement: Placement) -> Shape | None:
     """A primitive shape; None for a point, which cannot collide."""
     lengths = np.array([*sizes], dtype=float)
     if not np.any(lengths):
@@ -310,8 +319,7 @@ def fixed_joint(
     name: str, parent: str, child: str, placement: pin.SE3
 ) -> JointDescription:
     """A joint that fixes a link to another."""
-    matrix = frozen_array(placement.homogeneous)
-    return JointDescription(name, "fixed", parent, child, matrix)
+    return JointDescription(name, "fixed", parent, child, placement)
 
 
 def fresh_name(name: str, taken: set[str]) -> str:

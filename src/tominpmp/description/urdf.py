@@ -33,7 +33,7 @@ from xml.etree.ElementTree import Element, fromstring, tostring
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arrays import Array, IntArray, frozen_array
+from tominpmp.arrays import Array, IntArray
 from tominpmp.description.files import missing_resource, resolve_resource
 from tominpmp.description.tree import (
     EMPTY,
@@ -364,9 +364,8 @@ class _UrdfReader:
         visuals = self._shapes(link.visuals, element, f"link {name}", "visual")
         if inertial is None:
             return LinkDescription(name, collisions=collisions, visuals=visuals)
-        placement = frozen_array(inertial.origin)
-        turn, com = placement[:3, :3], frozen_array(placement[:3, 3])
-        moments = frozen_array(turn @ inertial.inertia @ turn.T)
+        turn, com = inertial.origin[:3, :3], inertial.origin[:3, 3]
+        moments = turn @ inertial.inertia @ turn.T
         return LinkDescription(name, inertial.mass, com, moments, collisions, visuals)
 
     def _shapes(
@@ -385,7 +384,7 @@ class _UrdfReader:
 
     def _shape(self, item: Any, where: str, *, seen: bool) -> Shape | None:
         """A shape; None if its sizes are zero, or its visual mesh is missing."""
-        kind, geometry, place = item.name, item.geometry, frozen_array(item.origin)
+        kind, geometry, place = item.name, item.geometry, item.origin
         if kind == "mesh":
             return self._mesh(geometry.mesh, place, where, seen=seen)
         held = geometry.box or geometry.sphere or geometry.cylinder
@@ -433,7 +432,7 @@ class _UrdfReader:
     def _joint(self, joint: Any, element: Element) -> JointDescription:
         """A joint, with limits, friction and mimic relation if it can move."""
         context, where, kind = self.context, f"joint {joint.name}", joint.type
-        ends = joint.parent, joint.child, frozen_array(joint.origin)
+        ends = joint.parent, joint.child, joint.origin
         if kind == "fixed":
             return JointDescription(joint.name, kind, *ends)
         if kind not in ("revolute", "continuous", "prismatic"):
@@ -472,7 +471,7 @@ class _UrdfReader:
             joint.name,
             kind,
             *ends,
-            frozen_array(joint.axis / norm),
+            joint.axis / norm,
             lower,
             upper,
             limits["velocity"],

@@ -150,7 +150,7 @@ def attach(
     inertia = np.zeros((3, 3)) if payload.inertia is None else payload.inertia
     shapes = tuple(_shape(item) for item in payload.geometry)
     carried = LinkDescription(
-        payload.name, payload.mass, payload.com, frozen_array(inertia), shapes, shapes
+        payload.name, payload.mass, payload.com, inertia, shapes, shapes
     )
     extended = description.with_link(carried, link, payload)
     if srdf is None or not srdf.disabled_pairs:
@@ -172,8 +172,7 @@ def _adjacent_links(robot: Robot, link: str) -> list[str]:
 
 
 def _shape(item: Obstacle) -> Shape:
-    placement = pin.SE3(np.array(item.rotation), np.array(item.position)).homogeneous
-    place = frozen_array(placement)
+    place = pin.SE3(np.array(item.rotation), np.array(item.position))
     if isinstance(item, Mesh):
         file = str(Path(str(item.path)).absolute())
         return Shape("mesh", tuple(item.scale.tolist()), place, file)
