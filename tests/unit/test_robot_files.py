@@ -58,9 +58,7 @@ def test_example_robots_have_the_names_of_their_loader(
 
 
 def test_error_on_an_unknown_name_lists_close_and_known_names() -> None:
-    with pytest.raises(
-        RobotLoadError, match=r"did you mean .*panda.*Known names: .*ur5"
-    ):
+    with pytest.raises(RobotLoadError, match=r"did you mean .*panda.*there are: .*ur5"):
         find_robot("pandra")
 
 
@@ -69,7 +67,7 @@ def test_error_says_if_example_robots_are_not_installed(
 ) -> None:
     monkeypatch.setattr(files, "_example_folder", lambda: None)
     assert robot_names() == ("planar3r",)
-    with pytest.raises(RobotLoadError, match=r"example-robot-data.*not installed"):
+    with pytest.raises(RobotLoadError, match="or install example-robot-data"):
         find_robot("panda")
 
 

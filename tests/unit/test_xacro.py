@@ -157,7 +157,7 @@ def test_arguments_declared_only_by_the_srdf_are_accepted(
     tm.save_scenario(tmp_path / "a.toml", problem)
     again = tm.load_scenario(tmp_path / "a.toml").problem.robot
     assert again.group_states == plain.group_states
-    with pytest.raises(tm.OptionsError, match=r"planar3r\.urdf has no .* 'model'"):
+    with pytest.raises(tm.OptionsError, match=r"planar3r\.urdf: .* argument 'model'"):
         tm.load_robot("planar3r", srdf=srdf, xacro_args=given)
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from tominpmp.description.paths import checked_path
-from tominpmp.exceptions import RobotLoadError, brief, closest, shortened
+from tominpmp.exceptions import RobotLoadError, brief, closest, shortened, unknown
 
 # Folder of the files of example-robot-data, below an installation prefix.
 _EXAMPLE_SHARE = Path("share", "example-robot-data", "robots")
@@ -99,7 +99,9 @@ def find_robot(name_or_path: str | os.PathLike[str]) -> RobotFiles:
     expected = "the name of a robot or the path of a file"
     path = checked_path(name_or_path, "the robot", RobotLoadError, expected)
     if isinstance(name_or_path, str) and path.name == name_or_path and not path.suffix:
-        raise RobotLoadError(_unknown_name(name_or_path, known))
+        message = unknown("robot", name_or_path, sorted(known))
+        hint = "" if _example_folder() else ", or install example-robot-data"
+        raise RobotLoadError(f"{message}; or give the path of a .urdf file{hint}")
     return RobotFiles(path.absolute(), find_srdf(path.absolute()))
 
 
@@ -130,16 +132,6 @@ def manipulators_first(names: Iterable[str]) -> tuple[str, ...]:
         return words not in ARMS and not words.startswith(ARM_FAMILIES)
 
     return tuple(sorted(names, key=is_other))
-
-
-def _unknown_name(name: str, known: Iterable[str]) -> str:
-    names, hint = sorted(known), ""
-    if _example_folder() is None:
-        hint = " The package example-robot-data, which brings more, is not installed."
-    return (
-        f"there is no robot {brief(name)}{closest(name, names)}.{hint} "
-        f"Known names: {', '.join(names)}; or give the path of a .urdf file"
-    )
 
 
 @cache

@@ -27,10 +27,10 @@ from tominpmp.exceptions import (
     OptionsError,
     RobotLoadError,
     brief,
-    closest,
     fail_to_load,
     optional,
     shortened,
+    unknown,
     warn_caller,
 )
 
@@ -80,11 +80,10 @@ class Arguments(dict[str, str]):
         """
         for name in self.keys() - (self.declared or ()):
             known = sorted(self.declared or ())
-            fault = f"has no xacro argument {brief(name)}{closest(name, known)}; it "
-            fault += f"has: {brief(', '.join(known) or 'none', 400)}"
+            fault = unknown("xacro argument", name, known, "its files have")
             if self.declared is None:
-                fault = "is not a xacro file: it has no arguments"
-            raise OptionsError(f"{path} {fault}", "xacro_args")
+                fault = "it is not a xacro file, so it has no arguments"
+            raise OptionsError(f"{path}: {fault}", "xacro_args")
 
 
 def expanded_root(
