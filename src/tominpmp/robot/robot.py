@@ -37,6 +37,7 @@ from tominpmp.description.files import (
 from tominpmp.description.from_pinocchio import describe_model
 from tominpmp.description.joint_table import (
     LOSSES,
+    OVERRIDES,
     JointLimits,
     JointTable,
     JointValues,
@@ -346,15 +347,8 @@ class Robot(Record):
             JointNotFound: If a joint is unknown.
             RobotLoadError: If the inertia becomes singular.
         """
-        values = {
-            "damping": damping,
-            "armature": armature,
-            "friction": friction,
-            "effort": effort,
-            "velocity": velocity,
-            "position_lower": position_lower,
-            "position_upper": position_upper,
-        }
+        arguments = locals()
+        values = {name: arguments[name] for name in OVERRIDES}
         check_kinematic(self.kinematic, values)
         linkage = Linkage.resolve(self.description, self.locked_joints)
         table = self._table().overridden(linkage.reasons(), values)
@@ -816,15 +810,8 @@ def load_robot(
         JointNotFound: If a joint is unknown.
         MissingDependency: If it is a xacro file and the extra is not installed.
     """
-    values = {
-        "damping": damping,
-        "armature": armature,
-        "friction": friction,
-        "effort": effort,
-        "velocity": velocity,
-        "position_lower": position_lower,
-        "position_upper": position_upper,
-    }
+    arguments = locals()
+    values = {name: arguments[name] for name in OVERRIDES}
     check_kinematic(kinematic, values)
     loaded = read_source(source, package_dirs, srdf, geometry, xacro_args)
     linkage = loaded.linkage(group, locked_joints)
