@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import importlib
 import os
+import pkgutil
 import re
 import sys
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote
 
 from tominpmp.description.paths import checked_path
+from tominpmp.description.xml_reader import given_text
 from tominpmp.exceptions import RobotLoadError, brief, closest, shortened, unknown
 
 # Folder of the files of example-robot-data, below an installation prefix.
@@ -61,6 +66,16 @@ _EXAMPLE_ALIASES: dict[str, tuple[str, ...]] = {
 }
 
 
+# Suffix of the module names of the package robot_descriptions, and attributes of its
+# modules with their files; the first one is read.
+MODULE_ENDING = "_description"
+_PATHS = ("URDF_PATH", "XACRO_PATH", "MJCF_PATH")
+EXPECTED = (
+    "the name of a robot, the path or the text of a URDF file, a pinocchio.Model, a "
+    "yourdfpy.URDF or a module of robot_descriptions with a URDF_PATH, XACRO_PATH or "
+    "MJCF_PATH"
+)
+
 # Names of arms among the robots: whole names, and prefixes.
 ARMS = ("baxter", "talos_arm", "talos_left_arm", "z1")
 ARM_FAMILIES = (
@@ -74,14 +89,18 @@ class RobotFiles:
     """The files that describe a robot.
 
     Attributes:
-        urdf: The description.
+        urdf: The description; a path in angle brackets stands for a text.
         srdf: The semantic description, if there is one.
         name: The name that was asked for; ``None`` for a path.
+        packages: Folders of its packages, as far as they are known.
+        text: Text given in place of the description; ``None`` for a file.
     """
 
     urdf: Path
     srdf: Path | None
     name: str | None = None
+    packages: tuple[Path, ...] = ()
+    text: bytes | None = None
 
 
 def find_robot(name_or_path: str | os.PathLike[str]) -> RobotFiles:
@@ -103,6 +122,61 @@ def find_robot(name_or_path: str | os.PathLike[str]) -> RobotFiles:
         hint = "" if _example_folder() else ", or install example-robot-data"
         raise RobotLoadError(f"{message}; or give the path of a .urdf file{hint}")
     return RobotFiles(path.absolute(), find_srdf(path.absolute()))
+
+
+def find_files(source: object) -> RobotFiles:
+    """Find the files of a robot.
+
+    Args:
+        source: A name, a path or a text, or a module of the package robot_descriptions
+            or its name.
+
+    Raises:
+        RobotLoadError: If the robot is unknown, or the source of another kind.
+    """
+    text = given_text(source)
+    if text is not None:
+        return RobotFiles(Path(f"<text of {len(text)} bytes>"), None, text=text)
+    name = str(getattr(source, "__name__", ""))
+    if isinstance(source, str | os.PathLike):
+        name = str(source)
+        module = name.isidentifier() and name.endswith(MODULE_ENDING)
+        if not module or name in robot_names():
+            return find_robot(source)
+        source = _imported_module(name)
+    paths = _paths(source, _PATHS)
+    if not paths:
+        raise RobotLoadError(f"the robot is {brief(source)}, expected {EXPECTED}")
+    folders = _paths(source, ("PACKAGE_PATH", "REPOSITORY_PATH"))
+    packages = {p for folder in folders for p in (folder, folder.parent) if p.is_dir()}
+    named = name.rpartition(".")[2] or None
+    return RobotFiles(paths[0], find_srdf(paths[0]), named, tuple(sorted(packages)))
+
+
+def _imported_module(name: str) -> Any:
+    """Import a module of robot_descriptions, which may download its files."""
+    known: list[str] = []
+    with suppress(ImportError):
+        package = importlib.import_module("robot_descriptions")
+        known = [module.name for module in pkgutil.iter_modules(package.__path__)]
+    if name not in known:
+        raise RobotLoadError(
+            f"there is no robot {brief(name)}{closest(name, known)}; names that end "
+            f"with {MODULE_ENDING!r} are those of the package robot_descriptions: "
+            "python -m pip install robot_descriptions"
+        )
+    try:
+        return importlib.import_module(f"robot_descriptions.{name}")
+    except Exception as error:  # the download may raise anything
+        raise RobotLoadError(
+            f"robot_descriptions.{name} cannot be loaded: {brief(str(error), 200)}"
+        ) from error
+
+
+def _paths(module: object, names: Sequence[str]) -> list[Path]:
+    """Paths among the values of some attributes of a module."""
+    values = [getattr(module, name, None) for name in names]
+    return [Path(p).absolute() for p in values if isinstance(p, str | os.PathLike)]
 
 
 def find_srdf(urdf: Path) -> Path | None:

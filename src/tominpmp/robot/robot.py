@@ -7,13 +7,10 @@ return them), or a module of the package robot_descriptions, or its name.
 
 from __future__ import annotations
 
-import importlib
 import math
 import os
-import pkgutil
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -27,13 +24,7 @@ from numpy.typing import ArrayLike
 from tominpmp.arrays import Array, Record, comparable, frozen_array
 from tominpmp.checks import JOINTS, array, choice, instance, names, raised_as
 from tominpmp.datasheets import SHEET_COLUMNS, published_values
-from tominpmp.description.files import (
-    RobotFiles,
-    check_folders,
-    find_robot,
-    find_srdf,
-    robot_names,
-)
+from tominpmp.description.files import check_folders, find_files
 from tominpmp.description.from_pinocchio import describe_model
 from tominpmp.description.joint_table import (
     LOSSES,
@@ -64,14 +55,12 @@ from tominpmp.description.srdf import (
 from tominpmp.description.tree import UrdfDescription
 from tominpmp.description.urdf import read_parsed, read_urdf
 from tominpmp.description.xacro_files import Arguments, expanded_root
-from tominpmp.description.xml_reader import given_text
 from tominpmp.exceptions import (
     FrameNotFound,
     OptionsError,
     ProblemError,
     RobotLoadError,
     brief,
-    closest,
     unknown,
 )
 from tominpmp.motion_limits import MotionLimits, kinds_of, limits_by_joint
@@ -487,13 +476,6 @@ def datasheet_hint(robot: Robot, joint: str) -> str:
 
 # Values of the argument ``limits``.
 DATASHEET, URDF = "datasheet", "urdf"
-# Suffix of the module names of the package robot_descriptions.
-MODULE_ENDING = "_description"
-EXPECTED = (
-    "the name of a robot, the path or the text of a URDF file, a pinocchio.Model, a "
-    "yourdfpy.URDF or a module of robot_descriptions with a URDF_PATH, XACRO_PATH or "
-    "MJCF_PATH"
-)
 
 
 @dataclass(frozen=True)
@@ -616,13 +598,13 @@ def read_source(
         path = Path(f"<yourdfpy.URDF {source.robot.name}>")  # type: ignore[attr-defined]
         description = read_parsed(source, path, folders)
     else:
-        files, packages, text = _find_files(source)
-        folders = (*folders, *packages)
-        root = expanded_root(files.urdf, folders, text, args)
+        files = find_files(source)
+        path, text, folders = files.urdf, files.text, (*folders, *files.packages)
+        root = expanded_root(path, folders, text, args)
         if root.tag == "mujoco":
-            description, embedded, effort = describe_mjcf(files.urdf, text, folders)
+            description, embedded, effort = describe_mjcf(path, text, folders)
         else:
-            description = read_urdf(files.urdf, folders, root)
+            description = read_urdf(path, folders, root)
             description = replace(description, xacro_args=tuple(args.items()))
         name, srdf = files.name, files.srdf if srdf is None else srdf
     semantics = embedded if srdf is None else read_srdf(srdf, description, args)
@@ -656,65 +638,10 @@ def _pinocchio_parts(
     return source, collision, visual
 
 
-# Attributes of a module of robot_descriptions with its file; the first one is read.
-_PATHS = ("URDF_PATH", "XACRO_PATH", "MJCF_PATH")
-
-
 def _is_yourdfpy(source: object) -> bool:
     """Whether it is a ``yourdfpy.URDF``; does not import that package."""
     yourdfpy = sys.modules.get("yourdfpy")
     return yourdfpy is not None and isinstance(source, yourdfpy.URDF)
-
-
-def _find_files(source: object) -> tuple[RobotFiles, tuple[Path, ...], bytes | None]:
-    """Files of a robot, folders of its packages, and its text if that was given.
-
-    The source is a name, a path, a text or a module.
-    """
-    text = given_text(source)
-    if text is not None:
-        return RobotFiles(Path(f"<text of {len(text)} bytes>"), None), (), text
-    name = str(getattr(source, "__name__", ""))
-    if isinstance(source, str | os.PathLike):
-        name = str(source)
-        module = name.isidentifier() and name.endswith(MODULE_ENDING)
-        if not module or name in robot_names():
-            return find_robot(source), (), None
-        source = _imported_module(name)
-    paths = _paths(source, _PATHS)
-    if not paths:
-        raise RobotLoadError(f"the robot is {brief(source)}, expected {EXPECTED}")
-    folders = _paths(source, ("PACKAGE_PATH", "REPOSITORY_PATH"))
-    packages = {p for folder in folders for p in (folder, folder.parent) if p.is_dir()}
-    named = name.rpartition(".")[2] or None
-    files = RobotFiles(paths[0], find_srdf(paths[0]), named)
-    return files, tuple(sorted(packages)), None
-
-
-def _imported_module(name: str) -> Any:
-    """Import a module of robot_descriptions, which may download its files."""
-    known: list[str] = []
-    with suppress(ImportError):
-        package = importlib.import_module("robot_descriptions")
-        known = [module.name for module in pkgutil.iter_modules(package.__path__)]
-    if name not in known:
-        raise RobotLoadError(
-            f"there is no robot {brief(name)}{closest(name, known)}; names that end "
-            f"with {MODULE_ENDING!r} are those of the package robot_descriptions: "
-            "python -m pip install robot_descriptions"
-        )
-    try:
-        return importlib.import_module(f"robot_descriptions.{name}")
-    except Exception as error:  # the download may raise anything
-        raise RobotLoadError(
-            f"robot_descriptions.{name} cannot be loaded: {brief(str(error), 200)}"
-        ) from error
-
-
-def _paths(module: object, names: Sequence[str]) -> list[Path]:
-    """Paths among the values of some attributes of a module."""
-    values = [getattr(module, name, None) for name in names]
-    return [Path(p).absolute() for p in values if isinstance(p, str | os.PathLike)]
 
 
 #: A name, a path, a text, a ``pinocchio.Model`` (alone or with geometry), a
