@@ -14,6 +14,7 @@ from tominpmp.collision.query import ROUNDING
 from tominpmp.constraints.base import USABLE
 from tominpmp.constraints.contradiction import contradiction
 from tominpmp.constraints.path import PathConstraint
+from tominpmp.description.inertials import singular_directions
 from tominpmp.description.joint_table import example_values
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, brief
@@ -21,7 +22,6 @@ from tominpmp.goals.base import Goal
 from tominpmp.goals.sets import restricted
 from tominpmp.kinematics import RobotKinematics, units_of
 from tominpmp.motion_limits import EFFORT, joint_kinds
-from tominpmp.robot.inertials import singular_directions
 from tominpmp.robot.robot import Robot
 from tominpmp.scene.scene import Scene
 

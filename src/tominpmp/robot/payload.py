@@ -7,10 +7,9 @@ dynamics, its shapes collisions and pictures, and its name becomes the name of a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -26,16 +25,11 @@ from tominpmp.arrays import (
     record,
 )
 from tominpmp.checks import HUGE, Centre, instance, non_negative, optional, text, wrong
-from tominpmp.description.model import are_neighbours
-from tominpmp.description.srdf import SemanticDescription, ordered_pair
-from tominpmp.description.tree import SIZES, LinkDescription, Shape, UrdfDescription
-from tominpmp.exceptions import FrameNotFound, ProblemError, brief, warn_caller
-from tominpmp.robot.inertials import impossible_moments
+from tominpmp.description.inertials import impossible_moments
+from tominpmp.description.tree import SIZES, LinkDescription, Shape
+from tominpmp.exceptions import ProblemError, brief, warn_caller
 from tominpmp.scene.meshes import Mesh
 from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Obstacle, Sphere
-
-if TYPE_CHECKING:
-    from tominpmp.robot.robot import Robot
 
 # Relative asymmetry that an inertia matrix may have by rounding.
 ROUNDING = 1e-6
@@ -121,54 +115,12 @@ class Payload(Record):
                 "millimetres: lengths and positions are in metres"
             )
 
-
-def attach(
-    payload: Payload, robot: Robot
-) -> tuple[UrdfDescription, SemanticDescription | None]:
-    """Add a payload to the descriptions of a robot.
-
-    If the SRDF file disables link pairs, contact is also allowed between the payload
-    and links on the carrying joint and the joints next to it.
-
-    Args:
-        payload: The payload.
-        robot: The robot without the payload.
-
-    Raises:
-        ProblemError: If its name is the name of a frame of the robot.
-        FrameNotFound: If the robot lacks the frame that carries it.
-    """
-    instance(payload, Payload, "payload")
-    description, srdf = robot.description, robot.srdf
-    names = [frame.name for frame in robot.model.frames[1:]]
-    if payload.name in names:
-        expected = "a name that no frame of the robot has"
-        raise wrong(payload.name, "payload.name", expected)
-    link = description.carrying_link(payload.frame)
-    if link is None:
-        raise FrameNotFound(payload.frame, names)
-    inertia = np.zeros((3, 3)) if payload.inertia is None else payload.inertia
-    shapes = tuple(_shape(item) for item in payload.geometry)
-    carried = LinkDescription(
-        payload.name, payload.mass, payload.com, inertia, shapes, shapes
-    )
-    extended = description.with_link(carried, link, payload)
-    if srdf is None or not srdf.disabled_pairs:
-        return extended, srdf
-    adjacent = _adjacent_links(robot, link)
-    pairs = [ordered_pair(name, payload.name) for name in adjacent]
-    pairs = [*srdf.disabled_pairs, *pairs]
-    return extended, replace(srdf, disabled_pairs=tuple(dict.fromkeys(pairs)))
-
-
-def _adjacent_links(robot: Robot, link: str) -> list[str]:
-    """Links with shapes on the joint of a link and on the adjacent joints."""
-    model, items = robot.model, robot.collision_model.geometryObjects
-    joint = int(model.frames[model.getBodyId(link)].parentJoint)
-    carriers = {joint, *(int(item.parentJoint) for item in items)}
-    near = {k for k in carriers if are_neighbours(model, joint, k, carriers)} | {joint}
-    near_items = (item for item in items if int(item.parentJoint) in near)
-    return sorted({model.frames[item.parentFrame].name for item in near_items})
+    @property
+    def _link(self) -> LinkDescription:
+        """The link that it becomes."""
+        inertia = np.zeros((3, 3)) if self.inertia is None else self.inertia
+        shapes = tuple(map(_shape, self.geometry))
+        return LinkDescription(self.name, self.mass, self.com, inertia, shapes, shapes)
 
 
 def _shape(item: Obstacle) -> Shape:

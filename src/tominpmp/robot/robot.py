@@ -22,10 +22,11 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record, comparable, frozen_array
-from tominpmp.checks import JOINTS, array, choice, instance, names, raised_as
+from tominpmp.checks import JOINTS, array, choice, instance, names, raised_as, wrong
 from tominpmp.datasheets import SHEET_COLUMNS, published_values
 from tominpmp.description.files import check_folders, find_files
 from tominpmp.description.from_pinocchio import describe_model
+from tominpmp.description.inertials import check_inertia, warn_of_inertia
 from tominpmp.description.joint_table import (
     LOSSES,
     OVERRIDES,
@@ -40,6 +41,7 @@ from tominpmp.description.joint_table import (
 from tominpmp.description.mjcf import describe_mjcf
 from tominpmp.description.model import (
     ScratchData,
+    are_neighbours,
     build_geometry,
     build_model,
     configure_model,
@@ -49,6 +51,7 @@ from tominpmp.description.model import (
 from tominpmp.description.srdf import (
     Group,
     SemanticDescription,
+    ordered_pair,
     read_srdf,
     warn_of_passive,
 )
@@ -65,8 +68,7 @@ from tominpmp.exceptions import (
 )
 from tominpmp.motion_limits import MotionLimits, kinds_of, limits_by_joint
 from tominpmp.notebook import card, skeletons, table
-from tominpmp.robot.inertials import check_inertia, warn_of_inertia
-from tominpmp.robot.payload import Payload, attach
+from tominpmp.robot.payload import Payload
 
 
 @dataclass(frozen=True, eq=False)
@@ -343,8 +345,7 @@ class Robot(Record):
         table = self._table().overridden(linkage.reasons(), values)
         changed = check_gravity(self.gravity if gravity is None else gravity)
         robot = self._rebuilt(linkage=linkage, table=table, gravity=changed)
-        if not robot.kinematic:
-            check_inertia(robot)
+        robot._check_inertia()
         # The geometry does not depend on these values and need not be read again.
         for name in ("collision_model", "visual_model"):
             if name in self.__dict__:
@@ -376,12 +377,35 @@ class Robot(Record):
     def with_payload(self, payload: Payload) -> Robot:
         """Make a robot that carries a body on one of its frames.
 
+        If the SRDF file disables link pairs, contact is also allowed between the
+        payload and links on the carrying joint and the joints next to it.
+
         Raises:
             ProblemError: If another frame has its name.
             FrameNotFound: If the robot lacks the frame that carries it.
         """
-        description, srdf = attach(payload, self)
+        name = instance(payload, Payload, "payload").name
+        if name in self.frame_names:
+            raise wrong(name, "payload.name", "a name that no frame of the robot has")
+        link = self.description.carrying_link(payload.frame)
+        if link is None:
+            raise FrameNotFound(payload.frame, self.frame_names)
+        description = self.description.with_link(payload._link, link, payload)
+        srdf = self.srdf
+        if srdf is not None and srdf.disabled_pairs:
+            near = [ordered_pair(name, other) for other in self._links_beside(link)]
+            pairs = tuple(dict.fromkeys([*srdf.disabled_pairs, *near]))
+            srdf = replace(srdf, disabled_pairs=pairs)
         return self._rebuilt(description=description, srdf=srdf)
+
+    def _links_beside(self, link: str) -> list[str]:
+        """Links with shapes on the joint of a link and on the adjacent joints."""
+        model, items = self.model, self.collision_model.geometryObjects
+        joint = int(model.frames[model.getBodyId(link)].parentJoint)
+        carriers = {joint, *(int(item.parentJoint) for item in items)}
+        near = {k for k in carriers if are_neighbours(model, joint, k, carriers)}
+        shown = (item for item in items if int(item.parentJoint) in near | {joint})
+        return sorted({model.frames[item.parentFrame].name for item in shown})
 
     @property
     def payloads(self) -> tuple[Payload, ...]:
@@ -394,6 +418,16 @@ class Robot(Record):
         columns = {name: getattr(limits, name) for name in names} | {"effort": effort}
         columns |= {loss: getattr(self, loss) for loss in LOSSES}
         return JointTable(self.joint_names, columns)
+
+    def _check_inertia(self) -> None:
+        """Check that every joint moves some inertia, unless the robot has no torques.
+
+        Raises:
+            RobotLoadError: If a joint moves without inertia.
+        """
+        if not self.kinematic:
+            ties = self.expansion_matrix, self.expansion_offset
+            check_inertia(self.model, self._table(), *ties, self.description)
 
     def _rebuilt(
         self,
@@ -769,9 +803,9 @@ def load_robot(
     of_torques = [name for name, k in kinds_of(MotionLimits).items() if k.of_torques]
     kept = {k: v for k, v in known.items() if not kinematic or k not in of_torques}
     robot = replace(robot, motion_limits=limits_by_joint(kept, robot.joint_names))
+    robot._check_inertia()
     if not kinematic:
-        check_inertia(robot)
-        warn_of_inertia(robot)
+        warn_of_inertia(robot.model, robot.description)
     if loaded.semantics is not None:
         motors = set(robot.joint_names) - set(robot.passive_joints)
         warn_of_passive(loaded.semantics.passive, motors)

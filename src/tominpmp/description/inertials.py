@@ -7,18 +7,15 @@ that massless frames, as of tools and bases, do no harm.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
 from tominpmp.arrays import Array
-from tominpmp.description.joint_table import KINEMATIC, example_values
+from tominpmp.description.joint_table import KINEMATIC, JointTable, example_values
+from tominpmp.description.tree import UrdfDescription
 from tominpmp.exceptions import enumerated, warn_caller
-
-if TYPE_CHECKING:
-    from tominpmp.robot.robot import Robot
 
 # Moments below this share of the mass times 1 m^2 count as zero.
 POINT = 1e-9
@@ -40,12 +37,12 @@ MIN_SCALED_INERTIA = 1e-10
 INERTIA_SAMPLES = 5
 
 
-def warn_of_inertia(robot: Robot) -> None:
+def warn_of_inertia(model: pin.Model, description: UrdfDescription) -> None:
     """Warn of moving joints that carry massless or physically impossible links.
 
     Frames between coincident joints need no mass.
     """
-    model, bodies = robot.model, robot.description.bodies
+    bodies = description.bodies
     shaped = {link.name for link in bodies if link.collisions or link.visuals}
     faults = [
         f"{_named_body(model, joint)} {fault}"
@@ -53,7 +50,7 @@ def warn_of_inertia(robot: Robot) -> None:
         if (fault := _missing(model, joint, shaped) or _impossible(model, joint))
     ]
     if faults:
-        found = f"{robot.urdf_path}: {listed(faults)}"
+        found = f"{description.path}: {listed(faults)}"
         warn_caller(f"{found}: correct the <inertial> elements")
 
 
@@ -128,21 +125,33 @@ def _named_body(model: pin.Model, joint: int) -> str:
     return f"link {first}{fixed} behind joint {model.names[joint]}"
 
 
-def check_inertia(robot: Robot) -> None:
+def check_inertia(
+    model: pin.Model,
+    table: JointTable,
+    matrix: Array | None,
+    offset: Array | None,
+    description: UrdfDescription,
+) -> None:
     """Check that each joint moves some inertia, and that it is physically possible.
 
     A joint with rotor inertia may move an impossible body: its torques do not come from
     that body alone.
 
+    Args:
+        model: Model with its rotor inertia.
+        table: Values of the n free joints; the limits bound the sampled positions.
+        matrix: S, shape (nv, n), or ``None``.
+        offset: c, shape (nv,), or ``None``.
+        description: The robot, for messages.
+
     Raises:
         RobotLoadError: If joints move impossible bodies, or the mass matrix is not
             finite or singular; names the joints.
     """
-    names, model, description = robot.joint_names, robot.model, robot.description
-    matrix = robot.expansion_matrix
-    matrix = np.eye(robot.n) if matrix is None else matrix
-    ratios = np.abs(matrix)
-    no_rotor = ratios @ robot.armature == 0.0
+    names = table.joint_names
+    matrix = np.eye(len(names)) if matrix is None else matrix
+    ratios, shift = np.abs(matrix), 0.0 if offset is None else offset
+    no_rotor = ratios @ table["armature"] == 0.0
     bare = (np.flatnonzero(no_rotor) + 1).tolist()
     wrong = {joint: fault for joint in bare if (fault := _impossible(model, joint))}
     if wrong:
@@ -155,11 +164,10 @@ def check_inertia(robot: Robot) -> None:
             f"{KINEMATIC}"
         )
     rng = np.random.default_rng(0)
-    ends = robot.limits.position_lower, robot.limits.position_upper
-    low, high = np.clip(ends, -np.pi, np.pi)
+    low, high = np.clip(table.ends, -np.pi, np.pi)
     data = model.createData()
     for _ in range(INERTIA_SAMPLES):
-        q = robot.expand(rng.uniform(low, high))
+        q = matrix @ rng.uniform(low, high) + shift
         upper = np.triu(pin.crba(model, data, q))
         mass = matrix.T @ (upper + np.triu(upper, 1).T) @ matrix
         if not np.isfinite(mass).all():
