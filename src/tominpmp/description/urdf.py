@@ -25,7 +25,6 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from graphlib import CycleError, TopologicalSorter
 from io import BytesIO
-from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element, fromstring, tostring
@@ -102,7 +101,7 @@ class Form(NamedTuple):
 
     texts: Sequence[str] = ()
     numbers: Mapping[str, tuple[float, ...]] = {}
-    low: float | None = None
+    low: float = -MAX_NUMBER
     most: float = MAX_NUMBER
     needs: Sequence[str] = ()
     parts: Sequence[str] = ()
@@ -140,7 +139,7 @@ FORMS = {
     "child": Form(("link",)),
     "origin": Form(numbers={"xyz": _ZEROS, "rpy": _ZEROS}),
     "axis": Form(numbers={"xyz": (1.0, 0.0, 0.0)}),
-    "limit": Form(numbers=dict.fromkeys(_LIMITS, _UNKNOWN), most=math.inf),
+    "limit": Form((), dict.fromkeys(_LIMITS, _UNKNOWN), -math.inf, math.inf),
     "dynamics": Form(numbers={"damping": _ZERO, "friction": _ZERO}, low=0.0),
     "mimic": Form(("joint",), {"multiplier": (1.0,), "offset": _ZERO}),
 }
@@ -283,9 +282,7 @@ class _UrdfReader:
         for where, link in self._named("link").items():
             self._add_shapes(self._add(robot, link, where), link, where)
         for where, joint in self._named("joint").items():
-            is_fixed = context.text(joint, "type", where) == "fixed"
-            form = FORMS["fixed joint" if is_fixed else "joint"]
-            self._add(robot, joint, where, form)
+            self._add(robot, joint, where)
         return robot
 
     def _named(self, tag: str) -> dict[str, Element]:
@@ -304,12 +301,11 @@ class _UrdfReader:
             named[where] = element
         return named
 
-    def _add(
-        self, parent: Element, element: Element, where: str, form: Form | None = None
-    ) -> Element:
+    def _add(self, parent: Element, element: Element, where: str) -> Element:
         """Add a copy of an element with the content of its form."""
         context, tag = self.context, element.tag
-        form = FORMS[tag] if form is None else form
+        is_fixed = tag == "joint" and element.get("type", "").strip() == "fixed"
+        form = FORMS["fixed joint" if is_fixed else tag]
         values: dict[str, Any] = {
             name: context.text(element, name, where) for name in form.texts
         }
@@ -445,7 +441,7 @@ class _UrdfReader:
             axis = tuple(joint.axis.tolist())
             context.fail(f"{where}: the axis {axis} has no direction")
         self._collect_soft_limits(joint, element.find("safety_controller"))
-        limits, bounds = dict(vars(joint.limit)), (_UNKNOWN, None, math.inf)
+        limits, bounds = dict(vars(joint.limit)), (_UNKNOWN, -math.inf, math.inf)
         own = next(element.iterfind("limit"), Element("limit"))
         for key in MOTION:
             name = key if key in own.attrib else f"drake:{key}"
@@ -595,10 +591,9 @@ def _add_shape(
 ) -> None:
     """Add a shape, and the file of its mesh if that has none yet."""
     if shape.kind != "mesh":
-        sizes = iter(shape.sizes)
-        counts = SIZES[shape.kind].items()
-        named = {name: [*islice(sizes, count)] for name, count in counts}
-        add(element, shape.kind, **named)
+        counts = SIZES[shape.kind]
+        sizes = np.split(np.array(shape.sizes), np.cumsum([*counts.values()])[:-1])
+        add(element, shape.kind, **dict(zip(counts, sizes, strict=True)))
         return
     item = add(element, "mesh", scale=shape.sizes, filename=shape.file)
     if shape.corners is not None and shape.faces is not None:
@@ -634,10 +629,8 @@ def _add_joint(root: Element, joint: JointDescription) -> None:
     names += [k for k in ("acceleration", "jerk") if getattr(joint, k) < math.inf]
     if joint.kind != "continuous":
         names += ["lower", "upper"]
-    limits = {name: getattr(joint, name) for name in names}
-    known = {k: v for k, v in limits.items() if not math.isnan(v)}
-    most = {k: np.clip(v, -NO_LIMIT, NO_LIMIT) for k, v in known.items()}
-    add(element, "limit", **most)
+    limits = {k: np.clip(getattr(joint, k), -NO_LIMIT, NO_LIMIT) for k in names}
+    add(element, "limit", **{k: v for k, v in limits.items() if not np.isnan(v)})
     add(element, "dynamics", damping=joint.damping, friction=joint.friction)
     if joint.mimic is not None:
         own = joint.mimic

@@ -145,22 +145,21 @@ class XmlContext:
         attribute: str,
         where: str,
         default: tuple[float, ...] = (0.0,),
-        low: float | None = None,
+        low: float = -MAX_NUMBER,
         most: float = MAX_NUMBER,
     ) -> tuple[float, ...]:
         """Read an attribute with as many numbers as its default, in a range.
 
-        A missing attribute has its default. The numbers are at least ``low``, and of
-        size ``most`` at most, which is infinite where they may be.
+        A missing attribute has its default. The range is infinite where the numbers may
+        be.
         """
         if attribute not in element.attrib:
             return default
         text, count = element.attrib[attribute], len(default)
         values = tuple(map(to_number_or_nan, text.split()))
-        least = -most if low is None else low
-        if len(values) != count or not all(least <= v <= most for v in values):
+        if len(values) != count or not all(low <= v <= most for v in values):
             wanted = "a number" if count == 1 else f"{count} numbers"
-            ends = "" if math.isinf(most) else f" from {least:g} to {most:g}"
+            ends = "" if math.isinf(most) else f" from {low:g} to {most:g}"
             self.fail(
                 f"{where}: {element.tag} {attribute}={brief(text)}, expected "
                 f"{wanted}{ends}"

@@ -568,30 +568,27 @@ class RobotSource:
                 merged.setdefault(quantity, {}).update(values)
         return merged
 
-    def linkage(
-        self, group: Group | None, locked_joints: Mapping[str, float] | None
-    ) -> Linkage:
+    def linkage(self, group: Group | None, locked: Mapping[str, float]) -> Linkage:
         """Determine which joints are locked and which follow others.
 
         Args:
             group: Group of moving joints, as in :func:`load_robot`; None for all
                 joints.
-            locked_joints: Positions of joints to be locked [rad or m].
+            locked: Positions of joints to be locked [rad or m].
 
         Raises:
             OptionsError: If the group is unknown, or a position is wrong.
             JointNotFound: If a joint is unknown.
         """
         description = self.description
-        locked_joints = {} if locked_joints is None else locked_joints
         # The caller's own locks are resolved first, so that errors name them.
-        linkage = Linkage.resolve(description, locked_joints)
+        linkage = Linkage.resolve(description, locked)
         if group is None:
             return linkage
         srdf = SemanticDescription() if self.semantics is None else self.semantics
         inside = srdf.joints_of(group, description)
-        locks = srdf.rest_positions(description.joints, inside) | dict(locked_joints)
-        return Linkage.resolve(description, locks)
+        rest = srdf.rest_positions(description.joints, inside)
+        return Linkage.resolve(description, rest | dict(locked))
 
 
 def read_source(
@@ -775,7 +772,7 @@ def load_robot(
     values = {name: arguments[name] for name in OVERRIDES}
     check_kinematic(kinematic, values)
     loaded = read_source(source, package_dirs, srdf, geometry, xacro_args)
-    linkage = loaded.linkage(group, locked_joints)
+    linkage = loaded.linkage(group, {} if locked_joints is None else locked_joints)
     linkage.warn_of_limits()
     known, reasons = loaded.known_values(limits), linkage.reasons()
 
