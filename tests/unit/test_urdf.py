@@ -18,13 +18,14 @@ from robot_samples import (
     read,
     robot,
     write,
+    write_tetrahedron,
 )
 
-from tominpmp.description import xml_reader
+from tominpmp.description import urdf, xml_reader
 from tominpmp.description.files import find_robot
 from tominpmp.description.joint_table import Linkage
 from tominpmp.description.model import build_model
-from tominpmp.description.srdf import read_srdf
+from tominpmp.description.srdf import read_srdf, srdf_file
 from tominpmp.description.tree import Mimic
 from tominpmp.description.urdf import read_urdf
 from tominpmp.description.xacro_files import Arguments
@@ -167,6 +168,10 @@ def test_external_entities_are_rejected(tmp_path: Path) -> None:
 def test_size_depth_and_number_of_elements_are_limited(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    size = write_tetrahedron(tmp_path / "a.obj").stat().st_size
+    monkeypatch.setattr(urdf, "MAX_MESH_BYTES", size - 1)
+    with pytest.raises(RobotLoadError, match=f"a.obj has more than {size - 1} bytes"):
+        read(tmp_path, one_shape('<mesh filename="a.obj"/>'))
     with pytest.raises(RobotLoadError, match="nests them deeper"):
         read(tmp_path, "<robot>" + "<a>" * 10_000 + "</a>" * 10_000 + "</robot>")
     monkeypatch.setattr(xml_reader, "MAX_ELEMENTS", 100)
@@ -312,6 +317,17 @@ def test_unknown_locked_joint_is_named(tmp_path: Path) -> None:
 
 
 # SRDF
+
+
+def test_written_srdf_file_is_read_again(tmp_path: Path) -> None:
+    text = """<robot name="sample"><virtual_joint name="v" type="floating"/>
+      <group name="arm"><joint name="v"/><joint name="j1"/><joint name="x"/></group>
+      <passive_joint name="j2"/></robot>"""
+    description = read(tmp_path, chain("", ""))
+    found = read_srdf(text, description, Arguments())
+    assert found.groups["arm"].moves_base and found.passive == ("j2",)
+    written = srdf_file(found, "sample", ())
+    assert read_srdf(written, description, Arguments()) == found  # type: ignore[arg-type]
 
 
 def test_srdf_groups_states_and_disabled_pairs_are_read(tmp_path: Path) -> None:
