@@ -13,7 +13,13 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from tominpmp.arrays import Array
-from tominpmp.description.joint_table import KINEMATIC, JointTable, example_values
+from tominpmp.description.joint_table import (
+    KINEMATIC,
+    JointTable,
+    Linkage,
+    example_values,
+)
+from tominpmp.description.model import expansion
 from tominpmp.description.tree import UrdfDescription
 from tominpmp.exceptions import enumerated, warn_caller
 
@@ -125,13 +131,7 @@ def _named_body(model: pin.Model, joint: int) -> str:
     return f"link {first}{fixed} behind joint {model.names[joint]}"
 
 
-def check_inertia(
-    model: pin.Model,
-    table: JointTable,
-    matrix: Array | None,
-    offset: Array | None,
-    description: UrdfDescription,
-) -> None:
+def check_inertia(model: pin.Model, table: JointTable, linkage: Linkage) -> None:
     """Check that each joint moves some inertia, and that it is physically possible.
 
     A joint with rotor inertia may move an impossible body: its torques do not come from
@@ -140,17 +140,15 @@ def check_inertia(
     Args:
         model: Model with its rotor inertia.
         table: Values of the n free joints; the limits bound the sampled positions.
-        matrix: S, shape (nv, n), or ``None``.
-        offset: c, shape (nv,), or ``None``.
-        description: The robot, for messages.
+        linkage: The description, with locked and following joints.
 
     Raises:
         RobotLoadError: If joints move impossible bodies, or the mass matrix is not
             finite or singular; names the joints.
     """
-    names = table.joint_names
-    matrix = np.eye(len(names)) if matrix is None else matrix
-    ratios, shift = np.abs(matrix), 0.0 if offset is None else offset
+    description = linkage.description
+    names, matrix, offset = expansion(model, linkage)
+    ratios = np.abs(matrix)
     no_rotor = ratios @ table["armature"] == 0.0
     bare = (np.flatnonzero(no_rotor) + 1).tolist()
     wrong = {joint: fault for joint in bare if (fault := _impossible(model, joint))}
@@ -167,7 +165,7 @@ def check_inertia(
     low, high = np.clip(table.ends, -np.pi, np.pi)
     data = model.createData()
     for _ in range(INERTIA_SAMPLES):
-        q = matrix @ rng.uniform(low, high) + shift
+        q = matrix @ rng.uniform(low, high) + offset
         upper = np.triu(pin.crba(model, data, q))
         mass = matrix.T @ (upper + np.triu(upper, 1).T) @ matrix
         if not np.isfinite(mass).all():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.checks import FARTHEST
-from tominpmp.description.joint_table import LOSSES, JointTable
+from tominpmp.description.joint_table import LOSSES, JointTable, Linkage
 from tominpmp.description.mesh_sizes import INSTANCED, check_expanded
 from tominpmp.description.tree import (
     SIZES,
@@ -247,25 +247,22 @@ def are_neighbours(
 
 
 def expansion(
-    model: pin.Model, followers: Mapping[str, Mimic], order: Sequence[str]
-) -> tuple[tuple[str, ...], Array | None, Array | None]:
+    model: pin.Model, linkage: Linkage
+) -> tuple[tuple[str, ...], Array, Array]:
     r"""Express the configuration of a model by its free joints, :math:`S q + c`.
 
     Args:
         model: The model.
-        followers: Joints that follow a free joint.
-        order: Names of the free joints in their new order; empty for the order of the
-            model.
+        linkage: The description, whose order of joints counts if it has one, with
+            locked and following joints.
 
     Returns:
-        Names of the n free joints, S of shape (nv, n) and c of shape (nv,); ``None``
-        for both if no joint follows and the order is that of the model.
+        Names of the n free joints, S of shape (nv, n) and c of shape (nv,).
     """
-    names = list(model.names)[1:]
+    names, followers = list(model.names)[1:], linkage.followers
     leading = {*names} - {*followers}
-    free = tuple(name for name in order or names if name in leading)
-    if free == tuple(names):
-        return free, None, None
+    order = linkage.description.order or names
+    free = tuple(name for name in order if name in leading)
     matrix, offset = np.zeros((len(names), len(free))), np.zeros(len(names))
     for row, name in enumerate(names):
         mimic = followers.get(name, Mimic(name, 1.0, 0.0))
@@ -278,8 +275,8 @@ def configure_model(
     model: pin.Model,
     table: JointTable,
     gravity: Array,
-    matrix: Array | None,
-    offset: Array | None,
+    matrix: Array,
+    offset: Array,
 ) -> None:
     """Set the limits, friction, rotor inertia and gravity of a model.
 
@@ -289,12 +286,10 @@ def configure_model(
         model: The model.
         table: Values of the n free joints, without NaN.
         gravity: Gravity in the world, shape (3,) [m/s^2].
-        matrix: S, shape (nv, n), or ``None``.
-        offset: c, shape (nv,), or ``None``.
+        matrix: S, shape (nv, n).
+        offset: c, shape (nv,).
     """
-    matrix = np.eye(len(table.joint_names)) if matrix is None else matrix
     leader, ratio = np.abs(matrix).argmax(axis=1), matrix.sum(axis=1)
-    shift = 0.0 if offset is None else offset
     is_free = np.isin(list(model.names)[1:], table.joint_names)
 
     def scaled(values: Array) -> Array:
@@ -305,8 +300,8 @@ def configure_model(
         return np.where(is_free, values[leader], 0.0)
 
     ends = np.stack([scaled(end) for end in table.ends])
-    model.lowerPositionLimit = ends.min(axis=0) + shift
-    model.upperPositionLimit = ends.max(axis=0) + shift
+    model.lowerPositionLimit = ends.min(axis=0) + offset
+    model.upperPositionLimit = ends.max(axis=0) + offset
     model.velocityLimit = np.abs(scaled(table["velocity"]))
     model.lowerVelocityLimit = -model.velocityLimit
     model.effortLimit = alone(np.abs(table["effort"]).max(axis=1))

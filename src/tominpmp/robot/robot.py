@@ -345,7 +345,8 @@ class Robot(Record):
         table = self._table().overridden(linkage.reasons(), values)
         changed = check_gravity(self.gravity if gravity is None else gravity)
         robot = self._rebuilt(linkage=linkage, table=table, gravity=changed)
-        robot._check_inertia()
+        if not robot.kinematic:
+            check_inertia(robot.model, table, linkage)
         # The geometry does not depend on these values and need not be read again.
         for name in ("collision_model", "visual_model"):
             if name in self.__dict__:
@@ -419,16 +420,6 @@ class Robot(Record):
         columns |= {loss: getattr(self, loss) for loss in LOSSES}
         return JointTable(self.joint_names, columns)
 
-    def _check_inertia(self) -> None:
-        """Check that every joint moves some inertia, unless the robot has no torques.
-
-        Raises:
-            RobotLoadError: If a joint moves without inertia.
-        """
-        if not self.kinematic:
-            ties = self.expansion_matrix, self.expansion_offset
-            check_inertia(self.model, self._table(), *ties, self.description)
-
     def _rebuilt(
         self,
         *,
@@ -480,7 +471,8 @@ def assembled(
     """
     description = linkage.description
     model = build_model(description, linkage.locked)
-    joint_names, *ties = expansion(model, linkage.followers, description.order)
+    joint_names, *ties = expansion(model, linkage)
+    is_identity = joint_names == tuple(model.names)[1:]
     if not joint_names:
         description.fail("no joint is left that moves")
     joints = table_for(joint_names)
@@ -491,8 +483,8 @@ def assembled(
         joint_names=joint_names,
         limits=JointLimits(*joints.ends, joints["velocity"], *joints["effort"].T),
         gravity=gravity,
-        expansion_matrix=ties[0],
-        expansion_offset=ties[1],
+        expansion_matrix=None if is_identity else ties[0],
+        expansion_offset=None if is_identity else ties[1],
         locked_joints=linkage.locked,
         description=description,
         srdf=None if srdf is None else srdf.for_joints(joint_names),
@@ -800,8 +792,8 @@ def load_robot(
     of_torques = [name for name, k in kinds_of(MotionLimits).items() if k.of_torques]
     kept = {k: v for k, v in known.items() if not kinematic or k not in of_torques}
     robot = replace(robot, motion_limits=limits_by_joint(kept, robot.joint_names))
-    robot._check_inertia()
     if not kinematic:
+        check_inertia(robot.model, robot._table(), linkage)
         warn_of_inertia(robot.model, robot.description)
     if loaded.semantics is not None:
         motors = set(robot.joint_names) - set(robot.passive_joints)
