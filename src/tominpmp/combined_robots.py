@@ -8,7 +8,6 @@ Collisions between the robots are self-collisions of the combined robot.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from itertools import combinations, product
 from pathlib import Path
@@ -75,9 +74,8 @@ def combine_robots(parts: Sequence[Part], *, gravity: ArrayLike | None = None) -
         gravity=world,
         srdf=_joined_semantics(robots, description.path),
         kinematic=_all_kinematic(robots),
+        motion_limits=_joined_motion_limits(robots, joints),
     )
-    limits = _joined_motion_limits(robots, robot.joint_names)
-    robot = replace(robot, motion_limits=limits)
     _check_bases(robot, bases)
     return robot
 
@@ -152,7 +150,7 @@ def _joined_table(
 
 
 def _joined_motion_limits(
-    robots: Mapping[str, Robot], joint_names: tuple[str, ...]
+    robots: Mapping[str, Robot], joint_names: Sequence[str]
 ) -> MotionLimits | None:
     """Motion limits of all robots; the effort scale is the smallest of theirs."""
     joined: MotionLimits | None = None
