@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from tests.sample_arms import make_arm, slide
 from tests.schedules import carried_out
 from tominpmp.initial_guess.guess import Guess, GuessRequest
 from tominpmp.initial_guess.segments import segmented_guesses
-from tominpmp.planner.candidate import Candidate, Fallback, KeptIterate, as_candidate
+from tominpmp.planner.candidate import Candidate, KeptIterate
 from tominpmp.planner.coarse_search import CoarseSearch
 from tominpmp.planner.descent import descent_work
 from tominpmp.planner.first_program import first_program
@@ -137,7 +138,7 @@ def test_next_fallback_is_tried_after_one_that_fails_its_replay(monkeypatch):
     A plan of 0.6 s returned a motion, and a plan of 1 s did not.
     """
     state, known, replays = with_coarse_fallback(), Candidate.verified, []
-    state.fallbacks, state.first_guesses = state.fallbacks * 2, []
+    state.fallbacks, state.first_guesses = state.fallbacks * 2, {}
     touch = LimitViolation("clearance", "a and b", 0.1, 0.01, "m", 0.01, True)
 
     def touching_once(*given):
@@ -156,11 +157,10 @@ def test_faster_coarse_motion_replaces_a_slow_incumbent():
     """Regression: planning for 4 s returned T = 3.75 s, planning for 2 s T = 0.39 s."""
     state = with_coarse_fallback()
     (coarse,), options = state.fallbacks, state.options
-    program, iterate, _ = coarse.kept
+    program, iterate = coarse.program, coarse.iterate
     slower = replace(iterate, z=program.time_scale(iterate.z, 5.0))
-    kept = KeptIterate(program, slower, True)
-    slow = as_candidate("slow", kept, kept, tm.Status.TIME_LIMIT)
-    slow = slow.verified(state.problem, options)
+    kept = KeptIterate("slow", state.problem, program, slower, True)
+    slow = kept.candidate(tm.Status.TIME_LIMIT).verified(state.problem, options)
     state.candidates.append(slow)
     assert state.incumbent is slow
     solution = _finish(state, tm.Status.TIME_LIMIT)
@@ -178,15 +178,15 @@ def test_fallback_as_slow_as_the_incumbent_is_not_tried_after_a_dwell(monkeypatc
     request = GuessRequest(1, np.random.default_rng(0))
     guess = next(segmented_guesses(system, request))
     program, z = first_program(system, options, guess)
-    kept = KeptIterate(program, Iterate.of(program, z, 1.0), True)
+    iterate = Iterate.of(program, z, 1.0)
+    kept = KeptIterate("slow", problem, program, iterate, True)
     state = PlanState(problem, options)
-    replayed = as_candidate("slow", kept, kept, tm.Status.TIME_LIMIT)
-    replayed = replayed.verified(problem, options)
+    replayed = kept.candidate(tm.Status.TIME_LIMIT).verified(problem, options)
     confirmed = replace(replayed.verification, ok=True, violations=())
     incumbent = replace(replayed, verification=confirmed)
     state.candidates.append(incumbent)
     assert state.incumbent is incumbent
-    state.fallbacks, tried = [Fallback("slow", kept, kept, problem)], []
+    state.fallbacks, tried = [kept], []
 
     def scaled(fallback, candidate, options):
         tried.append(fallback)
@@ -216,12 +216,13 @@ def test_guess_is_not_slowed_after_the_end_of_the_planning_time():
     system, options = ProblemFunctions.of(problem), tm.Options(**RESOLVED)
     guess = next(GuessRequest(1, np.random.default_rng(0)).guesses(system))
     program, z = first_program(system, options, guess)
-    begun = KeptIterate(program, Iterate.of(program, z, 1.0), False)
-    candidate = as_candidate("guess", begun, begun, tm.Status.TIME_LIMIT)
+    iterate = Iterate.of(program, z, 1.0)
+    begun = KeptIterate("guess", problem, program, iterate, False)
+    candidate = begun.candidate(tm.Status.TIME_LIMIT)
     late = Deadline()
     late.end = 0.0
     with late.in_force(), pytest.raises(Stop):
-        _scaled(Fallback("guess", begun, begun, problem), candidate, options)
+        _scaled(begun, candidate, options)
 
 
 def test_planning_time_is_reserved_for_the_first_replay():
@@ -235,6 +236,7 @@ def test_planning_time_is_reserved_for_the_first_replay():
     program, z = first_program(system, options, guess)
     slow = Iterate.of(program, program.time_scale(z, 3.0), 1.0)
     state = PlanState(problem, options.changed({"max_planning_time": 2.0}))
+    state.begin(descent_work(system, options, guess, state))
     for seconds, reserve in ((0.0, 0.225), (0.01, 0.06), (0.1, 0.15), (9.0, 0.5)):
         state.replayed(seconds)
         state.keep(program, slow)
@@ -249,8 +251,9 @@ def test_slow_iterations_increase_the_reserve_for_the_first_replay(clock):
     Its replay takes 1 s.
     """
     state = PlanState(planar(), tm.Options(**RESOLVED, max_planning_time=10.0))
-    state.begin()
-    state.initial = object()  # a first guess, which may have to be slowed down
+    state.begin(None)
+    # A first guess, which may have to be slowed down.
+    state.kept_iterates = [SimpleNamespace(feasible=False)]
     record = tm.IterationRecord(0, 1.0, 1.0, 1.0, 0.0, 0.0, 1.0, True, 1, 1, 0.0, 0.0)
     for _ in range(40):
         clock.advance(0.2)
@@ -273,9 +276,9 @@ def test_replay_may_use_the_time_reserved_for_it(monkeypatch):
     monkeypatch.setattr(Candidate, "verified", verified)
     system = ProblemFunctions.of(problem)
     guess = next(GuessRequest(1, np.random.default_rng(0)).guesses(system))
-    assert make_and_repair(
-        state, descent_work(system, state.options, guess, state)
-    ).confirmed
+    work = descent_work(system, state.options, guess, state)
+    state.begin(work)
+    assert make_and_repair(state, work).confirmed
     assert ends and all(ends)
 
 
@@ -302,6 +305,7 @@ def test_repair_of_a_self_collision_starts_from_the_guess(monkeypatch, free):
     first = property(lambda candidate: len(given) == 1)
     monkeypatch.setattr(Candidate, "touches", first)
     monkeypatch.setattr(Candidate, "refuted", first)
+    state.begin(work)
     make_and_repair(state, replace(work, make=make))
     assert len(given) == 2
     assert (given[1] is None) is free

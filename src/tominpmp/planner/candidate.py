@@ -20,17 +20,31 @@ from tominpmp.verification.verification import Verification, verify
 
 
 class KeptIterate(NamedTuple):
-    """An intermediate motion of a candidate, kept in case the candidate is cut short.
+    """An intermediate motion, kept in case planning ends without a better one.
 
     Attributes:
+        name: Name of its guess.
+        problem: The problem that the motion solves, which has one goal.
         program: The nonlinear program.
         iterate: The motion as an iterate of the program.
         feasible: Whether the iterate keeps all constraints of the program.
+        initial: The initial iterate of its candidate; None if it is this one.
     """
 
+    name: str
+    problem: Problem
     program: ProgramInterface
     iterate: Iterate
     feasible: bool
+    initial: KeptIterate | None = None
+
+    def candidate(self, status: Status) -> Candidate:
+        """The motion as a candidate, not replayed yet."""
+        best = self.iterate if self.feasible else None
+        result = SlpResult(status, self.iterate, best, (), self.program)
+        first = self.initial or self
+        begun = first.program.trajectory(first.iterate.z)
+        return Candidate.of(self.name, begun, result)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,37 +154,6 @@ class Candidate:
             return self
         verification = verify(problem, self.trajectory, options.tolerances)
         return replace(self, verification=verification)
-
-
-class Fallback(NamedTuple):
-    """A motion that no replay has confirmed, used if the plan has no incumbent.
-
-    Attributes:
-        name: Name of its guess.
-        kept: The motion as an iterate.
-        initial: The initial iterate.
-        problem: The problem that the motion solves, which has one goal.
-    """
-
-    name: str
-    kept: KeptIterate
-    initial: KeptIterate
-    problem: Problem
-
-    def candidate(self, status: Status) -> Candidate:
-        """The motion as a candidate, not replayed yet."""
-        return as_candidate(self.name, self.kept, self.initial, status)
-
-
-def as_candidate(
-    name: str, kept: KeptIterate, initial: KeptIterate, status: Status
-) -> Candidate:
-    """A kept iterate as a candidate, not replayed yet."""
-    program, iterate, feasible = kept
-    best = iterate if feasible else None
-    result = SlpResult(status, iterate, best, (), program)
-    begun = initial.program.trajectory(initial.iterate.z)
-    return Candidate.of(name, begun, result)
 
 
 def best_of(candidates: Sequence[Candidate]) -> Candidate | None:

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import operator
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.bounds.lower_bound import lower_bound
 from tominpmp.bounds.result import LowerBound
-from tominpmp.goals.base import Goal
 from tominpmp.initial_guess.rrt import PathSearches
 from tominpmp.options import Options
-from tominpmp.planner.candidate import Candidate, Fallback, KeptIterate, best_of
+from tominpmp.planner.candidate import Candidate, KeptIterate, best_of
 from tominpmp.problem.problem import Problem
 from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.iterate import Iterate, SlpResult
@@ -27,6 +25,9 @@ from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Deadline, Stop
 from tominpmp.transcription.base import ProgramInterface
 from tominpmp.transcription.program import NonlinearProgram
+
+if TYPE_CHECKING:
+    from tominpmp.planner.work import Work
 
 # Iterates kept per candidate in addition to the newest, one per nonlinear program.
 MOST_KEPT = 4
@@ -69,15 +70,15 @@ class PlanState:
         options: Options of the plan.
         candidates: The candidates so far.
         deadline: When to stop.
+        work: The work on the candidate in progress.
         start: Number of the candidate in progress, from 0.
         records: Records of the candidate in progress, one per iteration.
         kept_iterates: Iterates of the candidate in progress, the newest last.
-        initial: The initial iterate of the candidate in progress.
         cut_short: How the candidate in progress was stopped; None if it was not.
-        fallbacks: Candidates of coarse grids, the best one first, whose last iterate
-            may become the solution; beside an incumbent the best one only.
-        first_guesses: The first guess for each goal; these are tried next if the best
-            fallback fails.
+        fallbacks: Last iterates on coarse grids, the best one first, which may become
+            the solution; beside an incumbent the best one only.
+        first_guesses: The first guess for each goal, by the identity of the problem;
+            these are tried next if the best fallback fails.
         complete: Whether all stages of a plan with less effort are done. The thorough
             search that follows is open-ended: a time limit then is its regular end.
         callback_error: Error that the callback has raised; None without one.
@@ -99,13 +100,13 @@ class PlanState:
         self.problem, self.options = problem, options
         self.candidates: list[Candidate] = []
         self.deadline = Deadline(stop_requested)
+        self.work: Work
         self.start = -1
         self.records: list[IterationRecord] = []
         self.kept_iterates: list[KeptIterate] = []
-        self.initial: KeptIterate | None = None
         self.cut_short: Status | None = None
-        self.fallbacks: list[Fallback] = []
-        self.first_guesses: list[Fallback] = []
+        self.fallbacks: list[KeptIterate] = []
+        self.first_guesses: dict[int, KeptIterate] = {}
         self.complete = False
         self.callback_error: Exception | None = None
         self.impossible = ""
@@ -113,7 +114,7 @@ class PlanState:
         self.history: list[IterationRecord] = []
         self.searches = PathSearches()
         self.tried: set[int] = set()
-        self._bounds: list[tuple[list[Goal], LowerBound]] = []
+        self._bounds: dict[tuple[int, ...], tuple[Problem, LowerBound]] = {}
         self._begin = time.perf_counter()
         # Ends of the plan and of its next candidate, in seconds from its beginning.
         self._limit = self._until = options.time_limit
@@ -152,20 +153,23 @@ class PlanState:
         """
         self.candidates.append(replace(candidate, **changes))
 
-    def begin(self) -> None:
+    def begin(self, work: Work) -> None:
         """Begin the next candidate."""
-        self.start += 1
-        self.records, self.kept_iterates, self.initial = [], [], None
+        self.work, self.start = work, self.start + 1
+        self.records, self.kept_iterates = [], []
         self.cut_short = None
         self._set_deadline()
 
     def keep(self, program: ProgramInterface, iterate: Iterate) -> None:
         """Keep an iterate of the candidate in progress, in case it is cut short."""
+        name, problem = self.work.name, self.work.system.problem
         feasible = iterate.violation <= self.options.feasibility
-        new = KeptIterate(program, iterate, feasible)
-        self.initial = self.initial or new
-        if self.kept_iterates and self.kept_iterates[-1].program is program:
-            if self.kept_iterates[-1].feasible and not new.feasible:
+        last = self.kept_iterates[-1] if self.kept_iterates else None
+        initial = last and (last.initial or last)
+        new = KeptIterate(name, problem, program, iterate, feasible, initial)
+        self.first_guesses.setdefault(id(problem), new)
+        if last is not None and last.program is program:
+            if last.feasible and not feasible:
                 return
             self.kept_iterates[-1] = new
         else:
@@ -183,12 +187,11 @@ class PlanState:
         Raises:
             Stop: If it is time to stop.
         """
-        goals = [phase.goal for phase in problem.phases]
-        for known, bound in self._bounds:
-            if all(map(operator.is_, known, goals)):
-                return bound
-        self._bounds.append((goals, lower_bound(problem)))
-        return self._bounds[-1][1]
+        goals = tuple(id(phase.goal) for phase in problem.phases)
+        if goals not in self._bounds:
+            # The problem is kept, as the goals of another one could take their places.
+            self._bounds[goals] = problem, lower_bound(problem)
+        return self._bounds[goals][1]
 
     # -- time --------------------------------------------------------------------------
 
@@ -257,7 +260,7 @@ class PlanState:
         """Time reserved for the replay of the motions found [s]."""
         limit = self._limit
         # Without a feasible motion the initial guess has to be slowed down.
-        guess = self.best_duration == np.inf and self.initial is not None
+        guess = self.best_duration == np.inf and bool(self.kept_iterates)
         feasible = any(item.feasible for item in self.kept_iterates)
         if limit == np.inf or not (feasible or guess):
             return 0.0

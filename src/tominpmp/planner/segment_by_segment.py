@@ -15,7 +15,7 @@ from dataclasses import replace
 from tominpmp.goals.joints import JointGoal
 from tominpmp.initial_guess.guess import Guess
 from tominpmp.options import Options
-from tominpmp.planner.candidate import Candidate, KeptIterate, as_candidate
+from tominpmp.planner.candidate import Candidate, KeptIterate
 from tominpmp.planner.descent import descend, guess_of
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import Schedule, Work, run
@@ -151,9 +151,8 @@ def _as_candidate(
     transcription, z = layout.represented(system, motion, spans_of(motion, ()))
     program = NonlinearProgram.of(transcription).at(z)
     iterate = Iterate.of(program, z, 1.0)
-    kept = KeptIterate(program, iterate, True)
+    kept = KeptIterate("segments", system.problem, program, iterate, True)
     converged = all(part.status is Status.CONVERGED for part in parts)
     status = Status.CONVERGED if converged else Status.STALLED
-    candidate = as_candidate("segments", kept, kept, status)
     with state.saving():
-        return candidate.verified(system.problem, state.options)
+        return kept.candidate(status).verified(system.problem, state.options)

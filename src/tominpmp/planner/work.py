@@ -11,7 +11,7 @@ import numpy as np
 
 from tominpmp.exceptions import TominpmpError
 from tominpmp.options import Options
-from tominpmp.planner.candidate import Candidate, Fallback, as_candidate
+from tominpmp.planner.candidate import Candidate, KeptIterate
 from tominpmp.solvers.objective import RESTORABLE, TIME_SCALINGS
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop, check
@@ -93,17 +93,16 @@ def run(state: PlanState, schedule: Schedule[None]) -> Status | None:
     try:
         while state.ended is None and not state.satisfied:
             work = schedule.send(candidate)
-            state.begin()
+            state.begin(work)
             try:
                 state.deadline.check()
                 candidate = make_and_repair(state, work)
             except (Stop, KeyboardInterrupt) as stop:
-                candidate = _from_iterates(state, work, state.stopped(stop))
+                candidate = _from_iterates(state, state.stopped(stop))
             except (*NUMERICAL, TominpmpError) as error:
-                candidate = _after_failure(state, work, error)
-            _keep_first_guess(state, work)
+                candidate = _after_failure(state, error)
             if candidate is not None:
-                candidate = _kept(state, work, candidate)
+                candidate = _kept(state, candidate)
         schedule.close()
     except StopIteration:
         return None
@@ -117,17 +116,17 @@ def single(work: Work) -> Schedule[None]:
     yield work
 
 
-def _kept(state: PlanState, work: Work, candidate: Candidate) -> Candidate:
+def _kept(state: PlanState, candidate: Candidate) -> Candidate:
     """Keep a candidate of the plan, or of a coarse grid as a fallback."""
     logger.info("start %d: %s", state.start, candidate.status.value)
     if candidate.status in STOPPED:
         state.cut_short = state.cut_short or candidate.status
-    if work.follows is not None:
-        candidate = candidate.after(work.follows)
-    if work.replay or candidate.confirmed:
+    if state.work.follows is not None:
+        candidate = candidate.after(state.work.follows)
+    if state.work.replay or candidate.confirmed:
         state.candidates.append(candidate)
     else:
-        _keep_fallback(state, work)
+        _keep_fallback(state)
     return candidate
 
 
@@ -191,20 +190,20 @@ def _lacks_padding(candidate: Candidate, reach: float, padding: float) -> bool:
     return candidate.violation == missing and LEAST < reach * missing <= padding
 
 
-def _after_failure(state: PlanState, work: Work, error: Exception) -> Candidate | None:
+def _after_failure(state: PlanState, error: Exception) -> Candidate | None:
     """The candidate of work that ended with an error, from its kept iterates."""
     logger.warning("start %d failed: %r", state.start, error)
     if not any(item.feasible for item in state.kept_iterates):
         state.failures.append(error)
         return None
-    candidate = _from_iterates(state, work, Status.NUMERICAL_FAILURE)
+    candidate = _from_iterates(state, Status.NUMERICAL_FAILURE)
     if candidate is None or not candidate.confirmed:
         return candidate
     remark = STAGE_FAILED.format(type(error).__name__)
     return replace(candidate, status=Status.FEASIBLE, remark=remark)
 
 
-def _from_iterates(state: PlanState, work: Work, status: Status) -> Candidate | None:
+def _from_iterates(state: PlanState, status: Status) -> Candidate | None:
     """The best kept iterate as a candidate, replayed within the grace period.
 
     Returns:
@@ -212,20 +211,17 @@ def _from_iterates(state: PlanState, work: Work, status: Status) -> Candidate | 
         last one tried. Without feasible iterates it is the newest one; None if no
         iterate was kept.
     """
-    if not state.kept_iterates:
-        return None
-    initial = state.initial or state.kept_iterates[0]
+    system = state.work.system
     feasible = [item for item in reversed(state.kept_iterates) if item.feasible]
     last: Candidate | None = None
     with state.saving():
         for item in feasible or state.kept_iterates[-1:]:
             try:
-                last = as_candidate(work.name, item, initial, status)
+                last = item.candidate(status)
                 # A motion that lacks only padding may keep all limits of the problem.
-                reach = work.system.reach
-                usable = last.feasible or _lacks_padding(last, reach, PADDING)
+                usable = last.feasible or _lacks_padding(last, system.reach, PADDING)
                 candidate = replace(last, feasible=usable)
-                candidate = candidate.verified(work.system.problem, state.options)
+                candidate = candidate.verified(system.problem, state.options)
             except (Stop, KeyboardInterrupt) as again:
                 state.stopped(again)
                 return last  # unconfirmed: its replay was cut short
@@ -238,28 +234,17 @@ def _from_iterates(state: PlanState, work: Work, status: Status) -> Candidate | 
     return last
 
 
-def _keep_first_guess(state: PlanState, work: Work) -> None:
-    """Keep the first guess for each goal, as a last resort."""
-    problem, guess = work.system.problem, state.initial
-    known = any(other.problem is problem for other in state.first_guesses)
-    if guess is not None and not known:
-        state.first_guesses.append(Fallback(work.name, guess, guess, problem))
-
-
-def _keep_fallback(state: PlanState, work: Work) -> None:
+def _keep_fallback(state: PlanState) -> None:
     """Keep the motion of work on a coarse grid as fallback, the best one first.
 
     Beside an incumbent only the best one may be of use, and the programs of all
     candidates of a long search would fill the memory.
     """
 
-    def order(item: Fallback) -> tuple[bool, float]:
-        coarse = item.kept.iterate
-        return coarse.violation > RESTORABLE, coarse.duration
+    def order(item: KeptIterate) -> tuple[bool, float]:
+        return item.iterate.violation > RESTORABLE, item.iterate.duration
 
-    kept = state.kept_iterates[-1]
-    fallback = Fallback(work.name, kept, state.initial or kept, work.system.problem)
-    fallbacks = sorted([*state.fallbacks, fallback], key=order)
+    fallbacks = sorted([*state.fallbacks, state.kept_iterates[-1]], key=order)
     state.fallbacks = fallbacks if state.incumbent is None else fallbacks[:1]
 
 
@@ -272,8 +257,9 @@ def use_fallback(state: PlanState, status: Status) -> None:
         status: How planning was stopped; FEASIBLE if it was not.
     """
     best = state.best_duration
-    coarse, others = state.fallbacks[:1], state.fallbacks[1:]
-    tries = coarse if best < np.inf else [*coarse, *state.first_guesses, *others]
+    tries = state.fallbacks[:1]
+    if best == np.inf:
+        tries = [*tries, *state.first_guesses.values(), *state.fallbacks[1:]]
     errors = state.failures[-1:]
     remark = "".join(STAGE_FAILED.format(type(error).__name__) for error in errors)
     tried: list[Candidate] = []
@@ -300,12 +286,12 @@ def use_fallback(state: PlanState, status: Status) -> None:
         state.candidates.append(replace(tried[0], status=failed))
 
 
-def _scaled(fallback: Fallback, candidate: Candidate, options: Options) -> Candidate:
+def _scaled(fallback: KeptIterate, candidate: Candidate, options: Options) -> Candidate:
     """A fallback slowed down until its program and its replay keep all limits."""
-    (program, iterate, _), problem = fallback.kept, fallback.problem
+    program, problem = fallback.program, fallback.problem
     for factor in FACTORS:
         check()
-        z = program.time_scale(iterate.z, factor)
+        z = program.time_scale(fallback.iterate.z, factor)
         if program.rows.largest_violation(program.evaluate(z)) > options.feasibility:
             continue
         motion = program.trajectory(z)
