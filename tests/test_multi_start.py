@@ -74,7 +74,7 @@ class DrawnOutcomes:
         monkeypatch.setattr(starts, "coarse_grids_apply", lambda system, options: False)
 
     def guesses(self, system, request):
-        for number in range(request.count):
+        for number in range(40):
             t = np.array([0.0, self.predicted[number]])
             q = np.array([START, END])
             yield Guess(str(number), t, q, bool(number % 2))

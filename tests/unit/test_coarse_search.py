@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -59,8 +60,8 @@ def record(search, **changes):
 
 def loop(search, records):
     """A loop with records, at the latest motion of the search."""
-    program, iterate, _ = search.state.fallbacks[0].kept
-    return loop_with(records, program=program, best=None, state=iterate)
+    kept = search.state.fallbacks[0]
+    return loop_with(records, program=kept.program, best=None, state=kept.iterate)
 
 
 def test_start_ends_if_it_will_not_beat_an_earlier_one(monkeypatch):
@@ -69,7 +70,7 @@ def test_start_ends_if_it_will_not_beat_an_earlier_one(monkeypatch):
     options = resolve_options(problem, tm.Options())
     system, state = ProblemFunctions.of(problem), PlanState(problem, options)
     search = CoarseSearch(system, state, torques=True)
-    lines = list(GuessRequest(2, np.random.default_rng(0)).guesses(system))
+    lines = list(islice(GuessRequest(np.random.default_rng(0)).guesses(system), 2))
     best = carried_out(state, search.solve_coarse(lines[0]))
     carried_out(state, search.solve_coarse(lines[1]))
     monkeypatch.setattr(search, "_is_known", lambda shape: False)

@@ -46,7 +46,7 @@ def test_plan_interrupted_at_once_returns_a_verified_motion():
 def test_slowed_timed_guess_is_feasible(intervals):
     """Regression: short intervals at both ends needed thirty times the torque limit."""
     system = ProblemFunctions.of(planar())
-    guess = next(GuessRequest(1, np.random.default_rng(0)).guesses(system))
+    guess = next(GuessRequest(np.random.default_rng(0)).guesses(system))
     assert guess.timed
     options = tm.Options(method="inverse", intervals=intervals, control="constant")
     program, z = first_program(system, options, guess)
@@ -87,7 +87,7 @@ def with_coarse_fallback() -> PlanState:
     """A plan whose only motion is on a coarse grid, without a replay."""
     problem = planar()
     system, options = ProblemFunctions.of(problem), tm.Options(**RESOLVED)
-    guess = next(GuessRequest(1, np.random.default_rng(0)).guesses(system))
+    guess = next(GuessRequest(np.random.default_rng(0)).guesses(system))
     state = PlanState(problem, options)
     search = CoarseSearch(system, state, torques=True)
     assert carried_out(state, search.solve_coarse(guess)) is not None
@@ -175,7 +175,7 @@ def test_fallback_as_slow_as_the_incumbent_is_not_tried_after_a_dwell(monkeypatc
     start = planar()
     problem = tm.Problem(start.robot, start.q_start, segments=segments)
     system, options = ProblemFunctions.of(problem), tm.Options(**RESOLVED)
-    request = GuessRequest(1, np.random.default_rng(0))
+    request = GuessRequest(np.random.default_rng(0))
     guess = next(segmented_guesses(system, request))
     program, z = first_program(system, options, guess)
     iterate = Iterate.of(program, z, 1.0)
@@ -214,7 +214,7 @@ def test_guess_is_not_slowed_after_the_end_of_the_planning_time():
     """Regression: twelve slower motions were tried after the end, in 0.06 s."""
     problem = planar()
     system, options = ProblemFunctions.of(problem), tm.Options(**RESOLVED)
-    guess = next(GuessRequest(1, np.random.default_rng(0)).guesses(system))
+    guess = next(GuessRequest(np.random.default_rng(0)).guesses(system))
     program, z = first_program(system, options, guess)
     iterate = Iterate.of(program, z, 1.0)
     begun = KeptIterate("guess", problem, program, iterate, False)
@@ -232,7 +232,7 @@ def test_planning_time_is_reserved_for_the_first_replay():
     """
     problem = planar()
     system, options = ProblemFunctions.of(problem), tm.Options(**RESOLVED)
-    guess = next(GuessRequest(1, np.random.default_rng(0)).guesses(system))
+    guess = next(GuessRequest(np.random.default_rng(0)).guesses(system))
     program, z = first_program(system, options, guess)
     slow = Iterate.of(program, program.time_scale(z, 3.0), 1.0)
     state = PlanState(problem, options.changed({"max_planning_time": 2.0}))
@@ -275,7 +275,7 @@ def test_replay_may_use_the_time_reserved_for_it(monkeypatch):
 
     monkeypatch.setattr(Candidate, "verified", verified)
     system = ProblemFunctions.of(problem)
-    guess = next(GuessRequest(1, np.random.default_rng(0)).guesses(system))
+    guess = next(GuessRequest(np.random.default_rng(0)).guesses(system))
     work = descent_work(system, state.options, guess, state)
     state.begin(work)
     assert make_and_repair(state, work).confirmed
@@ -295,7 +295,7 @@ def test_repair_of_a_self_collision_starts_from_the_guess(monkeypatch, free):
         problem = tm.Problem(problem.robot, problem.q_start, goal)
     state = PlanState(problem, tm.Options(**RESOLVED))
     system = ProblemFunctions.of(problem)
-    guess = next(GuessRequest(1, np.random.default_rng(0)).guesses(system))
+    guess = next(GuessRequest(np.random.default_rng(0)).guesses(system))
     work = descent_work(system, state.options, guess, state)
 
     def make(system, doublings, former):

@@ -108,7 +108,7 @@ def test_jacobian_of_clear_target_matches_finite_differences() -> None:
 def test_guesses_that_end_in_collision_are_marked_as_blocked() -> None:
     def first(problem: tm.Problem) -> bool:
         system = ProblemFunctions.of(problem)
-        return next(GuessRequest(1, np.random.default_rng(0)).guesses(system)).blocked
+        return next(GuessRequest(np.random.default_rng(0)).guesses(system)).blocked
 
     assert first(turning(False, *RING))
     assert not first(turning(False))

@@ -118,8 +118,12 @@ def test_guesses_are_reproducible_and_end_at_the_goal():
     robot = tm.load_robot("planar3r")
     problem = tm.Problem(robot, (0.5, 1.7, -1.7), tm.JointGoal((1.0, 0.5, 0.5)))
     system = ProblemFunctions.of(problem)
-    one = list(GuessRequest(4, np.random.default_rng(5)).guesses(system))
-    two = list(GuessRequest(4, np.random.default_rng(5)).guesses(system))
+    one = list(
+        itertools.islice(GuessRequest(np.random.default_rng(5)).guesses(system), 4)
+    )
+    two = list(
+        itertools.islice(GuessRequest(np.random.default_rng(5)).guesses(system), 4)
+    )
     assert len(one) == 4
     for a, b in zip(one, two, strict=True):
         np.testing.assert_array_equal(a.q, b.q)
@@ -131,7 +135,9 @@ def test_guesses_for_a_frame_goal_are_lines_then_a_guess_at_rest():
     robot = tm.load_robot("planar3r")
     problem = tm.Problem(robot, (0.5, 1.7, -1.7), tm.PositionGoal("tip", (4, 1, 0)))
     system = ProblemFunctions.of(problem)
-    *lines, last = GuessRequest(4, np.random.default_rng(5)).guesses(system)
+    *lines, last = itertools.islice(
+        GuessRequest(np.random.default_rng(5)).guesses(system), 4
+    )
     np.testing.assert_array_equal(last.q, np.tile(problem.q_start, (2, 1)))
     assert len(lines) == 3
     for guess in lines:
@@ -152,7 +158,7 @@ def test_guess_along_a_half_circle_follows_it_at_the_tool_speed():
     goal = tm.PositionGoal("tool0", arc.at(np.pi))
     along = arc, tm.ToolSpeed("tool0", 0.25)
     system = ProblemFunctions.of(tm.Problem(robot, start, goal, constraints=along))
-    guess = next(GuessRequest(1, np.random.default_rng(0)).guesses(system))
+    guess = next(GuessRequest(np.random.default_rng(0)).guesses(system))
     t = np.linspace(0.0, guess.duration, 400)
     q, empty = guess.position(t), np.zeros((t.size, 0))
     assert np.max(arc.on(robot).measure_rows(q, empty, empty)) < arc.radius
@@ -230,7 +236,9 @@ def test_search_for_an_unreachable_goal_returns_its_least_error():
 
 def test_guesses_among_obstacles_are_a_line_then_sampled_paths(tmp_path):
     system = maze(tmp_path, wall("block", 0.0, -0.8, 0.8))
-    guesses = list(GuessRequest(6, np.random.default_rng(0)).guesses(system))
+    guesses = list(
+        itertools.islice(GuessRequest(np.random.default_rng(0)).guesses(system), 6)
+    )
     names = [guess.name for guess in guesses]
     assert names[0] == "straight line" and names[-1] == "via point"
     sampled = [guess for guess in guesses if guess.name == "sampled path"]
@@ -259,7 +267,9 @@ def sampled_paths(monkeypatch):
 def test_paths_are_sampled_only_when_the_next_guess_is_taken(tmp_path, sampled_paths):
     calls = sampled_paths
     system = maze(tmp_path, wall("block", 0.0, -0.8, 0.8))
-    guesses = GuessRequest(3, np.random.default_rng(0)).guesses(system)
+    guesses = itertools.islice(
+        GuessRequest(np.random.default_rng(0)).guesses(system), 3
+    )
     assert next(guesses).name == "straight line" and not calls
     assert next(guesses).name == "sampled path" and calls
 
@@ -267,7 +277,7 @@ def test_paths_are_sampled_only_when_the_next_guess_is_taken(tmp_path, sampled_p
 def test_the_fastest_of_a_few_sampled_paths_comes_first(tmp_path):
     system = maze(tmp_path, wall("block", 0.0, -0.6, 0.8))
     paths = sampled_guesses(
-        system, [np.array(END)], GuessRequest(1, np.random.default_rng(0))
+        system, [np.array(END)], GuessRequest(np.random.default_rng(0))
     )
     durations = [guess.duration for guess in itertools.islice(paths, 2)]
     assert len(durations) == 2 and durations[0] < durations[1]
@@ -282,7 +292,7 @@ def test_first_path_that_is_fast_enough_is_not_compared_with_others(
     def first(enough):
         rng = np.random.default_rng(0)
         calls.clear()
-        paths = sampled_guesses(system, end, GuessRequest(1, rng), enough=enough)
+        paths = sampled_guesses(system, end, GuessRequest(rng), enough=enough)
         return next(paths), len(calls), paths
 
     best, both, _ = first(0.0)
@@ -294,13 +304,17 @@ def test_first_path_that_is_fast_enough_is_not_compared_with_others(
 
 def test_no_path_is_sampled_where_the_straight_line_is_free(tmp_path):
     system = maze(tmp_path, wall("aside", 0.0, 1.0, 1.4))
-    guesses = GuessRequest(3, np.random.default_rng(0)).guesses(system)
+    guesses = itertools.islice(
+        GuessRequest(np.random.default_rng(0)).guesses(system), 3
+    )
     assert [g.name for g in guesses] == ["straight line", "via point", "via point"]
 
 
 def test_guesses_for_a_frame_among_obstacles_end_in_several_configurations():
     system = planar_system(tm.Scene([BALL]))
-    guesses = list(GuessRequest(5, np.random.default_rng(0)).guesses(system))
+    guesses = list(
+        itertools.islice(GuessRequest(np.random.default_rng(0)).guesses(system), 5)
+    )
     names = [guess.name for guess in guesses]
     assert names[:3] == ["straight line", "at rest", "sampled path"]
     ends = [g.q[-1] for g in guesses if g.name == "sampled path"]
@@ -319,5 +333,5 @@ def test_a_segment_ends_in_the_elbow_branch_that_the_next_goal_needs() -> None:
     ]
     problem = tm.Problem(two_link_arm(), (0.5, -1.2), segments=segments)
     system = ProblemFunctions.of(problem)
-    guess = next(segmented_guesses(system, GuessRequest(1, np.random.default_rng(0))))
+    guess = next(segmented_guesses(system, GuessRequest(np.random.default_rng(0))))
     assert guess.ends[0] == pytest.approx((-bend, 2.0 * bend), abs=1e-3)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -40,7 +41,7 @@ def moving_on(share: float, **changes) -> tm.Problem:
 
 def first_guess(problem: tm.Problem):
     system = ProblemFunctions.of(problem)
-    return next(GuessRequest(1, np.random.default_rng(0)).guesses(system))
+    return next(GuessRequest(np.random.default_rng(0)).guesses(system))
 
 
 def via_points(*, given: tuple[float | None, ...]) -> tm.Problem:
@@ -108,7 +109,7 @@ def test_moving_guess_has_the_given_velocities_at_both_ends(share):
 def test_motion_at_rest_at_both_ends_has_no_moving_guess():
     problem = tm.Problem(UR5, START, tm.JointGoal(START + 0.2 * ALONG))
     system = ProblemFunctions.of(problem)
-    guesses = list(GuessRequest(3, np.random.default_rng(0)).guesses(system))
+    guesses = list(islice(GuessRequest(np.random.default_rng(0)).guesses(system), 3))
     assert MOVING not in {guess.name for guess in guesses}
 
 
@@ -153,7 +154,7 @@ def test_end_velocity_at_a_tool_goal_is_nearest_to_the_start_velocity():
 @pytest.mark.parametrize("given", [(SPEED, SPEED), (SPEED, None)])
 def test_guesses_pass_via_points_without_a_stop(given):
     system = ProblemFunctions.of(via_points(given=given))
-    guess = next(segmented_guesses(system, GuessRequest(1, np.random.default_rng(0))))
+    guess = next(segmented_guesses(system, GuessRequest(np.random.default_rng(0))))
     assert guess.durations[1] < 0.12
 
 

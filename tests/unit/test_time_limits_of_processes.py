@@ -143,7 +143,7 @@ def test_plan_in_two_processes_keeps_its_time_limit(
 
 def test_process_without_remaining_time_ends_at_once() -> None:
     system = ProblemFunctions.of(reach())
-    guess = next(GuessRequest(1, np.random.default_rng(0)).guesses(system))
+    guess = next(GuessRequest(np.random.default_rng(0)).guesses(system))
     options = tm.Options(method="inverse", lp_solver="piqp", intervals=160)
     result = descend_in_process(system, options, time.time() - 1.0, guess)
     candidate, failures, history = result
@@ -186,7 +186,7 @@ def test_candidate_repaired_in_a_process_is_not_repaired_again(
     second repair ended the plan as out of time.
     """
     system = ProblemFunctions.of(reach())
-    guess = next(GuessRequest(1, np.random.default_rng(0)).guesses(system))
+    guess = next(GuessRequest(np.random.default_rng(0)).guesses(system))
     motion, lack = (
         interrupted_candidate().trajectory,
         {"clearance": 1e-4 / system.reach},

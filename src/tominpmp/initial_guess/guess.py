@@ -152,10 +152,9 @@ class Guess:
 
 @dataclass(frozen=True, eq=False)
 class GuessRequest:
-    """A request for guesses: their number, and the means to make them.
+    """A request for guesses: the means to make them.
 
     Attributes:
-        count: Largest number of guesses.
         rng: Random numbers.
         duration: Duration of the guess at rest [s]; None for the duration of the
             fastest line, of those that satisfy the constraints if there are any.
@@ -166,7 +165,6 @@ class GuessRequest:
         searches: Success of the searches for paths, which further searches update.
     """
 
-    count: int
     rng: np.random.Generator
     duration: float | None = None
     beyond: Sequence[PathConstraint] = ()
@@ -187,17 +185,16 @@ class GuessRequest:
             system: Functions of the problem.
 
         Yields:
-            At most ``count`` guesses; no guess if inverse kinematics did not
-            reach the goal, or reached it only in collisions that cannot be resolved, or
-            where the arm cannot rest.
+            Guesses without end; no guess if inverse kinematics did not reach the goal,
+            or reached it only in collisions that cannot be resolved, or where the arm
+            cannot rest.
 
         Raises:
             ProblemError: If no limit keeps a joint from moving arbitrarily fast.
         """
         ends, blocked = self.final_configurations(system)
         if ends:
-            guesses = _guesses(system, ends, self)
-            for guess in itertools.islice(guesses, self.count):
+            for guess in _guesses(system, ends, self):
                 yield replace(guess, blocked=True) if blocked else guess
 
     def final_configurations(

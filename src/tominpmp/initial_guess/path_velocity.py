@@ -45,18 +45,12 @@ MOMENTS = (0.5, 0.25, 0.75, 1.0)
 
 
 def guesses_of(system: ProblemFunctions, request: GuessRequest) -> Iterator[Guess]:
-    """Initial guesses for a problem, ``request.count`` of them in all."""
-    return itertools.islice(waiting_guesses(system, request), request.count)
-
-
-def waiting_guesses(system: ProblemFunctions, request: GuessRequest) -> Iterator[Guess]:
-    """Initial guesses, which may wait for obstacles and constraints, the best first.
+    """Initial guesses without end, which may wait for obstacles and constraints, the best first.
 
     Guesses for the scene without its moving obstacles come first, each together with
     the same path timed so that it waits for obstacles and constraints, if there are
     any. Paths follow that are free if the obstacles are frozen at an instant, then
-    further guesses without moving obstacles. ``request.count`` limits the paths for
-    each scene.
+    further guesses without moving obstacles.
     """
     static = request.guesses(system.resting())
     first: Guess | None = None

@@ -20,7 +20,7 @@ from tominpmp.initial_guess.constrained import constraints_of
 from tominpmp.initial_guess.guess import REST_GUESS, CachedGuesses, Guess, GuessRequest
 from tominpmp.initial_guess.inverse_kinematics import end_velocity
 from tominpmp.initial_guess.path import speed_weights
-from tominpmp.initial_guess.path_velocity import waiting_guesses
+from tominpmp.initial_guess.path_velocity import guesses_of
 from tominpmp.initial_guess.rrt import PathSearches
 from tominpmp.initial_guess.unreachable import unreachable
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -29,7 +29,7 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 def segmented_guesses(
     system: ProblemFunctions, request: GuessRequest
 ) -> Iterator[Guess]:
-    """Guesses through the goals of all segments; see :func:`waiting_guesses`.
+    """Guesses through the goals of all segments; see :func:`guesses_of`.
 
     The first guess joins the first guesses of all segments, the second guess their
     second guesses, and so on.
@@ -39,7 +39,7 @@ def segmented_guesses(
     """
     share = request.duration and request.duration / len(system.parts)
     # A guess at rest at the start does not lead to the start of the next segment.
-    each = replace(request, count=request.count + 1, duration=share)
+    each = replace(request, duration=share)
     lone = len(system.parts) == 1
 
     onward = _times_onward(system, each)
@@ -59,11 +59,11 @@ def segmented_guesses(
             onward=onward[place],
             searches=PathSearches(),
         )
-        guesses = waiting_guesses(single, own)
+        guesses = guesses_of(single, own)
         moving = (guess for guess in guesses if lone or guess.name != REST_GUESS)
         return single, CachedGuesses(moving)
 
-    for number in range(request.count):
+    for number in itertools.count():
         pieces: list[Guess] = []
         q, v = system.problem.q_start, system.problem.v_start
         for place in range(len(system.parts)):

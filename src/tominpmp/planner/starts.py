@@ -98,51 +98,49 @@ def starts(
     """
     options = state.options
     system = ProblemFunctions.of(problem)
+    rng = np.random.default_rng(options.seed)
+    request = GuessRequest(rng, options.initial_duration, searches=state.searches)
+    make = segmented_guesses if system.parts else guesses_of
+    guesses = CachedGuesses(make(system, request))
     if motion is not None:
         former = warm_start(system, motion)
         candidate = yield _warm_start_work(system, former, state)
         solved = candidate is not None and candidate.confirmed
         if candidate is not None and candidate.duration >= former.duration:
             solved = _keep_former(system, former, state, candidate) or solved
-        if solved and (options.starts or 1) == 1 and not _beatable(system, state):
+        enough = solved and (options.starts or 1) == 1
+        if enough and not _beatable(system, state, guesses):
             return
     if options.method in SHOOTING:
         yield from torque_starts(system, state)
         return
-    rng = np.random.default_rng(options.seed)
-    usual, rescues = _usual_starts(system, options), RESCUE_STARTS
-    wanted = options.starts or usual
-    searched = coarse_grids_apply(system, options)
-    most = max(wanted, rescues)
-    if searched and not system.in_free_space:
-        most = max(most, usual + MOST_PATHS)
-    make = segmented_guesses if system.parts else guesses_of
-    request = GuessRequest(most, rng, options.initial_duration, searches=state.searches)
-    guesses = make(system, request)
-    first = next(guesses, None)
+    first = next(guesses.since(0), None)
     if first is None:
         raise unreachable(system, rng)
-    guesses = itertools.chain([first], guesses)
-    if first.blocked:
-        # The final configuration of the guess collides. A descent may still move it
-        # out of collision; more guesses would not.
-        rescues = usual
-        guesses = itertools.islice(guesses, max(wanted, rescues))
+    usual, searched = (
+        _usual_starts(system, options),
+        coarse_grids_apply(system, options),
+    )
+    # If the final configuration of the guess collides, a descent may still move it out
+    # of collision; more guesses would not.
+    rescues = usual if first.blocked else RESCUE_STARTS
+    wanted = options.starts or usual
+    most = max(wanted, rescues)
+    if searched and not (system.in_free_space or first.blocked):
+        most = max(most, usual + MOST_PATHS)
+    guesses, tried = CachedGuesses(itertools.islice(guesses.since(0), most)), 0
     if searched:
-        cached = CachedGuesses(guesses)
-        yield from search(system, state, cached, usual)
+        yield from search(system, state, guesses, usual)
         if first.blocked:
             return
         # Without an incumbent all guesses are tried again on the requested grid.
-        solved = state.best_duration < np.inf
-        guesses = cached.since(int(solved))
-        if solved:
+        if state.best_duration < np.inf:
             # The search has tried the first guess and compared the usual ones.
-            wanted, rescues = 0 if wanted == usual else wanted - 1, rescues - 1
+            wanted, tried = 0 if wanted == usual else wanted - 1, 1
     elif can_be_joined(system, options):
-        yield from _first_of_segments(system, state, next(guesses))
-        wanted, rescues = wanted - 1, rescues - 1
-    yield from _descents(system, state, guesses, wanted, rescues)
+        yield from _first_of_segments(system, state, first)
+        wanted, rescues, tried = wanted - 1, rescues - 1, 1
+    yield from _descents(system, state, guesses.since(tried), wanted, rescues)
 
 
 def _first_of_segments(
@@ -378,7 +376,9 @@ def _keep_former(
     return same.confirmed
 
 
-def _beatable(system: ProblemFunctions, state: PlanState) -> bool:
+def _beatable(
+    system: ProblemFunctions, state: PlanState, guesses: CachedGuesses
+) -> bool:
     """Whether the motion from a warm start is slow enough for a search to beat it.
 
     Around an obstacle, or to another final configuration, a warm start may take a long
@@ -390,9 +390,7 @@ def _beatable(system: ProblemFunctions, state: PlanState) -> bool:
         return False
     if state.best_duration <= (1.0 + GAP) * state.lower_bound(system.problem).T:
         return False
-    rng = np.random.default_rng(state.options.seed)
-    request = GuessRequest(1, rng, state.options.initial_duration)
-    guess = next(request.guesses(system), None)
+    guess = next(guesses.since(0), None)
     if guess is None or not guess.timed:
         return False
     return bool(state.best_duration > BEATABLE * guess.duration)

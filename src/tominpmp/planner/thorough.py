@@ -71,8 +71,7 @@ def _waves(system: ProblemFunctions, state: PlanState) -> Iterator[Schedule[None
     seed, duration = state.options.seed, state.options.initial_duration
     rngs = (np.random.default_rng([seed, k]) for k in (DETOUR, GUESS, AROUND_BEST))
     of_detours, of_guesses, around_best = rngs
-    request = GuessRequest(MOST_WAVES * WAVE, of_guesses, duration)
-    guesses = guesses_of(system, request)
+    guesses = guesses_of(system, GuessRequest(of_guesses, duration))
     first = next(guesses, None)
     if first is None:
         return
@@ -119,8 +118,7 @@ def _descents(system: ProblemFunctions, state: PlanState) -> Iterator[Schedule[N
     """
     options, stop = state.options, stop_if_hopeless()
     rng = np.random.default_rng([options.seed, GUESS])
-    request = GuessRequest(MOST_WAVES * WAVE, rng, options.initial_duration)
-    guesses = segmented_guesses(system, request)
+    guesses = segmented_guesses(system, GuessRequest(rng, options.initial_duration))
     with suppress(ProblemError):  # no configuration reaches a goal
         for guess in itertools.islice(guesses, 1, None):
             yield single(descent_work(system, options, guess, state, stop))

@@ -109,7 +109,7 @@ def _tracked_guess(system: ProblemFunctions, options: Options) -> Array | None:
     """
     if options.initial_control is not None or options.initial_duration is not None:
         return None
-    request = GuessRequest(1, np.random.default_rng(options.seed))
+    request = GuessRequest(np.random.default_rng(options.seed))
     guess = next(guesses_of(system, request), None)
     if guess is None or not guess.timed:
         return None
