@@ -14,6 +14,7 @@ from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.planner import starts
 from tominpmp.transcription.problem_functions import ProblemFunctions
+from tominpmp.transcription.program import NonlinearProgram
 
 START, END = (0.5, 1.7, -1.7), (0.9, -1.2, -0.9)
 # The first grid suffices to see the effect of a warm start.
@@ -53,7 +54,8 @@ def test_former_motion_is_represented_within_rounding(stepped):
     assert guess.bend is None and guess.entry == 0.0
     # On the grid of the motion, and on a finer grid that splits its intervals.
     for intervals in (stepped.trajectory.t.size - 1, 57):
-        program, z = guess.spline_program(system, intervals, "cosine", 2)
+        transcription, z = guess.spline(system, intervals, "cosine", 2)
+        program = NonlinearProgram.of(transcription).at(z)
         motion = program.trajectory(z)
         assert motion.t.size == intervals + 1
         expected = stepped.trajectory(motion.t)
@@ -70,10 +72,12 @@ def test_former_splines_are_represented_within_rounding(free, control):
     system = ProblemFunctions.of(free.problem)
     guess = warm_start(system, solution.trajectory)
     degree = 3 if control == "linear" else 5
-    program, z = guess.spline_program(system, 24, "cosine", degree)
+    transcription, z = guess.spline(system, 24, "cosine", degree)
     times = np.linspace(0, solution.T, 300)
     expected = solution.trajectory(times).q
-    np.testing.assert_allclose(program.trajectory(z)(times).q, expected, atol=1e-7)
+    np.testing.assert_allclose(
+        transcription.trajectory(z)(times).q, expected, atol=1e-7
+    )
 
 
 def test_bent_guess_meets_the_new_start_and_goal(planar3r, free):

@@ -7,7 +7,6 @@ import pytest
 
 import tominpmp as tm
 from tominpmp.initial_guess.warm_start import warm_start
-from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 FORMER = 16
@@ -34,9 +33,7 @@ def test_warm_start_keeps_the_nodes_of_the_former_motion(
     assert former.trajectory is not None
     system = ProblemFunctions.of(problem)
     guess = warm_start(system, former.trajectory)
-    program, z = guess.spline_program(system, intervals, "cosine", 3)
-    of = program.transcription
-    assert isinstance(of, BSplineTranscription)
+    of, z = guess.spline(system, intervals, "cosine", 3)
     assert of.shares.shape == (expected, 1)
     nodes = np.append(0.0, np.cumsum(of.shares))
     kept = [

@@ -45,7 +45,7 @@ MOMENTS = (0.5, 0.25, 0.75, 1.0)
 
 
 def guesses_of(system: ProblemFunctions, request: GuessRequest) -> Iterator[Guess]:
-    """Initial guesses without end, which may wait for obstacles and constraints, the best first.
+    """Initial guesses without end, the best first, which may wait on their paths.
 
     Guesses for the scene without its moving obstacles come first, each together with
     the same path timed so that it waits for obstacles and constraints, if there are

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -25,14 +24,12 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.joint_limits import joint_limits
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import spans_of
-from tominpmp.transcription.base import Transcription
 from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.curve import nodes_of
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.layout import QUADRATIC, SHORTEST, Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.stages import checked_in_segments
 
 # The guess begins at a later state of the motion if that is closer to the new start, by
@@ -120,10 +117,10 @@ class WarmStart(Guess):
             nodes = np.insert(nodes, longest + 1, middle)
         return nodes
 
-    def spline_program(
+    def spline(
         self, system: ProblemFunctions, intervals: int, kind: str, degree: int
-    ) -> tuple[NonlinearProgram, Array]:
-        """Program of splines, and the motion as its iterate.
+    ) -> tuple[BSplineTranscription, Array]:
+        """Transcription by splines, and the motion as its iterate.
 
         A motion of the same degree keeps its nodes if it has at least the requested
         number of intervals, as a coarser grid would lose its refinement, or if its
@@ -139,23 +136,22 @@ class WarmStart(Guess):
         transcription = Layout(degree, shares, eta, ()).transcription(system)
         assert isinstance(transcription, BSplineTranscription)  # noqa: S101
         z = transcription.interpolated(eta, self.position)
-        return _program(transcription, transcription.within_limits(z))
+        return transcription, transcription.within_limits(z)
 
-    def lifted_program(
+    def lifted(
         self, system: ProblemFunctions, intervals: int, kind: str
-    ) -> tuple[NonlinearProgram, Array]:
-        """Collocation program, and the motion as its iterate."""
+    ) -> tuple[CollocationTranscription, Array]:
+        """Transcription by collocation, and the motion as its iterate."""
         T, nodes = self.duration, self.grid(intervals)
         if nodes is None:
             nodes = T * nodes_of(interval_shares(kind, intervals)[:, 0])
         transcription = CollocationTranscription(system, np.diff(nodes)[:, None] / T, T)
         if self.bend is not None:
-            z = transcription.start(self.position, T, np.array([T]))
-            return _program(transcription, z)
+            return transcription, transcription.start(self.position, T, np.array([T]))
         there = np.clip(self.entry + nodes, 0.0, self.trajectory.duration)
         x = np.hstack([self.position(nodes), self.trajectory(there).v])
         u = self._net_torque(system, 0.5 * (nodes[1:] + nodes[:-1]))
-        return _program(transcription, transcription.pack(x, u, np.array([T])))
+        return transcription, transcription.pack(x, u, np.array([T]))
 
     def _net_torque(self, system: ProblemFunctions, times: Array) -> Array:
         """Torques without dry friction, shape (k, n)."""
@@ -168,12 +164,6 @@ class WarmStart(Guess):
         u = self._net_torque(system, 0.5 * (ends[1:] + ends[:-1]))
         z = system.torque_shares(u).ravel()
         return np.concatenate([z, [self.duration / shares.sum()]])
-
-
-def _program(
-    transcription: Transcription[Any], z: Array
-) -> tuple[NonlinearProgram, Array]:
-    return NonlinearProgram.of(transcription).at(z), z
 
 
 def warm_start(system: ProblemFunctions, motion: Trajectory | Samples) -> WarmStart:

@@ -44,51 +44,39 @@ def conclude(state: PlanState, status: Status | None) -> Solution:
         state: The plan.
         status: How planning was stopped; None if the schedule is exhausted.
     """
-    problem, options = state.problem, state.options
-    best = best_of(state.candidates)
-    if best is None:
-        return _without_motion(state, status or Status.INFEASIBLE)
-    reason = "" if best.confirmed else _reason(state)
-    ended = best.status
+    best, bound = best_of(state.candidates), None
+    confirmed = best is not None and best.confirmed
+    reason = "" if confirmed else state.impossible or _reason(state)
+    ended = Status.INFEASIBLE if best is None else best.status
     if status in STOPPED:
         ended = status
-    elif best.refuted:
+    elif best is not None and best.refuted:
         ended = Status.UNVERIFIED
-    bound = None
-    with contextlib.suppress(Stop):
-        bound = state.lower_bound(problem)
-    return Solution(
-        problem=problem,
-        options=options,
-        status=ended,
-        message=_message(state, ended, best, bound, reason)
-        + ("" if reason else _advice(problem, options, ended, best)),
-        feasible=best.confirmed,
-        trajectory=best.trajectory,
-        initial=best.initial,
-        history=tuple(state.history),
-        planning_time=state.seconds,
-        violations=best.violations,
-        verification=best.verification,
-        lower_bound=bound,
-    )
-
-
-def _without_motion(state: PlanState, status: Status) -> Solution:
-    """The solution of a plan that has no candidate."""
-    reason = state.impossible or _reason(state)
-    message = state.impossible or _why_not_found(state, status, reason)
-    if status is Status.TIME_LIMIT and not reason:
-        message += _time_advice(state.options)
-    return Solution(
+    if best is not None:
+        with contextlib.suppress(Stop):
+            bound = state.lower_bound(state.problem)
+    message = _message(state, ended, best, bound, reason)
+    if not reason:
+        message += _advice(state.problem, state.options, ended, best)
+    solution = Solution(
         state.problem,
         state.options,
-        status,
+        ended,
         message,
-        False,
+        confirmed,
         None,
         history=tuple(state.history),
         planning_time=state.seconds,
+        lower_bound=bound,
+    )
+    if best is None:
+        return solution
+    return replace(
+        solution,
+        trajectory=best.trajectory,
+        initial=best.initial,
+        violations=best.violations,
+        verification=best.verification,
     )
 
 
@@ -166,18 +154,21 @@ def _turned(problem: Problem, motion: Trajectory) -> str:
     return f"As angles: {', '.join(angles)}." if angles else ""
 
 
-def _advice(problem: Problem, options: Options, status: Status, best: Candidate) -> str:
+def _advice(
+    problem: Problem, options: Options, status: Status, best: Candidate | None
+) -> str:
     """Advice if a method has found no motion, or time or iterations were used up.
 
     Methods whose torques are constant over an interval need short intervals if the arm
     leaves its path without feedback.
     """
-    advice = ""
-    interrupted = status is Status.INTERRUPTED
-    if status is Status.ITERATION_LIMIT and not best.confirmed:
+    advice, interrupted = "", status is Status.INTERRUPTED
+    if best is None or best.confirmed:
+        pass
+    elif status is Status.ITERATION_LIMIT:
         most = options.max_iterations
         advice = f" {most} iterations a start were allowed; max_iterations allows more."
-    elif not (best.confirmed or interrupted or options.method == "inverse"):
+    elif not (interrupted or options.method == "inverse"):
         longest = float(np.max(np.diff(best.trajectory.t)))
         advice = (
             f" Method {options.method!r} keeps torques for up to {longest:.3g} s, in "
@@ -185,16 +176,14 @@ def _advice(problem: Problem, options: Options, status: Status, best: Candidate)
             "'inverse' does not depend on it."
         )
     if status is Status.TIME_LIMIT:
-        advice += _time_advice(options) + _saturated(problem, best.trajectory)
+        allowed = f"{options.time_limit:.3g} s were allowed"
+        advice += f" {allowed}; max_planning_time allows more"
+        if options.max_planning_time is None and options.effort != "thorough":
+            advice += f" than effort {options.effort!r} does"
+        advice += "."
+        if best is not None:
+            advice += _saturated(problem, best.trajectory)
     return advice
-
-
-def _time_advice(options: Options) -> str:
-    """The planning time that was allowed, and how to allow more, as a sentence."""
-    advice = f" {options.time_limit:.3g} s were allowed; max_planning_time allows more"
-    if options.max_planning_time is None and options.effort != "thorough":
-        advice += f" than effort {options.effort!r} does"
-    return f"{advice}."
 
 
 def _saturated(problem: Problem, motion: Trajectory) -> str:
@@ -240,12 +229,12 @@ def _scope(options: Options, motion: Trajectory) -> str:
 def _message(
     state: PlanState,
     status: Status,
-    best: Candidate,
+    best: Candidate | None,
     bound: LowerBound | None,
     reason: str,
 ) -> str:
     """Message of a solution: its status, and its duration or its violations."""
-    if best.confirmed:
+    if best is not None and best.confirmed:
         T = best.trajectory.duration
         said = status.value
         if status is Status.CONVERGED:
@@ -257,8 +246,8 @@ def _message(
         if gap:
             sentence = f"{sentence}, {gap}"
         return f"{sentence}. {best.remark}".rstrip()
-    if reason or not best.feasible:
-        return _why_not_found(state, status, reason)
+    if best is None or reason or not best.feasible:
+        return state.impossible or _why_not_found(state, status, reason)
     if best.verification is None:
         return f"{status.value} There was no time to verify the motion that was found."
     ended = f"{GAVE_UP[status]}:" if status in STOPPED else status.value

@@ -27,7 +27,7 @@ from tominpmp.motion.trajectory import MAX_SAMPLES, Trajectory
 from tominpmp.options import FEWEST_PERIODS
 from tominpmp.planner.automatic_options import minimum_time, warm_start_options
 from tominpmp.planner.candidate import Candidate
-from tominpmp.planner.first_program import with_active_rows
+from tominpmp.planner.first_program import warm_program
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import NUMERICAL, Work, make_and_repair
 from tominpmp.problem.problem import Problem
@@ -37,12 +37,12 @@ from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.loop import Loop, Rule, first_of, solve
 from tominpmp.solvers.objective import RESTORABLE
 from tominpmp.solvers.trust_region_step import trust_regions
-from tominpmp.status import STOPPED, IterationRecord, Status
+from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
 from tominpmp.transcription.grid import ticks_of, whole_periods
 from tominpmp.transcription.layout import Layout, on_ticks
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.transcription.program import TRACE, NonlinearProgram
+from tominpmp.transcription.program import TRACE
 from tominpmp.verification.verification import Verification
 
 logger = logging.getLogger(__name__)
@@ -216,11 +216,10 @@ def _bring_to_clock(period: float, former: Candidate, state: PlanState) -> Candi
     Returns:
         The motion on the clock; the last trial if no trial succeeds.
     """
-    candidate, apart = former, former.clearance_rows
+    candidate = former
     trial = ClockTrial.of(state.problem, former.trajectory, period)
     for _ in range(TRIALS):
-        tried, knots = trial.candidate(state, apart), trial.layout.shares
-        apart = tried.clearance_rows
+        tried, knots = trial.candidate(state, candidate), trial.layout.shares
         logger.info("%d periods of %g s: %s", trial.count, period, tried.status.value)
         candidate, trial = tried.after(candidate), trial.after(tried)
         if tried.confirmed or np.array_equal(trial.layout.shares, knots):
@@ -313,39 +312,34 @@ class ClockTrial:
             now += counts[-1] + ticks_of(segment.dwell, self.period)
         return tuple(counts)
 
-    def candidate(self, state: PlanState, apart: bool) -> Candidate:
+    def candidate(self, state: PlanState, former: Candidate) -> Candidate:
         """The motion on the knots of the trial, with self-collision rows if needed.
 
         Args:
             state: The plan.
-            apart: Whether the first program has rows against self-collision.
+            former: The candidate of the trial before, or without a clock. If its
+                program has rows against self-collision, so has the first program here.
 
         Returns:
             The motion; it is not feasible if no motion with the duration of the trial
             was found.
         """
         make = partial(self._made, state)
-        work = Work(self.system, "clock", make, self_collision_rows=apart)
+        rows = former.clearance_rows
+        work = Work(self.system, "clock", make, self_collision_rows=rows)
         return make_and_repair(state, work)
 
     def _made(
         self, state: PlanState, system: ProblemFunctions, *_: object
     ) -> Candidate:
         """The motion on the knots of the trial, replayed."""
-
-        def shown(record: IterationRecord) -> None:
-            # A callback that has interrupted the plan sees no more iterations.
-            if not state.deadline.interrupted:
-                state(record)
-
         T = float(self.layout.eta[0])
         known = self.motion, self.spans
-        transcription, z = self.layout.represented(system, *known, within=True)
+        program, z = warm_program(*self.layout.represented(system, *known, within=True))
         feasibility = max(state.options.feasibility, SLIGHT)
         options = replace(state.options, objective="time", feasibility=feasibility)
         warm = warm_start_options(options, RADIUS, ITERATIONS)
         step, stop = trust_regions(warm, accuracy=EXACT)
-        program, z = with_active_rows(NonlinearProgram.of(transcription).at(z), z)
         result = solve(
             replace(program, least_duration=T),
             minimum_time(system, warm, T),
@@ -353,7 +347,8 @@ class ClockTrial:
             step,
             first_of(reaches_tick(T, feasibility), stop),
             exchange=RowExchange(longest=(1.0 + TRACE) * T),
-            callback=shown,
+            # A callback that has interrupted the plan sees no more iterations.
+            callback=None if state.deadline.interrupted else state,
         )
         best = result.best
         if best is not None:

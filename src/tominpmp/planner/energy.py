@@ -55,36 +55,37 @@ ROUGH, HEAVIER = 1e-3, 30.0
 
 def reoptimised(
     solution: Solution,
+    motion: Trajectory,
     layout: Callable[[int], Layout],
     objective: Callable[[NonlinearProgram, Array], tuple[Objective, Array]],
 ) -> Candidate:
-    """Optimise the motion of a solution for another objective.
+    """Optimise a motion for another objective.
 
     If the replay of the new motion breaks limits, the grid is refined.
 
     Args:
-        solution: The solution.
+        solution: The solution of the problem, with its options.
+        motion: The motion.
         layout: Gives the layout of the new motion, for a number of halvings.
         objective: Gives the objective and the initial iterate, from a program and the
             motion as its iterate.
     """
-    options, problem, former = solution.options, solution.problem, solution.trajectory
-    assert former is not None  # noqa: S101
+    options, problem = solution.options, solution.problem
     stop_in_time = _time_for_replays(solution)
 
     def make(tried: ProblemFunctions, halvings: int, _: Candidate | None) -> Candidate:
-        program, z = _program(tried, layout(halvings), former)
+        program, z = _program(tried, layout(halvings), motion)
         start = program, *objective(program, z)
         steps = trust_regions(options, make_solver("piqp"))
         exchange = RowExchange()
         result = solve(*start, *steps, exchange=exchange, callback=stop_in_time)
-        candidate = Candidate.of("former motion", former, result)
+        candidate = Candidate.of("former motion", motion, result)
         if options.control_period is not None:
-            motion = on_ticks(candidate.trajectory, options.control_period)
-            candidate = replace(candidate, trajectory=motion)
+            clocked = on_ticks(candidate.trajectory, options.control_period)
+            candidate = replace(candidate, trajectory=clocked)
         return candidate.verified(problem, options)
 
-    system = ProblemFunctions.of(problem.alternative_of(former))
+    system = ProblemFunctions.of(problem.alternative_of(motion))
     work = Work(system, "former motion", make, REPAIRS)
     return make_and_repair(PlanState(problem, options), work)
 
@@ -151,26 +152,29 @@ def with_least_cost(solution: Solution) -> Solution:
         The motion of least cost; otherwise the fastest one, with the reason in its
         message.
     """
-    if not solution.success or solution.status in STOPPED:
+    former = solution.trajectory
+    if former is None or not solution.success or solution.status in STOPPED:
         return solution
     otherwise, doing = "This is the fastest motion", "weighing its energy"
     fastest = replace(solution, status=Status.FEASIBLE)
-    return run_stage(fastest, doing, otherwise, partial(_least_cost, fastest))
+    return run_stage(fastest, doing, otherwise, partial(_least_cost, fastest, former))
 
 
-def _least_cost(solution: Solution) -> Solution | str:
+def _least_cost(solution: Solution, former: Trajectory) -> Solution | str:
     """The solution with the motion of least cost, or the reason for its failure."""
-    former, options = solution.trajectory, solution.options
-    assert former is not None  # noqa: S101
-    objective = TimeAndEnergy.of(options)
+    objective = TimeAndEnergy.of(solution.options)
+    rough, kind = former, objective.kind
+    if not kind.jumping:  # no path saves the work of holding: it is zero
+        rough = _roughly_cheapest(solution, former, objective)
+    grid = _layout(solution, rough)
+
+    def finer(halvings: int) -> Layout:
+        return grid.with_intervals(2**halvings * FINER[kind.jumping] * len(grid.shares))
 
     def least(program: NonlinearProgram, z: Array) -> tuple[TimeAndEnergy, Array]:
         return objective, _at_least_cost(objective, program, z)
 
-    rough = solution
-    if not objective.kind.jumping:  # no path saves the work of holding: it is zero
-        rough = replace(solution, trajectory=_roughly_cheapest(solution, objective))
-    cheapest = reoptimised(rough, partial(_finer_layout, rough), least)
+    cheapest = reoptimised(solution, rough, finer, least)
     better = replace(
         solution,
         status=cheapest.status,
@@ -186,7 +190,9 @@ def _least_cost(solution: Solution) -> Solution | str:
     return replace(better, message=_message(better, former))
 
 
-def _roughly_cheapest(solution: Solution, objective: TimeAndEnergy) -> Trajectory:
+def _roughly_cheapest(
+    solution: Solution, former: Trajectory, objective: TimeAndEnergy
+) -> Trajectory:
     """The better of two motions that are optimised roughly, on the grid of the search.
 
     Motions that nearly minimise the energy alone may take other paths than the fastest
@@ -194,16 +200,14 @@ def _roughly_cheapest(solution: Solution, objective: TimeAndEnergy) -> Trajector
     descent begins with the fastest motion. It is continued with a larger weight of the
     energy, and a second descent begins with the slow motion that it leads to.
     """
-    former, options = solution.trajectory, solution.options
-    assert former is not None  # noqa: S101
     system = ProblemFunctions.of(solution.problem.alternative_of(former))
-    program, z = _program(system, _layout(solution), former)
+    program, z = _program(system, _layout(solution, former), former)
     rough = replace(objective, tolerance=ROUGH)
     slow = replace(rough, weight=HEAVIER * rough.weight)
     stop_in_time = _time_for_replays(solution)
 
     def descent(towards: TimeAndEnergy, z: Array) -> Array:
-        steps = trust_regions(options, make_solver("piqp"))
+        steps = trust_regions(solution.options, make_solver("piqp"))
         result = solve(program, towards, z, *steps, callback=stop_in_time)
         return (result.best or result.iterate).z
 
@@ -218,21 +222,14 @@ def _roughly_cheapest(solution: Solution, objective: TimeAndEnergy) -> Trajector
     return program.trajectory(min(first, second, key=cost))
 
 
-def _finer_layout(solution: Solution, halvings: int) -> Layout:
-    """Layout on a finer grid than that of a motion, for the final descent."""
-    layout, kind = _layout(solution), ENERGIES[solution.options.energy]
-    return layout.with_intervals(2**halvings * FINER[kind.jumping] * len(layout.shares))
-
-
-def _layout(solution: Solution) -> Layout:
+def _layout(solution: Solution, motion: Trajectory) -> Layout:
     """Spline layout that suits the energy, on the grid of a motion.
 
     Motions of least squared torques have continuous torques. In motions of least work
     the motors push, coast and brake, and torques jump in between. Torques also jump at
     the ends of segments, where the load changes.
     """
-    problem, motion = solution.problem, solution.trajectory
-    assert motion is not None  # noqa: S101
+    problem = solution.problem
     kind = ENERGIES[solution.options.energy]
     layout = Layout.of_motion(motion, problem.segments) or Layout.of_torques(motion)
     if layout.degree == LIFTED:

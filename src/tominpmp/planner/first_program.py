@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from tominpmp.initial_guess.guess import Guess
 from tominpmp.initial_guess.warm_start import WarmStart
 from tominpmp.options import Options
 from tominpmp.problem.segments import Segment, arrival_window
+from tominpmp.transcription.base import Transcription
 from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.exchange import exchanged
@@ -41,8 +43,9 @@ LARGE_VIOLATION, HALVINGS, REMAINING = 1.0, 3, 0.5
 InitialProgram = tuple[NonlinearProgram, Array]
 
 
-def with_active_rows(program: NonlinearProgram, z: Array) -> InitialProgram:
-    """Add the rows between knots that are nearly active at a warm start."""
+def warm_program(transcription: Transcription[Any], z: Array) -> InitialProgram:
+    """Program at a warm start, with the rows between knots that are nearly active."""
+    program = NonlinearProgram.of(transcription).at(z)
     return exchanged(program, z, -NEARLY_ACTIVE) or program, z
 
 
@@ -55,12 +58,12 @@ def first_program(
     timed = GUESS_TIME_SCALE if guess.timed else 1.0
     if options.method == "collocation":
         if isinstance(guess, WarmStart):
-            return guess.lifted_program(system, *grid)
+            lifted, z = guess.lifted(system, *grid)
+            return NonlinearProgram.of(lifted).at(z), z
         return _collocated(system, options, guess, timed * guess.duration)
     degree = DEGREES.get(options.control)
     if isinstance(guess, WarmStart) and not system.parts:
-        program, z = guess.spline_program(system, *grid, degree or QUADRATIC)
-        return with_active_rows(program, z)
+        return warm_program(*guess.spline(system, *grid, degree or QUADRATIC))
     shares, ends = _guess_grid(system, options, guess)
     if degree is not None:
         timed = 1.0 if guess.solved else SMOOTH_TIME_SCALE

@@ -10,6 +10,7 @@ from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance, number, raised_as
 from tominpmp.exceptions import OptionsError, ProblemError
 from tominpmp.motion.measures import roughness, travel
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.planner.energy import reoptimised, run_stage
 from tominpmp.problem.segments import spans_of
 from tominpmp.solution import Solution
@@ -55,7 +56,8 @@ def smooth(solution: Solution, slack: float = 0.01) -> Solution:
     instance(solution, Solution, "solution")
     with raised_as(OptionsError):
         share = number(slack, "slack", "a share of T >= 0", least=0.0)
-    if solution.trajectory is None or not solution.success:
+    former = solution.trajectory
+    if former is None or not solution.success:
         raise ProblemError(
             f"there is no motion to smooth: {solution.message}", "solution"
         )
@@ -69,14 +71,13 @@ def smooth(solution: Solution, slack: float = 0.01) -> Solution:
             "solution",
         )
     otherwise, doing = "Its torques were left as they are", "making them quiet"
-    return run_stage(solution, doing, otherwise, partial(_quietest, solution, share))
+    quietest = partial(_quietest, solution, former, share)
+    return run_stage(solution, doing, otherwise, quietest)
 
 
-def _quietest(solution: Solution, slack: float) -> Solution | str:
+def _quietest(solution: Solution, former: Trajectory, slack: float) -> Solution | str:
     """The solution with quiet torques, or the reason for its failure."""
     options, limits = solution.options, solution.problem.robot.limits
-    former, feasibility = solution.trajectory, options.feasibility
-    assert former is not None  # noqa: S101
     if not former.duration:
         return "the motion takes no time."
     T, period = (1.0 + slack) * former.duration, options.control_period
@@ -91,9 +92,9 @@ def _quietest(solution: Solution, slack: float) -> Solution | str:
     def quiet(program: NonlinearProgram, z: Array) -> tuple[QuietTorques, Array]:
         if period is None:
             z = program.time_scale(z, 1.0 + slack)
-        return QuietTorques.of(program, z, feasibility), z
+        return QuietTorques.of(program, z, options.feasibility), z
 
-    candidate = reoptimised(solution, layout, quiet)
+    candidate = reoptimised(solution, former, layout, quiet)
     if candidate.refuted and candidate.verification is not None:
         return candidate.verification.message
     motion, before = candidate.trajectory, roughness(former, limits)

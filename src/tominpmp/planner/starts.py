@@ -227,9 +227,8 @@ class ParallelDescents:
     Attributes:
         processes: Number of processes.
         batch: Guesses of the present batch whose turn has not come.
-        first: Number of the first guess of this batch.
         taken: Number of guesses taken so far.
-        done: The results of the batch as they come, by their places in it.
+        done: The results of the batch as they come, with the numbers of their guesses.
         results: Results whose turn has not come, by the numbers of their guesses.
     """
 
@@ -240,7 +239,7 @@ class ParallelDescents:
         cores = max(available_processes(), LEAST_PROCESSES)
         self.processes = min(state.options.processes, cores)
         self.batch: list[Guess] = []
-        self.taken = self.first = 0
+        self.taken = 0
         self.done: Iterator[tuple[int, Result]] = iter(())
         self.results: dict[int, Result] = {}
 
@@ -249,12 +248,13 @@ class ParallelDescents:
         if not self.batch:
             size = min(wanted or self.processes, BATCH * self.processes)
             self.batch = list(itertools.islice(self.guesses, size))
-            self.first, self.taken = self.taken, self.taken + len(self.batch)
+            first, self.taken = self.taken, self.taken + len(self.batch)
             seconds = self.state.remaining_time
             serial = replace(self.state.options, callback=None, processes=1)
             end = time.time() + (1.0 - HANDOVER_SHARE) * seconds - HANDOVER
             task = partial(descend_in_process, self.system, serial, end)
-            self.done = run_parallel(task, [*self.batch], self.processes, seconds)
+            done = run_parallel(task, [*self.batch], self.processes, seconds)
+            self.done = ((first + place, result) for place, result in done)
         return self.batch.pop(0) if self.batch else None
 
     def result(self, number: int, *_: object) -> Candidate:
@@ -268,7 +268,7 @@ class ParallelDescents:
             completed = next(self.done, None)
             if completed is None:
                 raise Stop(requested=False)  # the process was late
-            self.results[self.first + completed[0]] = completed[1]
+            self.results.update([completed])
         candidate, failures, history = self.results.pop(number)
         for record in history:
             self.state.show(record)
@@ -278,8 +278,7 @@ class ParallelDescents:
 
     def unclaimed(self) -> list[Candidate]:
         """Candidates whose turn has not come, the fastest first."""
-        for number, result in self.done:
-            self.results[self.first + number] = result
+        self.results.update(self.done)
         made = [item for item, *_ in self.results.values() if item is not None]
         return sorted(map(self._with_status_here, made), key=lambda item: item.duration)
 
