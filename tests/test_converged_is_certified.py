@@ -53,7 +53,6 @@ def slower(solution, factor=1.05):
     u = inverse(motion.q, v, np.vstack([a, a[-1:]]))
     motion = replace(motion, t=factor * motion.t, v=v, a=a, u=u)
     return Candidate(
-        "slow",
         tm.Status.CONVERGED,
         True,
         motion,

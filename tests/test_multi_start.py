@@ -84,14 +84,14 @@ class DrawnOutcomes:
             self.tried.append(guess.name)
             return RankedCandidate(float(self.outcomes[int(guess.name)]))
 
-        return Work(system, guess.name, make)
+        return Work(system, make)
 
     def torque_starts(self, system, state):
         def make(*_):
             self.tried.append("shot")
             return RankedCandidate(self.shot)
 
-        yield Work(system, "shot", make)
+        yield Work(system, make)
 
 
 class RankedCandidate:

@@ -159,7 +159,7 @@ def test_faster_coarse_motion_replaces_a_slow_incumbent():
     (coarse,), options = state.fallbacks, state.options
     program, iterate = coarse.program, coarse.iterate
     slower = replace(iterate, z=program.time_scale(iterate.z, 5.0))
-    kept = KeptIterate("slow", state.problem, program, slower, True)
+    kept = KeptIterate(state.problem, program, slower, True)
     slow = kept.candidate(tm.Status.TIME_LIMIT).verified(state.problem, options)
     state.candidates.append(slow)
     assert state.incumbent is slow
@@ -179,7 +179,7 @@ def test_fallback_as_slow_as_the_incumbent_is_not_tried_after_a_dwell(monkeypatc
     guess = next(segmented_guesses(system, request))
     program, z = first_program(system, options, guess)
     iterate = Iterate.of(program, z, 1.0)
-    kept = KeptIterate("slow", problem, program, iterate, True)
+    kept = KeptIterate(problem, program, iterate, True)
     state = PlanState(problem, options)
     replayed = kept.candidate(tm.Status.TIME_LIMIT).verified(problem, options)
     confirmed = replace(replayed.verification, ok=True, violations=())
@@ -217,7 +217,7 @@ def test_guess_is_not_slowed_after_the_end_of_the_planning_time():
     guess = next(GuessRequest(np.random.default_rng(0)).guesses(system))
     program, z = first_program(system, options, guess)
     iterate = Iterate.of(program, z, 1.0)
-    begun = KeptIterate("guess", problem, program, iterate, False)
+    begun = KeptIterate(problem, program, iterate, False)
     candidate = begun.candidate(tm.Status.TIME_LIMIT)
     late = Deadline()
     late.end = 0.0

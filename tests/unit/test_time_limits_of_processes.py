@@ -159,7 +159,7 @@ def interrupted_candidate() -> Candidate:
     problem = tm.Problem(tm.load_robot("planar3r"), (0.5, 1.7, -1.7), goal)
     motion = tm.plan(problem, effort="quick", refine=None).trajectory
     requested = tm.Status.INTERRUPTED
-    return Candidate("a start", requested, True, motion, motion, violations={})
+    return Candidate(requested, True, motion, motion, violations={})
 
 
 @pytest.mark.parametrize("requested", [False, True])
@@ -191,7 +191,7 @@ def test_candidate_repaired_in_a_process_is_not_repaired_again(
         interrupted_candidate().trajectory,
         {"clearance": 1e-4 / system.reach},
     )
-    ended = Candidate("a start", tm.Status.INFEASIBLE, False, motion, motion, lack)
+    ended = Candidate(tm.Status.INFEASIBLE, False, motion, motion, lack)
     state = PlanState(system.problem, tm.Options(processes=2))
     source = ParallelDescents(system, state, iter(()))
     source.batch, source.results = [guess], {0: (ended, [], [])}

@@ -146,7 +146,7 @@ class Search:
             self._explore(plan)
         most = min(options.max_iterations, GRID_ITERATIONS)
         few = replace(options, max_iterations=most)
-        guess = Guess.of_motion("plan", plan)
+        guess = Guess.of_motion(plan)
         for intervals in GRIDS:
             if near or self.budget.spent:
                 return
@@ -233,7 +233,7 @@ def exact_switches(
         sharp = sharpen(motion)
         iterate = sharp.iterate
         result = SlpResult(Status.CONVERGED, iterate, iterate, (), sharp.program)
-        exact = Candidate.of(best.name, best.initial, result)
+        exact = Candidate.of(best.initial, result)
         exact = exact.verified(system.problem, state.options)
         if exact.confirmed:
             return exact

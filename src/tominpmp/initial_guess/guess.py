@@ -108,10 +108,10 @@ class Guess:
     solved: bool = False
 
     @classmethod
-    def of_motion(cls, name: str, motion: Trajectory) -> Guess:
+    def of_motion(cls, motion: Trajectory) -> Guess:
         """The path of a motion, sampled at instants spaced evenly in time."""
         t = np.linspace(0.0, motion.duration, SAMPLES)
-        return cls(name, t, motion(t, 0), False)
+        return cls("motion", t, motion(t, 0), False)
 
     @property
     def duration(self) -> float:

@@ -137,7 +137,7 @@ def _joined(pieces: list[Guess]) -> Guess:
     ends = np.cumsum([0.0, *(guess.duration for guess in pieces)])
     t = [begin + guess.t[1:] for begin, guess in zip(ends[:-1], pieces, strict=True)]
     return Guess(
-        pieces[0].name if len({guess.name for guess in pieces}) == 1 else "segments",
+        "segments",
         np.concatenate([[0.0], *t]),
         np.concatenate([pieces[0].q[:1], *(guess.q[1:] for guess in pieces)]),
         all(guess.timed for guess in pieces),

@@ -8,7 +8,7 @@ that fits the transcription is adopted exactly, interval by interval.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,9 +51,8 @@ class WarmStart(Guess):
     """A former motion, bent to new ends.
 
     Attributes:
-        trajectory: The motion, without its inverse dynamics.
-        torque: Torques of the motion [N m or N] at times of the guess, (k,) to (k, n).
-        torques_held: Whether the torques are constant on each interval.
+        motion: The motion.
+        trajectory: The motion without its inverse dynamics: faster to evaluate.
         entry: Time of the motion at which the guess begins [s].
         begins: Times of the motion at which the segments begin [s], shape (k,).
         bend: Curve of time added to the positions, a cubic polynomial on each segment,
@@ -61,9 +60,8 @@ class WarmStart(Guess):
         limits: Lower and upper position limits, shape (n,) each.
     """
 
+    motion: Trajectory
     trajectory: Trajectory
-    torque: Callable[[Array], Array]
-    torques_held: bool
     entry: float
     begins: Array
     bend: CubicHermiteSpline | None
@@ -80,7 +78,7 @@ class WarmStart(Guess):
     @property
     def continuous(self) -> bool:
         """Whether its accelerations count as continuous: those of degrees 3 and 5."""
-        return not self.torques_held and self.trajectory.degree > 2
+        return self.motion.inverse_dynamics is not None and self.trajectory.degree > 2
 
     def whole(self, system: ProblemFunctions) -> Trajectory | None:
         """The former motion; None if the guess was bent, or begins at a later entry.
@@ -90,10 +88,9 @@ class WarmStart(Guess):
         """
         if self.bend is not None or self.entry > 0.0:
             return None
-        motion = self.trajectory
-        if self.torques_held:
-            return motion
-        return motion.with_torques(system.motor_dynamics.inverse)
+        if self.motion.inverse_dynamics is None:
+            return self.motion
+        return self.trajectory.with_torques(system.motor_dynamics.inverse)
 
     @property
     def nodes(self) -> Array:
@@ -155,8 +152,8 @@ class WarmStart(Guess):
 
     def _net_torque(self, system: ProblemFunctions, times: Array) -> Array:
         """Torques without dry friction, shape (k, n)."""
-        v = self.trajectory(self.entry + times).v
-        return system.net_torque(self.torque(times), v)
+        state = self.motion(np.minimum(self.entry + times, self.motion.duration))
+        return system.net_torque(state.u, state.v)
 
     def torque_iterate(self, system: ProblemFunctions, shares: Array) -> Array:
         """Initial iterate of the shooting methods: torques and duration."""
@@ -202,9 +199,8 @@ def warm_start(system: ProblemFunctions, motion: Trajectory | Samples) -> WarmSt
         False,
         inner_ends=ends[:-1],
         solved=bool(np.all(np.abs(p) <= 1e-9)),
+        motion=trajectory,
         trajectory=plain,
-        torque=lambda t: trajectory(np.minimum(entry + t, trajectory.duration)).u,
-        torques_held=trajectory.inverse_dynamics is None,
         entry=entry,
         begins=begins,
         bend=None if same else CubicHermiteSpline(np.append(0.0, ends), p, s),

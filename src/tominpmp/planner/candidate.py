@@ -23,7 +23,6 @@ class KeptIterate(NamedTuple):
     """An intermediate motion, kept in case planning ends without a better one.
 
     Attributes:
-        name: Name of its guess.
         problem: The problem that the motion solves, which has one goal.
         program: The nonlinear program.
         iterate: The motion as an iterate of the program.
@@ -31,7 +30,6 @@ class KeptIterate(NamedTuple):
         initial: The initial iterate of its candidate; None if it is this one.
     """
 
-    name: str
     problem: Problem
     program: ProgramInterface
     iterate: Iterate
@@ -44,7 +42,7 @@ class KeptIterate(NamedTuple):
         result = SlpResult(status, self.iterate, best, (), self.program)
         first = self.initial or self
         begun = first.program.trajectory(first.iterate.z)
-        return Candidate.of(self.name, begun, result)
+        return Candidate.of(begun, result)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +50,6 @@ class Candidate:
     """The motion that one initial guess led to.
 
     Attributes:
-        name: Name of the guess.
         status: How the iteration ended.
         feasible: Whether the motion keeps all constraints of its program.
         trajectory: The best motion.
@@ -67,7 +64,6 @@ class Candidate:
         coarser: The candidate on a coarser grid that was refined; None without one.
     """
 
-    name: str
     status: Status
     feasible: bool
     trajectory: Trajectory
@@ -81,7 +77,7 @@ class Candidate:
     coarser: Candidate | None = None
 
     @classmethod
-    def of(cls, name: str, initial: Trajectory, result: SlpResult[Any]) -> Candidate:
+    def of(cls, initial: Trajectory, result: SlpResult[Any]) -> Candidate:
         """Candidate from its initial motion and the result of the solver."""
         program = result.program
         feasible = result.best is not None
@@ -98,7 +94,6 @@ class Candidate:
             layout = Layout.of(of, iterate.z) if isinstance(of, Gridded) else None
             clearance_rows = program.system.clearance is not None
         return cls(
-            name,
             result.status,
             feasible,
             program.trajectory(iterate.z),

@@ -292,7 +292,7 @@ class CoarseSearch:
         self.state.tried.add(start_key(self.system.problem, guess.t, guess.q))
         stop = self._drop_early()
         make = partial(descend, self.coarse, guess, self.state, stop)
-        candidate = yield Work(self.system, guess.name, make, replay=False)
+        candidate = yield Work(self.system, make, replay=False)
         if candidate is None:
             return None
         shape = _shape_of(self.system, candidate.trajectory)

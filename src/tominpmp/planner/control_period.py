@@ -325,8 +325,7 @@ class ClockTrial:
             was found.
         """
         make = partial(self._made, state)
-        rows = former.clearance_rows
-        work = Work(self.system, "clock", make, self_collision_rows=rows)
+        work = Work(self.system, make, self_collision_rows=former.clearance_rows)
         return make_and_repair(state, work)
 
     def _made(
@@ -358,7 +357,7 @@ class ClockTrial:
             best = replace(best, z=z, values=result.program.evaluate(z))
             feasible = best if best.violation <= feasibility else None
             result = replace(result, best=feasible)
-        clocked = Candidate.of("clock", self.motion, result)
+        clocked = Candidate.of(self.motion, result)
         if clocked.feasible:
             motion = on_ticks(clocked.trajectory, self.period)
             clocked = replace(clocked, trajectory=motion)

@@ -96,13 +96,12 @@ def descent_work(
     options = _with_control(system, options, guess)
     make = partial(descend, options, guess, state, stop)
     touches = system.in_free_space and not is_free(system, guess.q[::10])
-    return Work(system, guess.name, make, REPAIRS, touches)
+    return Work(system, make, REPAIRS, touches)
 
 
 def guess_of(system: ProblemFunctions, candidate: Candidate) -> Guess:
     """The motion of a candidate as a guess."""
-    guess = warm_start(system, candidate.trajectory)
-    return replace(guess, name=candidate.name, solved=True)
+    return replace(warm_start(system, candidate.trajectory), solved=True)
 
 
 def descend(
@@ -140,11 +139,10 @@ def descend(
     initial = program.trajectory(z)
     step, usual = trust_regions(options)
     result = state.solve(program, objective, z, step, first_of(usual, stop))
-    candidate = Candidate.of(guess.name, initial, result)
+    candidate = Candidate.of(initial, result)
     if options.refine not in ("auto", "grid") or state.options.objective != "time":
         return candidate
     finer = on_finer_grids(result, state)
     if finer is result:
         return candidate
-    refined = Candidate.of(guess.name, initial, finer)
-    return replace(refined, coarser=candidate)
+    return replace(Candidate.of(initial, finer), coarser=candidate)

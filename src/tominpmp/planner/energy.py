@@ -79,14 +79,14 @@ def reoptimised(
         steps = trust_regions(options, make_solver("piqp"))
         exchange = RowExchange()
         result = solve(*start, *steps, exchange=exchange, callback=stop_in_time)
-        candidate = Candidate.of("former motion", motion, result)
+        candidate = Candidate.of(motion, result)
         if options.control_period is not None:
             clocked = on_ticks(candidate.trajectory, options.control_period)
             candidate = replace(candidate, trajectory=clocked)
         return candidate.verified(problem, options)
 
     system = ProblemFunctions.of(problem.alternative_of(motion))
-    work = Work(system, "former motion", make, REPAIRS)
+    work = Work(system, make, REPAIRS)
     return make_and_repair(PlanState(problem, options), work)
 
 

@@ -162,7 +162,7 @@ class CertifiedDescent:
         result = self.state.solve(program, quickest, z, *trust_regions(warm))
         if result.best is None:
             return best
-        faster = Candidate.of(best.name, best.initial, result)
+        faster = Candidate.of(best.initial, result)
         faster = replace(faster, remark=best.remark)
         if faster.trajectory.duration >= best.duration:
             return best

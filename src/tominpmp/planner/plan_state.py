@@ -162,11 +162,11 @@ class PlanState:
 
     def keep(self, program: ProgramInterface, iterate: Iterate) -> None:
         """Keep an iterate of the candidate in progress, in case it is cut short."""
-        name, problem = self.work.name, self.work.system.problem
+        problem = self.work.system.problem
         feasible = iterate.violation <= self.options.feasibility
         last = self.kept_iterates[-1] if self.kept_iterates else None
         initial = last and (last.initial or last)
-        new = KeptIterate(name, problem, program, iterate, feasible, initial)
+        new = KeptIterate(problem, program, iterate, feasible, initial)
         self.first_guesses.setdefault(id(problem), new)
         if last is not None and last.program is program:
             if last.feasible and not feasible:

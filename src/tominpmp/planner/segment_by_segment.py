@@ -66,7 +66,7 @@ def segments_joined(
             better = guess_of(system, whole)
         return descend(state.options, better, state, None, system, doublings, former)
 
-    return Work(system, guess.name, make, self_collision_rows=True)
+    return Work(system, make, self_collision_rows=True)
 
 
 def _is_separable(system: ProblemFunctions) -> bool:
@@ -151,7 +151,7 @@ def _as_candidate(
     transcription, z = layout.represented(system, motion, spans_of(motion, ()))
     program = NonlinearProgram.of(transcription).at(z)
     iterate = Iterate.of(program, z, 1.0)
-    kept = KeptIterate("segments", system.problem, program, iterate, True)
+    kept = KeptIterate(system.problem, program, iterate, True)
     converged = all(part.status is Status.CONVERGED for part in parts)
     status = Status.CONVERGED if converged else Status.STALLED
     with state.saving():

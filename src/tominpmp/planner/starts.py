@@ -201,7 +201,7 @@ def _descents(
             if guess is None:
                 break
             if ahead is not None:
-                yield Work(system, guess.name, partial(ahead.result, number), None)
+                yield Work(system, partial(ahead.result, number), None)
                 continue
             # The last guess is not dropped early: no other one would follow. Nor is the
             # first one: with times of arrival it may stagnate, and is still the best.

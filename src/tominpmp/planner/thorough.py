@@ -134,5 +134,4 @@ def _around_best(
         if best is None:
             yield None
             continue
-        guess = Guess.of_motion(best.name, best.trajectory)
-        yield bumped(system, guess, heights)
+        yield bumped(system, Guess.of_motion(best.trajectory), heights)

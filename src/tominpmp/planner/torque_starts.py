@@ -162,6 +162,6 @@ def shooting_work(
             result = state.solve(program, objective, z, *method)
             program, z = result.program, result.iterate.z
         z = (result.best or result.iterate).z
-        return Candidate.of("shooting", initial, result)
+        return Candidate.of(initial, result)
 
-    return Work(system, "shooting", make, REPAIRS)
+    return Work(system, make, REPAIRS)

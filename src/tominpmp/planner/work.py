@@ -48,7 +48,6 @@ class Work:
 
     Attributes:
         system: Functions of the problem, which has one goal.
-        name: Name of the guess.
         make: Makes the candidate.
         repairs: Most doublings of the grid if the replay breaks limits; None for a
             candidate that a process has made and repaired.
@@ -61,7 +60,6 @@ class Work:
     """
 
     system: ProblemFunctions
-    name: str
     make: Make
     repairs: int | None = 0
     self_collision_rows: bool = False
@@ -72,7 +70,7 @@ class Work:
     def from_best(cls, state: PlanState, best: Candidate, make: Make) -> Work:
         """Work that improves the best candidate, for the goal that it meets."""
         system = ProblemFunctions.of(state.problem.alternative_of(best.trajectory))
-        return cls(system, best.name, make, self_collision_rows=best.clearance_rows)
+        return cls(system, make, self_collision_rows=best.clearance_rows)
 
 
 T = TypeVar("T")
