@@ -42,7 +42,7 @@ def test_barrier_of_the_first_link_makes_the_problem_infeasible(arm: tm.Robot) -
 def test_obstacle_that_a_second_link_can_avoid_is_no_barrier(arm: tm.Robot) -> None:
     problem = tm.Problem(arm, START, tm.JointGoal(GOAL), ball(3.5))
 
-    assert find_barrier(problem, FORGIVEN) is None
+    assert not find_barrier(problem, FORGIVEN)
     assert tm.plan(problem, objective="feasible").success
 
 
@@ -52,18 +52,16 @@ def test_margin_can_make_an_obstacle_a_barrier(arm: tm.Robot) -> None:
     near = tm.Problem(arm, START, goal, scene, margin=0.0)
     with_margin = tm.Problem(arm, START, goal, scene, margin=0.05)
 
-    assert find_barrier(near, FORGIVEN) is None
+    assert not find_barrier(near, FORGIVEN)
     barrier = find_barrier(with_margin, FORGIVEN)
-    assert barrier is not None
-    assert barrier.contact.margin == 0.05
-    assert barrier.contact.distance > 0.0
+    assert 0.0 < float(barrier.split("lack ")[1].split(" m")[0]) < 0.05
 
 
 def test_moving_obstacle_is_no_barrier(arm: tm.Robot) -> None:
     away = tm.ConstantVelocity([0.0, 0.5, 0.0])
     problem = tm.Problem(arm, START, tm.JointGoal(GOAL), ball(2.0, motion=away))
 
-    assert find_barrier(problem, FORGIVEN) is None
+    assert not find_barrier(problem, FORGIVEN)
 
 
 def test_barrier_must_bar_every_goal_of_a_set(arm: tm.Robot) -> None:
@@ -72,8 +70,8 @@ def test_barrier_must_bar_every_goal_of_a_set(arm: tm.Robot) -> None:
     goals = tm.AnyGoal([tm.JointGoal(GOAL), tm.JointGoal(this_side)])
     two = tm.Problem(arm, START, goals, ball(2.0))
 
-    assert find_barrier(one, FORGIVEN) is not None
-    assert find_barrier(two, FORGIVEN) is None
+    assert find_barrier(one, FORGIVEN)
+    assert not find_barrier(two, FORGIVEN)
 
 
 def test_message_names_the_segment_with_the_barrier(arm: tm.Robot) -> None:
@@ -85,16 +83,15 @@ def test_message_names_the_segment_with_the_barrier(arm: tm.Robot) -> None:
 
     barrier = find_barrier(problem, FORGIVEN)
 
-    assert barrier is not None
-    assert barrier.segment == 2
-    assert "on segment 2" in tm.plan(problem).message
+    assert "on segment 2," in barrier
+    assert tm.plan(problem).message == barrier
 
 
 def test_goal_on_a_frame_has_no_barrier(arm: tm.Robot) -> None:
     goal = tm.PositionGoal("tip", [3.0, 2.0, 0.0])
     problem = tm.Problem(arm, START, goal, ball(2.0))
 
-    assert find_barrier(problem, FORGIVEN) is None
+    assert not find_barrier(problem, FORGIVEN)
 
 
 @pytest.mark.parametrize("name", ["panda", "planar3r", "ur5"])
@@ -137,8 +134,6 @@ def test_barrier_of_a_continuous_joint_needs_both_directions() -> None:
     ]
     goal = tm.AnyGoal([tm.JointGoal([0.5 + 0.01 * k]) for k in range(8)])
     one, both = (tm.Problem(robot, [-0.5], goal, posts[:k]) for k in (1, 2))
-    barrier = find_barrier(both, FORGIVEN)
-    assert barrier is not None
-    assert barrier.joint == "turn"
-    assert find_barrier(one, FORGIVEN) is None
+    assert "joint 'turn' has to pass" in find_barrier(both, FORGIVEN)
+    assert not find_barrier(one, FORGIVEN)
     assert tm.plan(one, effort="quick").success

@@ -57,7 +57,7 @@ def candidates_of_alternatives(
     if entered is not None:
         order = [entered, *(i for i in order if i != entered)]
     forgiven = state.options.tolerances.contact
-    free = [i for i in order if barrier_on_way(parts[i], forgiven) is None]
+    free = [i for i in order if not barrier_on_way(parts[i], forgiven)]
     order = free or order
     answers: list[Candidate | None] = [None] * len(parts)
     wrong: list[str] = []

@@ -9,12 +9,9 @@ the failure of any number of starts.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.collision.checker import Contact
 from tominpmp.goals.turns import TURN
 from tominpmp.kinematics import units_of
 from tominpmp.problem.problem import Problem
@@ -25,36 +22,8 @@ PLACES = 128
 DEEP = 1e-4
 
 
-@dataclass(frozen=True)
-class Barrier:
-    """A collision pair that blocks the path of a joint.
-
-    Attributes:
-        joint: Name of the joint.
-        position: Position of the joint with the least clearance [rad or m].
-        unit: Unit of the position.
-        contact: The collision pair, with its distance at this position.
-        segment: Number of the segment, from 1; None if the problem has a single one.
-    """
-
-    joint: str
-    position: float
-    unit: str
-    contact: Contact
-    segment: int | None = None
-
-    def __str__(self) -> str:
-        """A sentence for the user."""
-        where = "" if self.segment is None else f" on segment {self.segment}"
-        return (
-            f"No motion exists: joint {self.joint!r} has to pass {self.position:.4g} "
-            f"{self.unit}{where}, where {self.contact.pair} lack "
-            f"{self.contact.lack:.3g} m of room whatever the other joints do."
-        )
-
-
-def find_barrier(problem: Problem, forgiven: float) -> Barrier | None:
-    """Look for a barrier that blocks all motions; None if no barrier is proved.
+def find_barrier(problem: Problem, forgiven: float) -> str:
+    """A barrier that blocks all motions, in a sentence; empty if none is proved.
 
     Every alternative of the goal must be blocked, and for joints that are angles the
     ways in both directions. With goals on a frame, or with moving obstacles, nothing
@@ -66,13 +35,11 @@ def find_barrier(problem: Problem, forgiven: float) -> Barrier | None:
     """
     parts = problem.alternatives
     barriers = [barrier_on_way(part, forgiven, turning=True) for part in parts]
-    return barriers[0] if all(barriers) else None
+    return barriers[0] if all(barriers) else ""
 
 
-def barrier_on_way(
-    problem: Problem, forgiven: float, *, turning: bool = False
-) -> Barrier | None:
-    """The barrier on the first blocked segment of a problem with one goal.
+def barrier_on_way(problem: Problem, forgiven: float, *, turning: bool = False) -> str:
+    """The barrier on the first blocked segment of a problem with one goal; or empty.
 
     Args:
         problem: The problem.
@@ -81,16 +48,16 @@ def barrier_on_way(
     """
     begin: Array | None = problem.q_start
     many = len(problem.phases) > 1
-    for number, phase in enumerate(problem.phases):
+    for number, phase in enumerate(problem.phases, 1):
         end = phase.goal.configuration
         if begin is not None and end is not None and len(phase.scene):
-            segment = number + 1 if many else None
+            where = f" on segment {number}" if many else ""
             ends = _ends(phase, begin, end) if turning else end[None]
-            barrier = _between(phase, begin, ends, forgiven, segment)
-            if barrier is not None:
+            barrier = _between(phase, begin, ends, forgiven, where)
+            if barrier:
                 return barrier
         begin = end
-    return None
+    return ""
 
 
 def _ends(problem: Problem, begin: Array, end: Array) -> Array:
@@ -109,22 +76,22 @@ def _ends(problem: Problem, begin: Array, end: Array) -> Array:
 
 
 def _between(
-    problem: Problem, begin: Array, ends: Array, forgiven: float, segment: int | None
-) -> Barrier | None:
-    """The barrier of the joint with the least room on all of its ways, or None.
+    problem: Problem, begin: Array, ends: Array, forgiven: float, where: str
+) -> str:
+    """The barrier of the joint with the least room on all of its ways; or empty.
 
     Args:
         problem: The problem of the segment.
         begin: Configuration at its start, shape (n,).
         ends: Configurations at the ends of the ways, shape (k, n).
         forgiven: Lack of clearance that is tolerated in a motion [m].
-        segment: Number of the segment, from 1; None if there is only one.
+        where: The segment, in words; empty if there is only one.
     """
     checker, robot = problem.checker, problem.robot
     joint = checker.single_joints
     pairs = np.flatnonzero((joint >= 0) & np.all(begin != ends, axis=0)[joint])
     if not pairs.size:
-        return None
+        return ""
     q = np.linspace(begin, ends, PLACES, axis=1).reshape(-1, robot.n)
     instants = np.repeat(np.arange(len(q)), pairs.size)
     each = np.tile(pairs, len(q))
@@ -145,12 +112,11 @@ def _between(
     pair = int(each[index])
     contact = checker.contact(pair, float(distances[index]), float(margins[pair]))
     if contact.lack <= forgiven + DEEP:
-        return None
+        return ""
     j = int(joint[pair])
-    return Barrier(
-        robot.joint_names[j],
-        float(q[instants[index], j]),
-        units_of(robot)[j],
-        contact,
-        segment,
+    return (
+        f"No motion exists: joint {robot.joint_names[j]!r} has to pass "
+        f"{q[instants[index], j]:.4g} {units_of(robot)[j]}{where}, where "
+        f"{contact.pair} lack {contact.lack:.3g} m of room whatever the other joints "
+        "do."
     )

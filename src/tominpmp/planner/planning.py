@@ -165,11 +165,9 @@ def _full_schedule(
         former: A former motion as warm start; None without one.
     """
     problem, options = state.problem, state.options
-    proof = why_impossible(problem, options.limit_tolerance) or find_barrier(
-        problem, options.contact_tolerance
-    )
-    if proof:
-        state.impossible = str(proof)
+    proof = why_impossible(problem, options.limit_tolerance)
+    state.impossible = proof or find_barrier(problem, options.contact_tolerance)
+    if state.impossible:
         return
     yield from candidates_of_alternatives(state, partial(starts, state), former)
     if state.incumbent is None:
