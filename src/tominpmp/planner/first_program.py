@@ -106,25 +106,20 @@ def _collocated(
     deviation is large, the linearisation predicts no improvement; intervals are
     therefore halved, a limited number of times, until the violation is small.
     """
-
-    def halved(halvings: int) -> tuple[NonlinearProgram, Array, float]:
+    least = np.inf
+    for halvings in range(HALVINGS + 1):
         finer = replace(options, intervals=2**halvings * options.intervals)
         shares = _guess_grid(system, finer, guess)[0].sum(axis=1, keepdims=True)
         lifted = CollocationTranscription(system, shares, guess.duration)
-        start = lifted.start(guess.position, guess.duration, np.array([duration]))
-        program = NonlinearProgram.of(lifted).at(start)
-        violation = program.rows.largest_violation(program.evaluate(start))
-        return program, start, violation
-
-    program, start, violation = halved(0)
-    for halvings in range(1, HALVINGS + 1):
+        z = lifted.start(guess.position, guess.duration, np.array([duration]))
+        program = NonlinearProgram.of(lifted).at(z)
+        violation = program.rows.largest_violation(program.evaluate(z))
+        if halvings and not violation <= REMAINING * least:
+            break  # shorter intervals do not help: other limits are violated
+        best, least = (program, z), violation
         if violation <= LARGE_VIOLATION:
             break
-        finer = halved(halvings)
-        if not finer[2] <= REMAINING * violation:
-            break  # shorter intervals do not help: other limits are violated
-        program, start, violation = finer
-    return program, start
+    return best
 
 
 def _guess_grid(

@@ -187,13 +187,12 @@ def _descents(
     several = options.processes > 1 and (state.remaining_time > TO_START or ready())
     ahead = ParallelDescents(system, state, guesses) if several else None
     try:
-        for number in itertools.count():
-            if number >= rescues and swings and state.best_duration == np.inf:
+        for number in range(max(wanted, rescues)):
+            if number == rescues and swings and state.best_duration == np.inf:
                 # A plan with fewer starts would try torques at this point, too.
                 swings = False
                 yield from torque_starts(system, state)
-            enough = state.best_duration < np.inf or number >= rescues
-            if number >= wanted and enough:
+            if number >= wanted and state.best_duration < np.inf:
                 return
             # A guess may take a path search: it is made only once it is needed.
             rest = max(wanted - number, 0)

@@ -266,16 +266,15 @@ def use_fallback(state: PlanState, status: Status) -> None:
             candidate = replace(fallback.candidate(status), remark=remark)
             if candidate.trajectory.duration >= best:
                 continue
+            tried.append(candidate)
             try:
-                candidate = _scaled(fallback, candidate, state.options)
+                tried[-1] = _scaled(fallback, candidate, state.options)
             except (Stop, KeyboardInterrupt) as stop:
                 state.stopped(stop)
-                tried.append(replace(candidate, verification=None))
                 break
             except NUMERICAL as error:
                 logger.warning("a guess could not be slowed down: %r", error)
-            tried.append(candidate)
-            if candidate.confirmed:
+            if tried[-1].confirmed:
                 break
     if tried and tried[-1].confirmed:
         state.candidates.append(tried[-1])
