@@ -15,7 +15,7 @@ from guess_samples import START, maze, wall
 from parallel_work import await_file, sleep_and_report, square
 
 from tominpmp.exceptions import FrameNotFound
-from tominpmp.initial_guess.parallel import LATE, available_processes, run_parallel
+from tominpmp.initial_guess.parallel import LATE, run_parallel
 
 
 def refuse(x):
@@ -119,7 +119,3 @@ def test_exceptions_can_be_pickled():
     assert isinstance(error, FrameNotFound)
     assert (error.name, error.available) == ("a", ("b",))
     assert str(error) == "there is no frame 'a'; the robot has: b"
-
-
-def test_at_least_one_process_is_available():
-    assert available_processes() >= 1

@@ -235,9 +235,3 @@ def _end_with(parent: int) -> None:
     while os.getppid() == parent:
         time.sleep(PULSE)
     os._exit(1)
-
-
-def available_processes() -> int:
-    """Number of cores that this process may use."""
-    affinity = getattr(os, "sched_getaffinity", None)  # not on every system
-    return len(affinity(0)) if affinity else os.cpu_count() or 1

@@ -24,7 +24,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.initial_guess.guess import SAMPLED, CachedGuesses, Guess, bumps
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.options import Control, Options
+from tominpmp.options import Options
 from tominpmp.planner.automatic_options import PROMISE
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.descent import (
@@ -228,8 +228,7 @@ class CoarseSearch:
     ) -> None:
         options = state.options
         if options.control == "auto":
-            control: Control = "linear" if torques else "constant"
-            options = replace(options, control=control)
+            options = replace(options, control="linear" if torques else "constant")
         self.system, self.state = system, state
         self.coarse = replace(
             options,

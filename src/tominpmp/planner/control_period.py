@@ -49,9 +49,7 @@ logger = logging.getLogger(__name__)
 
 # Share of the planning time for the search without a clock.
 SEARCH_SHARE = 0.7
-# The motion is close to its warm start: trust-region radius as a share of the usual
-# one, and iterations.
-RADIUS = 0.1
+# Most iterations, as the motion is close to its warm start.
 ITERATIONS = 15
 # Most trials. If a trial does not show how many periods are needed, the next one has
 # one period more, plus this share of its periods for each halving.
@@ -337,7 +335,7 @@ class ClockTrial:
         program, z = warm_program(*self.layout.represented(system, *known, within=True))
         feasibility = max(state.options.feasibility, SLIGHT)
         options = replace(state.options, objective="time", feasibility=feasibility)
-        warm = warm_start_options(options, RADIUS, ITERATIONS)
+        warm = warm_start_options(options, ITERATIONS)
         step, stop = trust_regions(warm, accuracy=EXACT)
         result = solve(
             replace(program, least_duration=T),

@@ -244,7 +244,6 @@ def _layout(solution: Solution, motion: Trajectory) -> Layout:
 
 def _message(best: Solution, former: Trajectory) -> str:
     """Message on the motion of least cost: T, energy and cost."""
-    assert best.trajectory is not None and best.energy is not None  # noqa: S101
     share = 100.0 * (best.T / former.duration - 1.0)
     # On the finer grid even the duration may be smaller.
     more = f"{abs(share):.3g} % {'more' if share >= 0.0 else 'less'}"

@@ -70,7 +70,7 @@ def on_finer_grids(result: Descended, state: PlanState) -> Descended:
             return result
     usual = options.refine == "auto" and options.effort != "thorough"
     worth = PROMISE if usual else LITTLE_PROMISE
-    warm, finest = warm_start_options(options, WARM_RADIUS, ITERATIONS), result
+    warm, finest = warm_start_options(options, ITERATIONS, WARM_RADIUS), result
     coarsest = best.duration
     step, stop = trust_regions(warm)
     for _ in range(ROUNDS):

@@ -41,13 +41,13 @@ def with_exact_switches(state: PlanState) -> Schedule[None]:
         placed: Candidate = exact.exact_switches(system, best, state)
         return placed
 
-    work = Work.from_best(state, best, make)
-    yield replace(work, self_collision_rows=True)
+    system = ProblemFunctions.of(state.problem.alternative_of(best.trajectory))
+    yield Work(system, make, self_collision_rows=True)
     best = state.incumbent
     if best is None or best.layout is None:
         return
     # No exact switches were found: the grid is refined at the switches instead.
-    system, finer = work.system, replace(options, refine="grid")
+    finer = replace(options, refine="grid")
     candidate = yield descent_work(system, finer, guess_of(system, best), state)
     if candidate is not None:
         state.amend(candidate, remark=best.remark)

@@ -32,9 +32,9 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 
 logger = logging.getLogger(__name__)
 
-# Most rounds of improvement, each of which ends with a certificate; iterations of a
-# round, and its trust-region radius as a share of the usual one.
-ROUNDS, ITERATIONS, RADIUS = 4, 25, 0.1
+# Most rounds of improvement, each of which ends with a certificate, and iterations of a
+# round.
+ROUNDS, ITERATIONS = 4, 25
 # If removing the padding of distances accounts for PADDING_SHARE of the predicted gain,
 # the padding is multiplied by LESS_PADDING for the next round.
 PADDING_SHARE = 0.3
@@ -78,7 +78,8 @@ def certified(state: PlanState) -> Schedule[None]:
     def make(system: ProblemFunctions, *_: object) -> Candidate:
         return CertifiedDescent(system, state, tolerance).run(best)
 
-    settled = yield Work.from_best(state, best, make)
+    system = ProblemFunctions.of(problem.alternative_of(best.trajectory))
+    settled = yield Work(system, make, self_collision_rows=best.clearance_rows)
     if settled is None or settled.duration > best.duration:
         # A certificate that was cut short, or failed, does not certify the motion.
         lost = settled is None and converged
@@ -157,7 +158,7 @@ class CertifiedDescent:
     def _improved(self, best: Candidate, layout: Layout) -> Candidate:
         """A faster motion whose replay keeps all limits, or the same motion."""
         program, z = warm_program(*layout.represented(self.system, best.trajectory))
-        warm = warm_start_options(self.state.options, RADIUS, ITERATIONS)
+        warm = warm_start_options(self.state.options, ITERATIONS)
         quickest = MinimumTime.of(warm, warm.smoothing or 0.0)
         result = self.state.solve(program, quickest, z, *trust_regions(warm))
         if result.best is None:

@@ -19,7 +19,6 @@ import numpy as np
 from tominpmp.constraints.base import USABLE
 from tominpmp.initial_guess.guess import CachedGuesses, Guess, GuessRequest
 from tominpmp.initial_guess.parallel import (
-    available_processes,
     ready,
     run_parallel,
     stop_requested,
@@ -234,8 +233,11 @@ class ParallelDescents:
     def __init__(
         self, system: ProblemFunctions, state: PlanState, guesses: Iterator[Guess]
     ) -> None:
+        # The import takes a while, and most plans run in a single process.
+        from loky import cpu_count
+
         self.system, self.state, self.guesses = system, state, guesses
-        cores = max(available_processes(), LEAST_PROCESSES)
+        cores = max(cpu_count(), LEAST_PROCESSES)
         self.processes = min(state.options.processes, cores)
         self.batch: list[Guess] = []
         self.taken = 0

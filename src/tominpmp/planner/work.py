@@ -66,12 +66,6 @@ class Work:
     replay: bool = True
     follows: Candidate | None = None
 
-    @classmethod
-    def from_best(cls, state: PlanState, best: Candidate, make: Make) -> Work:
-        """Work that improves the best candidate, for the goal that it meets."""
-        system = ProblemFunctions.of(state.problem.alternative_of(best.trajectory))
-        return cls(system, make, self_collision_rows=best.clearance_rows)
-
 
 T = TypeVar("T")
 # A coroutine that yields work, and is sent the candidate made from it, or None.
