@@ -14,7 +14,7 @@ def square(x):
 
 def sleep_and_report(seconds):
     time.sleep(seconds)
-    return os.getpid(), os.environ.get("OMP_NUM_THREADS")
+    return os.getpid()
 
 
 def print_pid_and_sleep(seconds):
@@ -23,14 +23,12 @@ def print_pid_and_sleep(seconds):
 
 
 def await_file(path):
-    """Wait until the file exists, if a path is given; return process id and thread
-    count.
-    """
+    """Wait until the file exists, if a path is given; return the process id."""
     end = time.monotonic() + PATIENCE
     while path is not None and not path.exists():
         assert time.monotonic() < end, "nobody makes the file"
         time.sleep(0.01)
-    return os.getpid(), os.environ.get("OMP_NUM_THREADS")
+    return os.getpid()
 
 
 def wait_for_stop_request(folder):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -11,6 +12,9 @@ import scipy.linalg  # noqa: F401 (brings a BLAS of its own)
 from threadpoolctl import ThreadpoolController
 
 import tominpmp as tm
+from tominpmp.initial_guess.guess import straight_guess
+from tominpmp.planner.starts import descend_in_process
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 MANY = 3
 
@@ -80,6 +84,20 @@ def test_failed_plan_restores_the_number_of_threads(problem: tm.Problem) -> None
         tm.plan(problem, effort="quick", starts=1, callback=fail)
     with pytest.raises(tm.OptionsError):
         tm.plan(problem, method="magic")
+    assert thread_counts() == before
+
+
+def test_descent_in_a_worker_process_uses_one_thread(problem: tm.Problem) -> None:
+    before, seen = thread_counts(), list[int]()
+    options = tm.Options(
+        method="inverse",
+        lp_solver="piqp",
+        callback=lambda record: seen.extend(thread_counts()),
+    )
+    system = ProblemFunctions.of(problem)
+    guess = straight_guess(system, problem.goal.configuration)
+    descend_in_process(system, options, time.time() + 300.0, guess)
+    assert set(seen) == {1}
     assert thread_counts() == before
 
 

@@ -39,9 +39,8 @@ def test_results_come_from_other_processes_in_order_of_completion(tmp_path):
         results.append(result)
         (tmp_path / "second is here").touch()
     assert [number for number, _ in results] == [1, 0]
-    workers = {worker for _, (worker, _) in results}
+    workers = {worker for _, worker in results}
     assert os.getpid() not in workers and len(workers) == 2
-    assert {threads for _, (_, threads) in results} == {"1"}
 
 
 def test_exceptions_of_a_worker_keep_their_attributes():

@@ -36,15 +36,6 @@ GRACE = 4.0
 LATE = 1.0
 # Periods of the checks for a request to stop, and for a living parent [s].
 TICK, PULSE = 0.1, 0.25
-# Numerical libraries use one thread per process.
-THREADS = {
-    "OMP_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-    "MKL_NUM_THREADS": "1",
-    "BLIS_NUM_THREADS": "1",
-    "VECLIB_MAXIMUM_THREADS": "1",
-    "NUMEXPR_NUM_THREADS": "1",
-}
 
 
 def run_parallel(
@@ -136,7 +127,6 @@ class _WorkerPool:
             max_workers=processes,
             timeout=KEEP,
             kill_workers=ending,
-            env=THREADS,
             initializer=_prepare,
             initargs=(os.getpid(), self._stop_event),
         )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -13,7 +12,6 @@ from tominpmp.initial_guess.guess import Guess
 from tominpmp.initial_guess.warm_start import WarmStart
 from tominpmp.options import Options
 from tominpmp.problem.segments import Segment, arrival_window
-from tominpmp.transcription.base import Transcription
 from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.exchange import exchanged
@@ -22,7 +20,7 @@ from tominpmp.transcription.grid import (
     segment_intervals,
     segmented_shares,
 )
-from tominpmp.transcription.layout import QUADRATIC, Layout
+from tominpmp.transcription.layout import QUADRATIC, Gridded, Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 
@@ -43,7 +41,7 @@ LARGE_VIOLATION, HALVINGS, REMAINING = 1.0, 3, 0.5
 InitialProgram = tuple[NonlinearProgram, Array]
 
 
-def warm_program(transcription: Transcription[Any], z: Array) -> InitialProgram:
+def warm_program(transcription: Gridded, z: Array) -> InitialProgram:
     """Program at a warm start, with the rows between knots that are nearly active."""
     program = NonlinearProgram.of(transcription).at(z)
     return exchanged(program, z, -NEARLY_ACTIVE) or program, z

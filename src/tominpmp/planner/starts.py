@@ -16,6 +16,7 @@ from functools import partial
 
 import numpy as np
 
+from tominpmp.blas_threads import on_one_thread
 from tominpmp.constraints.base import USABLE
 from tominpmp.initial_guess.guess import CachedGuesses, Guess, GuessRequest
 from tominpmp.initial_guess.parallel import (
@@ -298,6 +299,7 @@ class ParallelDescents:
 Result = tuple[Candidate | None, list[Exception], list[IterationRecord]]
 
 
+@on_one_thread
 def descend_in_process(
     system: ProblemFunctions,
     options: Options,
