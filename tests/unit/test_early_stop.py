@@ -236,7 +236,6 @@ def test_planning_time_is_reserved_for_the_first_replay():
     program, z = first_program(system, options, guess)
     slow = Iterate.of(program, program.time_scale(z, 3.0), 1.0)
     state = PlanState(problem, options.changed({"max_planning_time": 2.0}))
-    state.begin(descent_work(system, options, guess, state))
     for seconds, reserve in ((0.0, 0.225), (0.01, 0.06), (0.1, 0.15), (9.0, 0.5)):
         state.replayed(seconds)
         state.keep(program, slow)
@@ -251,7 +250,7 @@ def test_slow_iterations_increase_the_reserve_for_the_first_replay(clock):
     Its replay takes 1 s.
     """
     state = PlanState(planar(), tm.Options(**RESOLVED, max_planning_time=10.0))
-    state.begin(None)
+    state.begin(state.problem)
     # A first guess, which may have to be slowed down.
     state.kept_iterates = [SimpleNamespace(feasible=False)]
     record = tm.IterationRecord(0, 1.0, 1.0, 1.0, 0.0, 0.0, 1.0, True, 1, 1, 0.0, 0.0)
@@ -277,7 +276,6 @@ def test_replay_may_use_the_time_reserved_for_it(monkeypatch):
     system = ProblemFunctions.of(problem)
     guess = next(GuessRequest(np.random.default_rng(0)).guesses(system))
     work = descent_work(system, state.options, guess, state)
-    state.begin(work)
     assert make_and_repair(state, work).confirmed
     assert ends and all(ends)
 
@@ -305,7 +303,6 @@ def test_repair_of_a_self_collision_starts_from_the_guess(monkeypatch, free):
     first = property(lambda candidate: len(given) == 1)
     monkeypatch.setattr(Candidate, "touches", first)
     monkeypatch.setattr(Candidate, "refuted", first)
-    state.begin(work)
     make_and_repair(state, replace(work, make=make))
     assert len(given) == 2
     assert (given[1] is None) is free

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -25,9 +25,6 @@ from tominpmp.status import IterationRecord, Status
 from tominpmp.stopping import Deadline, Stop
 from tominpmp.transcription.base import ProgramInterface
 from tominpmp.transcription.program import NonlinearProgram
-
-if TYPE_CHECKING:
-    from tominpmp.planner.work import Work
 
 # Iterates kept per candidate in addition to the newest, one per nonlinear program.
 MOST_KEPT = 4
@@ -70,7 +67,7 @@ class PlanState:
         options: Options of the plan.
         candidates: The candidates so far.
         deadline: When to stop.
-        work: The work on the candidate in progress.
+        alternative: The problem with the one goal of the candidate in progress.
         start: Number of the candidate in progress, from 0.
         records: Records of the candidate in progress, one per iteration.
         kept_iterates: Iterates of the candidate in progress, the newest last.
@@ -100,7 +97,7 @@ class PlanState:
         self.problem, self.options = problem, options
         self.candidates: list[Candidate] = []
         self.deadline = Deadline(stop_requested)
-        self.work: Work
+        self.alternative = problem
         self.start = -1
         self.records: list[IterationRecord] = []
         self.kept_iterates: list[KeptIterate] = []
@@ -153,21 +150,20 @@ class PlanState:
         """
         self.candidates.append(replace(candidate, **changes))
 
-    def begin(self, work: Work) -> None:
-        """Begin the next candidate."""
-        self.work, self.start = work, self.start + 1
+    def begin(self, alternative: Problem) -> None:
+        """Begin the next candidate, for a problem with one goal."""
+        self.alternative, self.start = alternative, self.start + 1
         self.records, self.kept_iterates = [], []
         self.cut_short = None
         self._set_deadline()
 
     def keep(self, program: ProgramInterface, iterate: Iterate) -> None:
         """Keep an iterate of the candidate in progress, in case it is cut short."""
-        problem = self.work.system.problem
         feasible = iterate.violation <= self.options.feasibility
         last = self.kept_iterates[-1] if self.kept_iterates else None
         initial = last and (last.initial or last)
-        new = KeptIterate(problem, program, iterate, feasible, initial)
-        self.first_guesses.setdefault(id(problem), new)
+        new = KeptIterate(self.alternative, program, iterate, feasible, initial)
+        self.first_guesses.setdefault(id(self.alternative), new)
         if last is not None and last.program is program:
             if last.feasible and not feasible:
                 return

@@ -85,16 +85,16 @@ def run(state: PlanState, schedule: Schedule[None]) -> Status | None:
     try:
         while state.ended is None and not state.satisfied:
             work = schedule.send(candidate)
-            state.begin(work)
+            state.begin(work.system.problem)
             try:
                 state.deadline.check()
                 candidate = make_and_repair(state, work)
             except (Stop, KeyboardInterrupt) as stop:
-                candidate = _from_iterates(state, state.stopped(stop))
+                candidate = _from_iterates(state, work, state.stopped(stop))
             except (*NUMERICAL, TominpmpError) as error:
-                candidate = _after_failure(state, error)
+                candidate = _after_failure(state, work, error)
             if candidate is not None:
-                candidate = _kept(state, candidate)
+                candidate = _kept(state, work, candidate)
         schedule.close()
     except StopIteration:
         return None
@@ -108,14 +108,14 @@ def single(work: Work) -> Schedule[None]:
     yield work
 
 
-def _kept(state: PlanState, candidate: Candidate) -> Candidate:
+def _kept(state: PlanState, work: Work, candidate: Candidate) -> Candidate:
     """Keep a candidate of the plan, or of a coarse grid as a fallback."""
     logger.info("start %d: %s", state.start, candidate.status.value)
     if candidate.status in STOPPED:
         state.cut_short = state.cut_short or candidate.status
-    if state.work.follows is not None:
-        candidate = candidate.after(state.work.follows)
-    if state.work.replay or candidate.confirmed:
+    if work.follows is not None:
+        candidate = candidate.after(work.follows)
+    if work.replay or candidate.confirmed:
         state.candidates.append(candidate)
     else:
         _keep_fallback(state)
@@ -182,20 +182,20 @@ def _lacks_padding(candidate: Candidate, reach: float, padding: float) -> bool:
     return candidate.violation == missing and LEAST < reach * missing <= padding
 
 
-def _after_failure(state: PlanState, error: Exception) -> Candidate | None:
+def _after_failure(state: PlanState, work: Work, error: Exception) -> Candidate | None:
     """The candidate of work that ended with an error, from its kept iterates."""
     logger.warning("start %d failed: %r", state.start, error)
     if not any(item.feasible for item in state.kept_iterates):
         state.failures.append(error)
         return None
-    candidate = _from_iterates(state, Status.NUMERICAL_FAILURE)
+    candidate = _from_iterates(state, work, Status.NUMERICAL_FAILURE)
     if candidate is None or not candidate.confirmed:
         return candidate
     remark = STAGE_FAILED.format(type(error).__name__)
     return replace(candidate, status=Status.FEASIBLE, remark=remark)
 
 
-def _from_iterates(state: PlanState, status: Status) -> Candidate | None:
+def _from_iterates(state: PlanState, work: Work, status: Status) -> Candidate | None:
     """The best kept iterate as a candidate, replayed within the grace period.
 
     Returns:
@@ -203,7 +203,7 @@ def _from_iterates(state: PlanState, status: Status) -> Candidate | None:
         last one tried. Without feasible iterates it is the newest one; None if no
         iterate was kept.
     """
-    system = state.work.system
+    system = work.system
     feasible = [item for item in reversed(state.kept_iterates) if item.feasible]
     last: Candidate | None = None
     with state.saving():
