@@ -14,7 +14,6 @@ from tests.sample_arms import make_arm, slide, swinging_arm
 from tominpmp.exceptions import OptionsError
 from tominpmp.motion.measures import ENERGIES
 from tominpmp.planner import energy, smoothing
-from tominpmp.solvers.time_and_energy import Energy
 from tominpmp.stopping import Stop
 from tominpmp.transcription.bspline import BSplineTranscription, InverseTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
@@ -150,8 +149,8 @@ def test_energy_gradient_matches_differences(number, kind):
     transcription, z = list(_programs())[number]
     rng = np.random.default_rng(0)
     z = z + 1e-2 * rng.standard_normal(z.size)
-    energy = Energy(NonlinearProgram.of(transcription).at(z), kind)
-    check_gradient(energy, z, rng, step=1e-6, rel=1e-5)
+    program = NonlinearProgram.of(transcription).at(z)
+    check_gradient(program, kind, z, rng, step=1e-6, rel=1e-5)
 
 
 @pytest.mark.parametrize(

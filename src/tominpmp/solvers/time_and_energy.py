@@ -19,6 +19,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -29,7 +31,12 @@ from tominpmp.motion.measures import ENERGIES, EnergyKind
 from tominpmp.options import Options
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.solvers.objective import Model, Objective
-from tominpmp.transcription.base import Linearization, Motion, StepBounds, Variation
+from tominpmp.transcription.base import (
+    Linearization,
+    Motion,
+    Transcription,
+    Variation,
+)
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
@@ -45,187 +52,6 @@ STRETCH = 1e-3
 # Proximal term: cost of a step of the size of the trust region in each unknown, as a
 # share of the work.
 TRACE = 1e-7
-
-
-@dataclass(frozen=True, eq=False)
-class Energy:
-    """An energy of the motions of a program.
-
-    Attributes:
-        nlp: The nonlinear program.
-        kind: The kind of energy.
-    """
-
-    nlp: NonlinearProgram
-    kind: EnergyKind
-
-    def __call__(self, z: Array) -> float:
-        """The energy at an iterate, in the unit of its kind."""
-        motion = self.nlp.transcription.motion(z)
-        powers = [
-            self.kind.integrand(self._torques(part, states), states.v)
-            for part, _, states in self._segments(motion)
-        ]
-        power = np.concatenate(powers).reshape(motion.h.size, -1)
-        moving = float(np.sum(power @ WEIGHTS * motion.h))
-        return moving + sum(
-            dwell * float(self.kind.integrand(part.motors.torque(states), states.v)[0])
-            for dwell, part, _, states in self._holding(motion)
-        )
-
-    def model(self, z: Array, steps: StepBounds) -> Model:
-        """A convex model near an iterate.
-
-        Args:
-            z: The iterate.
-            steps: Box for the step.
-        """
-        terms, jacobian = self._terms(z)
-        if not self.kind.squared:
-            return self._piecewise_linear(z, steps, terms, jacobian)
-        gradient = np.asarray(2.0 * (jacobian.T @ terms))
-        pace = self._pace_curvature(z, float(terms @ terms), jacobian)
-        root = sp.vstack([np.sqrt(2.0) * jacobian, pace], format="csr")
-        return Model(lambda z, _: self(z), gradient, root)
-
-    def _piecewise_linear(
-        self, z: Array, steps: StepBounds, terms: Array, jacobian: sp.csr_matrix
-    ) -> Model:
-        """Model of positive parts: max(r, 0) is half of r + abs(r).
-
-        Terms that no step within the box brings to zero have a known sign, and are
-        linear.
-        """
-        value = float(np.sum(np.maximum(terms, 0.0)))
-        box = np.maximum(steps.upper, -steps.lower)
-        near = np.abs(terms) < abs(jacobian) @ box
-        kinks = jacobian[near]
-        signs = np.where(near, 0.5, terms > 0.0)
-        # A small proximal term determines the unknowns that do not affect the energy.
-        trace = np.sqrt(TRACE * value)
-        still = np.divide(trace, box, out=np.zeros(z.size), where=box > 0.0)
-        return Model(
-            lambda z, _: self(z),
-            np.asarray(jacobian.T @ signs),
-            self._pace_curvature(z, value, sp.csr_matrix((1, z.size))),
-            still,
-            Variation(kinks, terms[near] - kinks @ z),
-            0.5,
-        )
-
-    def _terms(self, z: Array) -> tuple[Array, sp.csr_matrix]:
-        """Weighted terms at the Gauss points and during dwells, and their Jacobian.
-
-        Roots of the weights multiply terms that are squared.
-        """
-        scheme, n = self.nlp.transcription, self.nlp.system.n
-        exponent = 0.5 if self.kind.squared else 1.0
-        motion = scheme.motion(z)
-        lengths = self._lengths(motion)
-        values, matrices = list[Array](), list[sp.csr_matrix]()
-        for part, at, states in self._segments(motion):
-            interval = np.repeat(at.interval, n)
-            weight = np.repeat(np.tile(WEIGHTS, at.size // WEIGHTS.size), n)
-            size = (weight * motion.h[interval]) ** exponent
-            found = self.kind.term(self._torques(part, states), states.v)
-            term, by_u, by_v = (each.ravel() for each in found)
-            direct = np.tile(np.eye(n), (at.size, 1)) * by_v[:, None]
-            by = _by_states(part, states).times(by_u[:, None])
-            by = by._replace(by_v=direct if by.by_v is None else by.by_v + direct)
-            longer = sp.diags(exponent * size * term / motion.h[interval])
-            values.append(size * term)
-            matrices.append(
-                sp.diags(size) @ scheme.pull_back(motion, at, by)
-                + longer @ lengths[interval]
-            )
-        for dwell, part, at, states in self._holding(motion):
-            found = self.kind.term(part.motors.torque(states), states.v)
-            term, by_u, _ = (each[0] for each in found)
-            by = Partials(np.zeros(n, dtype=int), _by_states(part, states).by_q)
-            values.append(dwell**exponent * term)
-            held = sp.diags(dwell**exponent * by_u)
-            matrices.append(held @ scheme.pull_back(motion, at, by))
-        return np.concatenate(values), sp.vstack(matrices, format="csr")
-
-    def _segments(
-        self, motion: Motion
-    ) -> Iterator[tuple[ProblemFunctions, Instants, States]]:
-        """The functions of each segment, its Gauss points, and the states there."""
-        scheme = self.nlp.transcription
-        every = Instants.spread(scheme.intervals, SHARES)
-        for part, span in zip(scheme.system.segments, scheme.segments, strict=True):
-            at = every.within(*span)
-            yield part, at, scheme.states(motion, at, 2)
-
-    def _holding(
-        self, motion: Motion
-    ) -> Iterator[tuple[float, ProblemFunctions, Instants, States]]:
-        """Dwells [s], with the instants and the states at which the arm is held."""
-        scheme = self.nlp.transcription
-        parts, segments = scheme.system.segments, scheme.system.problem.segments
-        for part, span, segment in zip(parts, scheme.segments, segments, strict=False):
-            if segment.dwell > 0.0:
-                at = Instants.end(span[1])
-                t, q, *_ = scheme.states(motion, at, 0)
-                yield segment.dwell, part, at, States(t, q, 0.0 * q, 0.0 * q)
-
-    def _torques(self, part: ProblemFunctions, states: States) -> Array:
-        """Torques of the motors, including dry friction, shape (m, n)."""
-        friction = self.nlp.system.problem.robot.friction
-        return part.motors.torque(states) + friction * np.sign(states.v)
-
-    def _lengths(self, motion: Motion) -> sp.csr_matrix:
-        """Derivatives of the lengths of the intervals, shape (N, size)."""
-        scheme = self.nlp.transcription
-        every = np.arange(scheme.intervals)
-        times = Partials(every, by_t=np.ones(every.size))
-        first, last = np.zeros(every.size), np.ones(every.size)
-        begins = scheme.pull_back(motion, Instants(every, first), times)
-        ends = scheme.pull_back(motion, Instants(every, last), times)
-        return sp.csr_matrix(ends - begins)
-
-    def _pace_curvature(
-        self, z: Array, value: float, jacobian: sp.csr_matrix
-    ) -> sp.csr_matrix:
-        """Root of the curvature along time scaling that the squares do not contain.
-
-        Between stops the speed of the motion is scaled as a whole, even across several
-        segments: to scale only some of these would change the path.
-        """
-        nlp, roots = self.nlp, []
-        paces = list(self._paces(z))
-        for pace in paces:
-            step = STRETCH * z * pace
-            slower, faster = z + step, z - step
-            if len(paces) == 1:
-                slower, faster = (nlp.time_scale(z, 1.0 + s * STRETCH) for s in (1, -1))
-            bend = (self(slower) - 2.0 * value + self(faster)) / STRETCH**2
-            along = jacobian @ ((slower - faster) / (2.0 * STRETCH))
-            missing = max(bend - 2.0 * float(along @ along), 0.0)
-            cost = nlp.cost * pace
-            roots.append(np.sqrt(missing) / float(cost @ z) * cost)
-        return sp.csr_matrix(np.array(roots))
-
-    def _paces(self, z: Array) -> Iterator[Array]:
-        """Indicators of the durations, for each part of the motion between stops."""
-        nlp = self.nlp
-        durations = np.flatnonzero(nlp.cost)
-        stops = [segment.stop for segment in nlp.system.problem.segments[:-1]]
-        number = np.concatenate([[0], np.cumsum(stops)])
-        if number.size != durations.size:
-            number = np.zeros(durations.size)
-        for part in np.unique(number):
-            pace = np.zeros(z.size)
-            pace[durations[number == part]] = 1.0
-            yield pace
-
-
-def _by_states(part: ProblemFunctions, states: States) -> Partials:
-    """Derivatives of the torques of all motors at all instants by the states."""
-    count, n = states.q.shape
-    at, joints = np.repeat(np.arange(count), n), np.tile(np.arange(n), count)
-    by = part.motors.differentiate(states, at, joints)
-    return by.times(part.motors.half[joints][:, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,22 +79,54 @@ class TimeAndEnergy(Objective):
         """T + k times the energy [s]; infinite if the motion is not finite."""
         if not program.transcription.motion(z).finite:
             return np.inf
-        return float(program.cost @ z) + self.weight * Energy(program, self.kind)(z)
+        return float(program.cost @ z) + self.weight * self.energy(program, z)
+
+    def energy(self, program: NonlinearProgram, z: Array) -> float:
+        """The energy at an iterate, in the unit of its kind."""
+        scheme, integrand = program.transcription, self.kind.integrand
+        motion = scheme.motion(z)
+        powers = [
+            integrand(_torques(part, states), states.v)
+            for part, _, states in _segments(scheme, motion)
+        ]
+        power = np.concatenate(powers).reshape(motion.h.size, -1)
+        moving = float(np.sum(power @ WEIGHTS * motion.h))
+        return moving + sum(
+            dwell * float(integrand(part.motors.torque(states), states.v)[0])
+            for dwell, part, _, states in _holding(scheme, motion)
+        )
 
     def model(
         self, program: NonlinearProgram, state: Iterate, linearization: Linearization
     ) -> Model:
-        """The duration, and a convex model of the energy."""
-        k, energy = self.weight, Energy(program, self.kind)
-        model = energy.model(state.z, linearization.steps)
-        proximal = None if model.proximal is None else np.sqrt(k) * model.proximal
+        """The duration, and a convex model of the energy.
+
+        A positive part max(r, 0) is half of r + abs(r). Terms that no step within the
+        box brings to zero have a known sign, and are linear.
+        """
+        z, k, value = state.z, self.weight, partial(self.value, program)
+        terms, jacobian = self._terms(program, z)
+        if self.kind.squared:
+            gradient = np.asarray(2.0 * (jacobian.T @ terms))
+            pace = self._pace_curvature(program, z, float(terms @ terms), jacobian)
+            root = sp.vstack([np.sqrt(2.0) * jacobian, pace], format="csr")
+            return Model(value, program.cost + k * gradient, np.sqrt(k) * root)
+        lower, upper = linearization.steps
+        box, energy = np.maximum(upper, -lower), float(np.sum(np.maximum(terms, 0.0)))
+        near = np.abs(terms) < abs(jacobian) @ box
+        kinks = jacobian[near]
+        gradient = np.asarray(jacobian.T @ np.where(near, 0.5, terms > 0.0))
+        pace = self._pace_curvature(program, z, energy, sp.csr_matrix((1, z.size)))
+        # A small proximal term determines the unknowns that do not affect the energy.
+        trace = np.sqrt(TRACE * energy)
+        still = np.divide(trace, box, out=np.zeros(z.size), where=box > 0.0)
         return Model(
-            lambda z, values: self.value(program, z, values),
-            program.cost + k * model.gradient,
-            np.sqrt(k) * model.root,
-            proximal,
-            model.variation,
-            k * model.weight,
+            value,
+            program.cost + k * gradient,
+            np.sqrt(k) * pace,
+            np.sqrt(k) * still,
+            Variation(kinks, terms[near] - kinks @ z),
+            0.5 * k,
         )
 
     def restored(self, program: NonlinearProgram, state: Iterate) -> Iterate:
@@ -282,3 +140,119 @@ class TimeAndEnergy(Objective):
         most = (1.0 + state.violation) * cost
         costly = self.value(program, slower.z, slower.values) > most
         return state if costly else slower
+
+    def _terms(
+        self, program: NonlinearProgram, z: Array
+    ) -> tuple[Array, sp.csr_matrix]:
+        """Weighted terms at the Gauss points and during dwells, and their Jacobian.
+
+        Roots of the weights multiply terms that are squared.
+        """
+        scheme, n = program.transcription, program.system.n
+        exponent = 0.5 if self.kind.squared else 1.0
+        motion = scheme.motion(z)
+        lengths = _lengths(scheme, motion)
+        values, matrices = list[Array](), list[sp.csr_matrix]()
+        for part, at, states in _segments(scheme, motion):
+            interval = np.repeat(at.interval, n)
+            weight = np.repeat(np.tile(WEIGHTS, at.size // WEIGHTS.size), n)
+            size = (weight * motion.h[interval]) ** exponent
+            found = self.kind.term(_torques(part, states), states.v)
+            term, by_u, by_v = (each.ravel() for each in found)
+            direct = np.tile(np.eye(n), (at.size, 1)) * by_v[:, None]
+            by = _by_states(part, states).times(by_u[:, None])
+            by = by._replace(by_v=direct if by.by_v is None else by.by_v + direct)
+            longer = sp.diags(exponent * size * term / motion.h[interval])
+            values.append(size * term)
+            matrices.append(
+                sp.diags(size) @ scheme.pull_back(motion, at, by)
+                + longer @ lengths[interval]
+            )
+        for dwell, part, at, states in _holding(scheme, motion):
+            found = self.kind.term(part.motors.torque(states), states.v)
+            term, by_u, _ = (each[0] for each in found)
+            by = Partials(np.zeros(n, dtype=int), _by_states(part, states).by_q)
+            values.append(dwell**exponent * term)
+            held = sp.diags(dwell**exponent * by_u)
+            matrices.append(held @ scheme.pull_back(motion, at, by))
+        return np.concatenate(values), sp.vstack(matrices, format="csr")
+
+    def _pace_curvature(
+        self,
+        program: NonlinearProgram,
+        z: Array,
+        energy: float,
+        jacobian: sp.csr_matrix,
+    ) -> sp.csr_matrix:
+        """Root of the curvature along time scaling that the squares do not contain.
+
+        Between stops the speed of the motion is scaled as a whole, even across several
+        segments: to scale only some of these would change the path.
+        """
+        durations = np.flatnonzero(program.cost)
+        stops = [segment.stop for segment in program.system.problem.segments[:-1]]
+        number = np.cumsum([False, *stops])  # part between stops of each duration
+        if number.size != durations.size:
+            number = np.zeros(durations.size)
+        roots = []
+        for part in np.unique(number):
+            pace = np.zeros(z.size)
+            pace[durations[number == part]] = 1.0
+            step = STRETCH * z * pace
+            slower, faster = z + step, z - step
+            if number[-1] == 0:
+                slower = program.time_scale(z, 1.0 + STRETCH)
+                faster = program.time_scale(z, 1.0 - STRETCH)
+            change = self.energy(program, slower) - 2.0 * energy
+            bend = (change + self.energy(program, faster)) / STRETCH**2
+            along = jacobian @ ((slower - faster) / (2.0 * STRETCH))
+            missing = max(bend - 2.0 * float(along @ along), 0.0)
+            cost = program.cost * pace
+            roots.append(np.sqrt(missing) / float(cost @ z) * cost)
+        return sp.csr_matrix(np.array(roots))
+
+
+def _segments(
+    scheme: Transcription[Any], motion: Motion
+) -> Iterator[tuple[ProblemFunctions, Instants, States]]:
+    """The functions of each segment, its Gauss points, and the states there."""
+    every = Instants.spread(scheme.intervals, SHARES)
+    for part, span in zip(scheme.system.segments, scheme.segments, strict=True):
+        at = every.within(*span)
+        yield part, at, scheme.states(motion, at, 2)
+
+
+def _holding(
+    scheme: Transcription[Any], motion: Motion
+) -> Iterator[tuple[float, ProblemFunctions, Instants, States]]:
+    """Dwells [s], with the instants and the states at which the arm is held."""
+    parts, segments = scheme.system.segments, scheme.system.problem.segments
+    for part, span, segment in zip(parts, scheme.segments, segments, strict=False):
+        if segment.dwell > 0.0:
+            at = Instants.end(span[1])
+            t, q, *_ = scheme.states(motion, at, 0)
+            yield segment.dwell, part, at, States(t, q, 0.0 * q, 0.0 * q)
+
+
+def _lengths(scheme: Transcription[Any], motion: Motion) -> sp.csr_matrix:
+    """Derivatives of the lengths of the intervals, shape (N, size)."""
+    every = np.arange(scheme.intervals)
+    times = Partials(every, by_t=np.ones(every.size))
+    first, last = np.zeros(every.size), np.ones(every.size)
+    begins = scheme.pull_back(motion, Instants(every, first), times)
+    ends = scheme.pull_back(motion, Instants(every, last), times)
+    return sp.csr_matrix(ends - begins)
+
+
+def _torques(part: ProblemFunctions, states: States) -> Array:
+    """Torques of the motors, including dry friction, shape (m, n)."""
+    friction = part.problem.robot.friction
+    return part.motors.torque(states) + friction * np.sign(states.v)
+
+
+def _by_states(part: ProblemFunctions, states: States) -> Partials:
+    """Derivatives of the torques of all motors at all instants by the states."""
+    count, n = states.q.shape
+    at, joints = np.repeat(np.arange(count), n), np.tile(np.arange(n), count)
+    by = part.motors.differentiate(states, at, joints)
+    return by.times(part.motors.half[joints][:, None])
