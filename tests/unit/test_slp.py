@@ -48,7 +48,7 @@ class Program:
         return Linearization(rows, sp.csr_matrix(np.array(self.jacobian(z))), steps)
 
     def curvature(self, z, multipliers):
-        return None
+        return sp.csr_matrix((0, self.size))
 
     def step_bounds(self, z, radius):
         return StepBounds(
@@ -107,7 +107,8 @@ def subproblem_at(program, state, radius):
     """The subproblem of a step."""
     steps = program.step_bounds(state.z, radius)
     linearization = program.linearize(state.z, state.values, steps)
-    model = Model(lambda z, _: program.cost @ z, program.cost)
+    cost, flat = program.cost, sp.csr_matrix((0, program.size))
+    model = Model(lambda z, _: cost @ z, cost, flat, np.zeros(program.size))
     return build_subproblem(state, model, linearization)
 
 
@@ -281,7 +282,7 @@ def test_model_of_the_squared_variation_is_exact():
     state = Iterate.of(program, z, 0.0)
     steps = program.step_bounds(z, 1.0)
     model = least.model(program, state, program.linearize(z, state.values, steps))
-    curvature = replace(model, proximal=None).curvature_term(step)
+    curvature = replace(model, proximal=np.zeros(z.size)).curvature_term(step)
     change = model.value(z + step, state.values) - model.value(z, state.values)
     assert model.gradient @ step + curvature == pytest.approx(change, rel=1e-12)
 

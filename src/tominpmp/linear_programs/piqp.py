@@ -82,7 +82,7 @@ def factorisation(program: LinearProgram, fragile: bool) -> Any:
     """
     matrix = program.matrix
     sparse = matrix.nnz <= STAGED_SHARE * matrix.shape[0] * matrix.shape[1]
-    staged = program.curvature is not None and not fragile and sparse
+    staged = program.curved.nnz > 0 and not fragile and sparse
     return STAGED if staged and _staged_works() else piqp.KKTSolver.sparse_ldlt
 
 

@@ -48,9 +48,8 @@ class Model:
     Attributes:
         value: The objective as a function of unknowns and row values.
         gradient: g, shape (size,).
-        root: R, root of the curvature, shape (k, size); None without curvature.
-        proximal: Diagonal of S, which keeps unknowns near z, shape (size,); None
-            without a proximal term.
+        root: R, root of the curvature, shape (k, size), without rows if there is none.
+        proximal: Diagonal of S, which keeps unknowns near z, shape (size,).
         variation: G and G_0: differences whose absolute values are added up; None
             without a total variation.
         weight: w, the weight of the total variation.
@@ -58,8 +57,8 @@ class Model:
 
     value: Callable[[Array, Array], float]
     gradient: Array
-    root: sp.csr_matrix | None = None
-    proximal: Array | None = None
+    root: sp.csr_matrix
+    proximal: Array
     variation: Variation | None = None
     weight: float = 0.0
 
@@ -72,17 +71,11 @@ class Model:
 
     def curvature_term(self, step: Array) -> float:
         """Quadratic terms of a step, by the curvature and the proximal term."""
-        total = 0.0
-        if self.root is not None:
-            total += 0.5 * float(np.sum((self.root @ step) ** 2))
-        if self.proximal is not None:
-            total += 0.5 * float(np.sum((self.proximal * step) ** 2))
-        return total
+        curved = 0.5 * float(np.sum((self.root @ step) ** 2))
+        return curved + 0.5 * float(np.sum((self.proximal * step) ** 2))
 
-    def with_curvature(self, root: sp.csr_matrix | None) -> Model:
-        """The model with a further curvature, given by its root; unchanged for None."""
-        if root is None or self.root is None:
-            return replace(self, root=self.root if root is None else root)
+    def with_curvature(self, root: sp.csr_matrix) -> Model:
+        """The model with a further curvature, given by its root."""
         return replace(self, root=sp.vstack([self.root, root], format="csr"))
 
 
@@ -223,21 +216,23 @@ class MinimumTime(Objective):
         """
         cost, weight = program.cost, self.jump_weight
         jumps = program.transcription.variation(state.z) if weight > 0.0 else None
+        flat, proximal = sp.csr_matrix((0, cost.size)), np.zeros(cost.size)
         if jumps is not None and not self.squared:
             return Model(
                 lambda z, _: float(cost @ z) + weight * jumps.total(z),
                 cost,
-                variation=jumps,
-                weight=weight,
+                flat,
+                proximal,
+                jumps,
+                weight,
             )
         lower, upper = linearization.steps
         reach = np.maximum(-lower, upper)
         moving = (reach > 0.0) & (cost == 0.0)
-        proximal = np.zeros(cost.size)
         share = 2.0 * PROXIMAL * state.duration / max(int(moving.sum()), 1)
         proximal[moving] = np.sqrt(share) / reach[moving]
         if jumps is None:
-            return Model(lambda z, _: float(cost @ z), cost, proximal=proximal)
+            return Model(lambda z, _: float(cost @ z), cost, flat, proximal)
         return Model(
             lambda z, _: float(cost @ z) + weight * jumps.squares(z),
             cost + 2.0 * weight * (jumps.matrix.T @ jumps.at(state.z)),

@@ -24,6 +24,7 @@ The objective adds two sums of squares, each divided by its initial value:
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import scipy.sparse as sp
@@ -90,11 +91,8 @@ class QuietTorques(Objective):
         torques, matrix = _differences(program, times, z, state.values, linearization)
         parts = [matrix / self.torque_norm, self.speeds.matrix]
         root = sp.vstack(parts, format="csr")
-        return Model(
-            lambda z, values: self.value(program, z, values),
-            np.asarray(root.T @ self._residuals(z, torques)),
-            root,
-        )
+        gradient = np.asarray(root.T @ self._residuals(z, torques))
+        return Model(partial(self.value, program), gradient, root, 0.0 * z)
 
     def _residuals(self, z: Array, torques: Array) -> Array:
         return np.concatenate([torques / self.torque_norm, self.speeds.at(z)])

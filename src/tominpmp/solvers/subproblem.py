@@ -113,6 +113,10 @@ def build_subproblem(
     cost, lower, upper, column_keys = map(np.concatenate, zip(*columns, strict=True))
     row_lower, row_upper, row_keys = map(np.concatenate, zip(*bounds, strict=True))
     matrix = sp.bmat(blocks, format="csc")
+    of_step = model.root[:, free]
+    near = sp.diags(model.proximal[free] ** 2, format="csc")
+    curved = sp.csc_matrix(of_step.T @ of_step + near)
+    curved.resize(cost.size, cost.size)  # the objective is linear in other columns
     program = LinearProgram(
         cost,
         matrix,
@@ -122,25 +126,10 @@ def build_subproblem(
         upper,
         row_keys,
         column_keys,
-        _curvature(model, free, matrix.shape[1]),
+        curved,
         accuracy,
     )
     return Subproblem(program, free, chosen, state.z.size, rows.size, body)
-
-
-def _curvature(model: Model, free: IntArray, size: int) -> sp.csc_matrix | None:
-    """Hessian of the objective for all columns, from the roots for the unknowns."""
-    diagonal, root, proximal = None, model.root, model.proximal
-    if proximal is not None:
-        diagonal = sp.diags(proximal[free] ** 2, format="csc")
-        diagonal.resize(size, size)
-        diagonal.eliminate_zeros()
-    if root is None:
-        return diagonal
-    of_step = root[:, free]
-    curved = sp.csc_matrix(of_step.T @ of_step)
-    curved.resize(size, size)  # the objective is linear in all other columns
-    return curved if diagonal is None else sp.csc_matrix(curved + diagonal)
 
 
 def _rows_within_reach(

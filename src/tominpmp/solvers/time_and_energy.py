@@ -110,7 +110,8 @@ class TimeAndEnergy(Objective):
             gradient = np.asarray(2.0 * (jacobian.T @ terms))
             pace = self._pace_curvature(program, z, float(terms @ terms), jacobian)
             root = sp.vstack([np.sqrt(2.0) * jacobian, pace], format="csr")
-            return Model(value, program.cost + k * gradient, np.sqrt(k) * root)
+            gradient, root = program.cost + k * gradient, np.sqrt(k) * root
+            return Model(value, gradient, root, 0.0 * z)
         lower, upper = linearization.steps
         box, energy = np.maximum(upper, -lower), float(np.sum(np.maximum(terms, 0.0)))
         near = np.abs(terms) < abs(jacobian) @ box

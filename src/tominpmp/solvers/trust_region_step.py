@@ -199,8 +199,9 @@ class TrustRegionStep:
         room = GROWTH * nlp.attention(steps)
         value = objective.value(nlp, z, values)
         accuracy = value * (self.accuracy or ACCURACY * objective.tolerance)
-        root = nlp.curvature(z, state.multipliers) if lp.curved else None
-        unknown = lp.curved and root is None  # no multipliers yet, or no curvature
+        root = nlp.curvature(z, lp.curved * state.multipliers)
+        # There may be no multipliers yet, or no curvature.
+        unknown = lp.curved and not root.shape[0]
         selecting = values
         linearization = nlp.linearize(z, selecting, steps)
         model = objective.model(nlp, state, linearization).with_curvature(root)
@@ -215,7 +216,7 @@ class TrustRegionStep:
             if unknown:
                 unknown = False
                 root = nlp.curvature(z, program.multipliers(solution))
-                if root is not None:
+                if root.shape[0]:
                     model = model.with_curvature(root)
                     continue
             step = program.step(solution)

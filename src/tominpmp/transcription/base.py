@@ -409,9 +409,9 @@ class Transcription(ABC, Generic[M]):
         return None
 
     @property
-    def equations(self) -> HullRows[M] | None:
-        """Rows of the equations of motion; None where they are eliminated."""
-        return None
+    def equations(self) -> tuple[HullRows[M], ...]:
+        """Rows of the equations of motion; empty where they are eliminated."""
+        return ()
 
     def attention(self, steps: StepBounds) -> float:
         """Margin within which steps of a box can make gradual constraints active."""

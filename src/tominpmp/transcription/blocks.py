@@ -133,7 +133,7 @@ class SampledRows:
         partials = self.constraint.differentiate(states, row, which)
         return at, self._pinned(motion, at, partials)
 
-    def curvature(self, motion: Motion, multipliers: Array) -> sp.csr_matrix | None:
+    def curvature(self, motion: Motion, multipliers: Array) -> list[sp.csr_matrix]:
         """Root of the curvature of the weighted sum of the row values.
 
         Args:
@@ -141,19 +141,19 @@ class SampledRows:
             multipliers: Weights of the row values, positive at upper bounds.
 
         Returns:
-            Matrix R, shape (k, size), with curvature R^T R; None for zero curvature.
+            The matrix R, shape (k, size), of a curvature R^T R; empty for none.
         """
         chosen = np.flatnonzero(multipliers > 0.0)
         if not chosen.size:
-            return None
+            return []
         at, states = self.states(motion)
         row, which = np.divmod(chosen, max(self.constraint.count, 1))
         partials = self.constraint.bend(states, row, which)
         if partials is None or partials.row is None:
-            return None
+            return []
         roots = np.sqrt(multipliers[chosen])[partials.row]
         bent = self._pinned(motion, at, partials.times(roots[:, None]))
-        return self.scheme.pull_back(motion, at, bent)
+        return [self.scheme.pull_back(motion, at, bent)]
 
     def _pinned(self, motion: Motion, at: Instants, partials: Partials) -> Partials:
         """Partial derivatives corrected for the rows at fixed real times (kinks).

@@ -153,7 +153,7 @@ class CollocationTranscription(TorqueTranscription):
         return SteppedMotion(self.system.dynamics, *self.split(z))
 
     @property
-    def equations(self) -> HullRows[SteppedMotion]:
+    def equations(self) -> tuple[HullRows[SteppedMotion]]:
         """The equations of motion, as rows of defects.
 
         All defects are in one group, so that a relaxed step reduces them in proportion.
@@ -162,7 +162,7 @@ class CollocationTranscription(TorqueTranscription):
         """
         zeros = np.zeros((1, self.intervals * self.scale.size))
         functions = self._defects, self._defects_by_unknowns
-        return HullRows("dynamics", zeros, zeros, *functions)
+        return (HullRows("dynamics", zeros, zeros, *functions),)
 
     def _defects(self, motion: SteppedMotion) -> Array:
         """Defects of the steps over the scale of the states; zero for a motion.

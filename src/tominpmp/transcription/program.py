@@ -8,6 +8,7 @@ iterate alone.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal
@@ -62,9 +63,7 @@ class NonlinearProgram:
     ) -> NonlinearProgram:
         """The program of a problem, with all its constraints and its goal."""
         system = transcription.system
-        blocks: list[Block] = []
-        if transcription.equations is not None:
-            blocks.append(transcription.equations)
+        blocks: list[Block] = [*transcription.equations]
         blocks += [block for block in blocks_of(transcription) if block.lower.size]
         blocks += _at_ends_of_segments(transcription)
         scale = transcription.goal_scale
@@ -163,14 +162,15 @@ class NonlinearProgram:
             # motion, until it can be integrated.
             no_rows = np.zeros(0, dtype=np.int64)
             return Linearization(no_rows, sp.csr_matrix((0, self.size)), steps)
-        chosen = self.selected(values, steps)
-        parts = []
-        for index, block in enumerate(self.blocks):
-            mine = chosen[self.rows.kind[chosen] == index] - self.first[index]
-            parts.append(block.jacobian(motion, mine))
-        return Linearization(chosen, sp.vstack(parts, format="csr"), steps)
+        chosen = self._chosen(values, steps)
+        parts = [
+            block.jacobian(motion, np.flatnonzero(mine))
+            for block, mine in self._by_block(chosen)
+        ]
+        matrix = sp.vstack(parts, format="csr")
+        return Linearization(np.flatnonzero(chosen), matrix, steps)
 
-    def curvature(self, z: Array, multipliers: Array) -> sp.csr_matrix | None:
+    def curvature(self, z: Array, multipliers: Array) -> sp.csr_matrix:
         """Root of the curvature of the rows whose constraints have one.
 
         Args:
@@ -179,48 +179,46 @@ class NonlinearProgram:
 
         Returns:
             Matrix R, shape (k, size): for a step d, |R d|^2 / 2 is the second-order
-            term, weighted by the multipliers, that linearised rows lack. None if no row
-            has a curvature.
+            term, weighted by the multipliers, that linearised rows lack. It has no rows
+            if no row has a curvature.
         """
-        curved = [
-            (block, multipliers[first : first + block.lower.size])
-            for block, first in zip(self.blocks, self.first, strict=True)
-            if isinstance(block, SampledRows) and block.constraint.bends
-        ]
-        if not curved:
-            return None
         motion = self.transcription.motion(self.timed(z))
-        if not motion.finite:
-            return None
-        found = [block.curvature(motion, weights) for block, weights in curved]
-        roots = [root for root in found if root is not None]
-        return sp.vstack(roots, format="csr") if roots else None
+        roots = [sp.csr_matrix((0, self.size))]
+        for block, weights in self._by_block(multipliers):
+            bends = isinstance(block, SampledRows) and block.constraint.bends
+            if motion.finite and bends:
+                roots += block.curvature(motion, weights)
+        return sp.vstack(roots, format="csr")
 
     @cached_property
     def first(self) -> IntArray:
         """Index of the first row of each block."""
         return np.searchsorted(self.rows.kind, np.arange(len(self.blocks)))
 
-    def selected(self, values: Array, steps: StepBounds) -> IntArray:
-        """Indices of the rows that enter a linear program, ascending.
+    def _by_block(self, values: Array) -> Iterator[tuple[Block, Array]]:
+        """Each block, with its part of an array of all rows."""
+        return zip(self.blocks, np.split(values, self.first[1:]), strict=True)
+
+    def _chosen(self, values: Array, steps: StepBounds) -> BoolArray:
+        """Whether each row enters a linear program, shape (m,).
 
         Args:
             values: Row values, shape (m,).
             steps: Box for the step of the linear program.
         """
         rows = self.rows
-        path = np.array([block.lower.shape[0] > 1 for block in self.blocks])[rows.kind]
         if self.selection == "exact":
-            return np.flatnonzero(~path | self._attained(values))
-        chosen = np.ones(rows.size, dtype=bool)
-        for index, block in enumerate(self.blocks):
+            path = np.array([block.lower.shape[0] > 1 for block in self.blocks])
+            return ~path[rows.kind] | self._attained(values)
+        parts = []
+        for block, own in self._by_block(values):
+            radius = np.inf
             if isinstance(block, SampledRows) and block.constraint.gradual:
                 radius = self.transcription.attention(steps)
                 if block.constraint.moving:
                     radius = max(radius, self.transcription.moving_attention)
-                mine = rows.kind == index
-                chosen[mine] = values[mine] > rows.upper[mine] - radius
-        return np.flatnonzero(chosen)
+            parts.append(own > block.upper.ravel() - radius)
+        return np.concatenate(parts)
 
     def _attained(self, values: Array) -> BoolArray:
         """Whether each row attains the largest excess in its group, shape (m,)."""
@@ -245,12 +243,11 @@ class NonlinearProgram:
         """
         of, total = self.transcription, np.zeros(self.size)
         motion = of.motion(z)
-        for index, block in enumerate(self.blocks):
-            mine = self.rows.kind == index
-            chosen = np.flatnonzero(weights[mine])
+        for block, own in self._by_block(weights):
+            chosen = np.flatnonzero(own)
             if not chosen.size:
                 continue
-            factors = weights[mine][chosen]
+            factors = own[chosen]
             if not isinstance(block, SampledRows):
                 total += factors @ block.jacobian(motion, chosen)
                 continue
@@ -285,11 +282,10 @@ class NonlinearProgram:
         former, motion = of.motion(self.timed(z)), of.motion(self.timed(slow))
         if not (former.finite and motion.finite):
             return slow, self.evaluate(slow)
-        parts = np.split(values, self.first[1:])
-        for index, block in enumerate(self.blocks):
+        parts = []
+        for block, own in self._by_block(values):
             kept = isinstance(block, SampledRows) and block.reusable(motion, former)
-            if not kept:
-                parts[index] = block.values(motion)
+            parts.append(own if kept else block.values(motion))
         return slow, np.concatenate(parts)
 
     def trajectory(self, z: Array) -> Trajectory:
