@@ -23,7 +23,6 @@ from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.stopping import Stop
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.transcription.program import NonlinearProgram
 
 START, END = (0.5, 1.7, -1.7), (0.9, -1.2, -0.9)
 OPTIONS = tm.Options(intervals=40, control="constant", refine=None, starts=1)
@@ -236,12 +235,12 @@ def test_exhausted_row_exchange_is_no_convergence(around, monkeypatch):
     """
     monkeypatch.setattr(exchange, "EXTENSIONS", 1)
     options = resolve_options(around.problem, OPTIONS)
-    of, z = Layout.of_motion(around.trajectory).represented(
+    program, z = Layout.of_motion(around.trajectory).represented(
         ProblemFunctions.of(around.problem), around.trajectory
     )
     row_exchange = exchange.RowExchange(revise=lambda program, z: (program, z))
     result = solve(
-        NonlinearProgram.of(of).at(z),
+        program,
         MinimumTime.of(options, 1e-4),
         z,
         *trust_regions(options),

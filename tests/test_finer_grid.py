@@ -131,7 +131,8 @@ def every_third(of):
 def split_keeps_motion(of, z, system):
     """Represent an iterate again and split its intervals, which keeps its motion."""
     motion = of.trajectory(z)
-    again, start = Layout.of(of, z).represented(system, motion)
+    program, start = Layout.of(of, z).represented(system, motion)
+    again = program.transcription
     np.testing.assert_allclose(start, z, atol=1e-9)
     finer, split = split_intervals(again, start, every_third(of))
     assert finer.intervals == of.intervals + every_third(of).sum()
@@ -151,7 +152,8 @@ def test_intervals_at_the_speed_limit_are_not_halved():
     solution = tm.plan(problem, refine=None)
     system = ProblemFunctions.of(problem)
     layout = Layout.of_motion(solution.trajectory)
-    of, z = layout.represented(system, solution.trajectory)
+    program, z = layout.represented(system, solution.trajectory)
+    of = program.transcription
     split, speed = intervals_to_halve(of, z), solution.trajectory.v[:, 0]
     rides = (speed[1:] > 0.4999) & (speed[:-1] > 0.4999)
     assert rides.any()
@@ -194,7 +196,8 @@ def test_intervals_with_unused_torque_are_halved():
     solution = planned("constant", None, None)
     motion, problem = solution.trajectory, solution.problem
     system = ProblemFunctions.of(problem)
-    of, z = Layout.of_motion(motion).represented(system, motion)
+    program, z = Layout.of_motion(motion).represented(system, motion)
+    of = program.transcription
     split, h = intervals_to_halve(of, z), np.diff(motion.t)
     # Torques at the ends of the intervals, by the dynamics of the robot alone.
     ends = (slice(0, -1), slice(1, None))
@@ -281,8 +284,9 @@ def test_finer_grid_keeps_the_active_rows_of_distances():
     box = tm.Box("box", size=(0.3, 0.3, 1.0), position=(-2.0, -2.0, 0.0))
     problem = planar(scene=tm.Scene([box]))
     motion = tm.plan(problem, control="constant", refine=None, starts=1).trajectory
-    of, z = Layout.of_motion(motion).represented(ProblemFunctions.of(problem), motion)
-    plain = NonlinearProgram.of(of).at(z)
+    system = ProblemFunctions.of(problem)
+    plain, z = Layout.of_motion(motion).represented(system, motion)
+    of = plain.transcription
     (index,) = (k for k, b in enumerate(plain.blocks) if b.name == "clearance")
     between = Instants(np.array([3, 20]), np.array([0.3, 0.85]))
     block = plain.blocks[index]

@@ -26,7 +26,7 @@ from tominpmp.transcription.grid import ticks_of
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.transcription.program import TRACE, NonlinearProgram
+from tominpmp.transcription.program import TRACE
 from tominpmp.verification.limit_violations import LimitViolation
 
 # A small problem, solved fast.
@@ -68,8 +68,7 @@ def clocked_program(problem, motion, period):
     system = ProblemFunctions.of(problem).without_self_collision
     count = ticks_of(motion.duration, period) + 1
     layout = Layout.on_clock(motion, spans_of(motion, ()), period, [count], 0)
-    of, z = layout.represented(system, motion)
-    program = NonlinearProgram.of(of).at(z)
+    program, z = layout.represented(system, motion)
     return replace(program, least_duration=float(layout.eta[0])), z
 
 

@@ -14,7 +14,6 @@ from tominpmp.motion.measures import ENERGIES
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.verification import verify
 
 RAIL = make_arm(slide(1.0), effort=np.array([100.0]))
@@ -140,8 +139,7 @@ def program_of(fastest, degree, breaks):
     layout = Layout.of_motion(motion, problem.segments).with_intervals(24)
     where = layout.segment_ends[:-1] if breaks else ()
     layout = replace(layout, degree=degree, breaks=where)
-    of, z = layout.represented(ProblemFunctions.of(problem), motion)
-    return NonlinearProgram.of(of).at(z), z
+    return layout.represented(ProblemFunctions.of(problem), motion)
 
 
 @pytest.mark.parametrize("kind", ENERGIES.values(), ids=ENERGIES)

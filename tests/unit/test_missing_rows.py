@@ -15,7 +15,6 @@ from tominpmp.transcription.exchange import Inspection, exchanged
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.transcription.program import NonlinearProgram
 
 # The second joint is so strong that it never comes near its limit.
 EFFORT = (12.0, 4.0e3)
@@ -113,8 +112,8 @@ def test_torque_rates_are_inspected_on_their_own_segment() -> None:
     quick = tm.plan(reaching(1e5, 1e5), effort="quick", refine=None)
     problem = reaching(1e5, 400.0)
     layout = Layout.of_motion(quick.trajectory, problem.segments)
-    of, z = layout.represented(ProblemFunctions.of(problem), quick.trajectory)
-    program = NonlinearProgram.of(of).at(z)
+    program, z = layout.represented(ProblemFunctions.of(problem), quick.trajectory)
+    of = program.transcription
     more = exchanged(program, z)
     assert more is not None
     for before, after in zip(program.blocks, more.blocks, strict=True):

@@ -49,7 +49,9 @@ def test_reversals_are_inspected_before_and_after(
     motion = reversing_motion.trajectory
     layout = Layout.of_motion(motion)
     assert layout is not None
-    of, z = layout.represented(ProblemFunctions.of(reversing_motion.problem), motion)
+    system = ProblemFunctions.of(reversing_motion.problem)
+    program, z = layout.represented(system, motion)
+    of = program.transcription
     every = np.ones(2, dtype=bool)
     (block,) = (block for block in blocks_of(of) if block.name == "torque")
     assert isinstance(block, SampledRows)

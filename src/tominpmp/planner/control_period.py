@@ -27,7 +27,7 @@ from tominpmp.motion.trajectory import MAX_SAMPLES, Trajectory
 from tominpmp.options import FEWEST_PERIODS
 from tominpmp.planner.automatic_options import minimum_time, warm_start_options
 from tominpmp.planner.candidate import Candidate
-from tominpmp.planner.first_program import warm_program
+from tominpmp.planner.first_program import with_active_rows
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import NUMERICAL, Work, make_and_repair
 from tominpmp.problem.problem import Problem
@@ -332,11 +332,12 @@ class ClockTrial:
         """The motion on the knots of the trial, replayed."""
         T = float(self.layout.eta[0])
         known = self.motion, self.spans
-        program, z = warm_program(*self.layout.represented(system, *known, within=True))
+        represented = self.layout.represented(system, *known, within=True)
         feasibility = max(state.options.feasibility, SLIGHT)
         options = replace(state.options, objective="time", feasibility=feasibility)
         warm = warm_start_options(options, ITERATIONS)
         step, stop = trust_regions(warm, accuracy=EXACT)
+        program, z = with_active_rows(*represented)
         result = solve(
             replace(program, least_duration=T),
             minimum_time(system, warm, T),

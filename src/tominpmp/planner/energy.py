@@ -74,7 +74,7 @@ def reoptimised(
     stop_in_time = _time_for_replays(solution)
 
     def make(tried: ProblemFunctions, halvings: int, _: Candidate | None) -> Candidate:
-        program, z = _program(tried, layout(halvings), motion)
+        program, z = layout(halvings).represented(tried, motion, within=True)
         start = program, *objective(program, z)
         steps = trust_regions(options, make_solver("piqp"))
         exchange = RowExchange()
@@ -98,14 +98,6 @@ def _time_for_replays(solution: Solution) -> Callable[[IterationRecord], Status 
         return Status.TIME_LIMIT if seconds_left() < REPLAYS * replay else None
 
     return stop
-
-
-def _program(
-    system: ProblemFunctions, layout: Layout, motion: Trajectory
-) -> tuple[NonlinearProgram, Array]:
-    """The program of a layout, and a motion as its iterate."""
-    transcription, z = layout.represented(system, motion, within=True)
-    return NonlinearProgram.of(transcription).at(z), z
 
 
 def run_stage(
@@ -201,7 +193,8 @@ def _roughly_cheapest(
     energy, and a second descent begins with the slow motion that it leads to.
     """
     system = ProblemFunctions.of(solution.problem.alternative_of(former))
-    program, z = _program(system, _layout(solution, former), former)
+    layout = _layout(solution, former)
+    program, z = layout.represented(system, former, within=True)
     rough = replace(objective, tolerance=ROUGH)
     slow = replace(rough, weight=HEAVIER * rough.weight)
     stop_in_time = _time_for_replays(solution)

@@ -20,7 +20,7 @@ from tominpmp.transcription.grid import (
     segment_intervals,
     segmented_shares,
 )
-from tominpmp.transcription.layout import QUADRATIC, Gridded, Layout
+from tominpmp.transcription.layout import QUADRATIC, Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 
@@ -41,9 +41,8 @@ LARGE_VIOLATION, HALVINGS, REMAINING = 1.0, 3, 0.5
 InitialProgram = tuple[NonlinearProgram, Array]
 
 
-def warm_program(transcription: Gridded, z: Array) -> InitialProgram:
-    """Program at a warm start, with the rows between knots that are nearly active."""
-    program = NonlinearProgram.of(transcription).at(z)
+def with_active_rows(program: NonlinearProgram, z: Array) -> InitialProgram:
+    """Add the rows between knots that are nearly active at a warm start."""
     return exchanged(program, z, -NEARLY_ACTIVE) or program, z
 
 
@@ -61,7 +60,8 @@ def first_program(
         return _collocated(system, options, guess, timed * guess.duration)
     degree = DEGREES.get(options.control)
     if isinstance(guess, WarmStart) and not system.parts:
-        return warm_program(*guess.spline(system, *grid, degree or QUADRATIC))
+        spline, z = guess.spline(system, *grid, degree or QUADRATIC)
+        return with_active_rows(NonlinearProgram.of(spline).at(z), z)
     shares, ends = _guess_grid(system, options, guess)
     if degree is not None:
         timed = 1.0 if guess.solved else SMOOTH_TIME_SCALE

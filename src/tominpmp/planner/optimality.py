@@ -21,7 +21,7 @@ from tominpmp.certificate.minimum_principle import TOLERANCE, Examination, exami
 from tominpmp.options import Options
 from tominpmp.planner.automatic_options import warm_start_options
 from tominpmp.planner.candidate import Candidate
-from tominpmp.planner.first_program import warm_program
+from tominpmp.planner.first_program import with_active_rows
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import LESS_PADDING, Schedule, Work
 from tominpmp.solvers.objective import MinimumTime
@@ -157,7 +157,8 @@ class CertifiedDescent:
 
     def _improved(self, best: Candidate, layout: Layout) -> Candidate:
         """A faster motion whose replay keeps all limits, or the same motion."""
-        program, z = warm_program(*layout.represented(self.system, best.trajectory))
+        represented = layout.represented(self.system, best.trajectory)
+        program, z = with_active_rows(*represented)
         warm = warm_start_options(self.state.options, ITERATIONS)
         quickest = MinimumTime.of(warm, warm.smoothing or 0.0)
         result = self.state.solve(program, quickest, z, *trust_regions(warm))

@@ -26,7 +26,6 @@ from tominpmp.solvers.iterate import Iterate
 from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.transcription.program import NonlinearProgram
 
 # Makes the schedule of a plan for a problem with one goal.
 MakeSchedule = Callable[[PlanState, Problem], Schedule[None]]
@@ -148,8 +147,7 @@ def _as_candidate(
     motion = joined([part.trajectory for part in parts], [0.0] * (len(parts) + 1))
     layout = Layout.of_motion(motion)
     assert layout is not None  # noqa: S101
-    transcription, z = layout.represented(system, motion, spans_of(motion, ()))
-    program = NonlinearProgram.of(transcription).at(z)
+    program, z = layout.represented(system, motion, spans_of(motion, ()))
     iterate = Iterate.of(program, z, 1.0)
     kept = KeptIterate(system.problem, program, iterate, True)
     converged = all(part.status is Status.CONVERGED for part in parts)

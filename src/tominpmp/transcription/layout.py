@@ -30,6 +30,7 @@ from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.curve import nodes_of
 from tominpmp.transcription.grid import at_ticks, knots_near
 from tominpmp.transcription.problem_functions import ProblemFunctions
+from tominpmp.transcription.program import NonlinearProgram
 
 Gridded = BSplineTranscription | CollocationTranscription
 # Codes of parameterisations in Layout.degree: states with constant torques, and splines
@@ -199,8 +200,8 @@ class Layout:
         spans: Sequence[Span] | None = None,
         *,
         within: bool = False,
-    ) -> tuple[Gridded, Array]:
-        """The parameterisation, and the motion as an iterate of it.
+    ) -> tuple[NonlinearProgram, Array]:
+        """The program of the layout, and the motion as an iterate of it.
 
         The motion is unchanged if it was found with this parameterisation, or on a grid
         whose nodes are a subset of the nodes here. If it is a spline, each segment may
@@ -229,11 +230,13 @@ class Layout:
                 return motion(np.interp(times, ends, moving) + before, 0)
 
             z = of.interpolated(eta, position)
-            return of, of.within_limits(z) if within else z
-        nodes = motion(np.minimum(t, motion.duration))
-        middle = motion(0.5 * (t[1:] + t[:-1]))
-        u = system.net_torque(middle.u, middle.v)
-        return of, of.pack(np.hstack([nodes.q, nodes.v]), u, eta)
+            z = of.within_limits(z) if within else z
+        else:
+            nodes = motion(np.minimum(t, motion.duration))
+            middle = motion(0.5 * (t[1:] + t[:-1]))
+            u = system.net_torque(middle.u, middle.v)
+            z = of.pack(np.hstack([nodes.q, nodes.v]), u, eta)
+        return NonlinearProgram.of(of).at(z), z
 
 
 def split_intervals(of: Gridded, z: Array, split: BoolArray) -> tuple[Gridded, Array]:
@@ -254,14 +257,10 @@ def split_intervals(of: Gridded, z: Array, split: BoolArray) -> tuple[Gridded, A
         return finer, finer.interpolated(layout.eta, of.motion(z).positions)
     assert isinstance(finer, CollocationTranscription)  # noqa: S101
     x, u, h = of.split(z)
-    parts = 1 + split.astype(np.int64)
-    first, t = np.cumsum(parts) - parts, nodes_of(h)
-    states = np.empty((finer.intervals + 1, x.shape[1]))
-    states[first], states[-1] = x[:-1], x[-1]
-    halved = np.flatnonzero(split)
+    t, halved = nodes_of(h), np.flatnonzero(split)
     inside = of.trajectory(z)(0.5 * (t[halved] + t[halved + 1]))
-    states[first[halved] + 1] = np.hstack([inside.q, inside.v])
-    return finer, finer.pack(states, np.repeat(u, parts, axis=0), layout.eta)
+    states = np.insert(x, halved + 1, np.hstack([inside.q, inside.v]), axis=0)
+    return finer, finer.pack(states, np.repeat(u, 1 + split, axis=0), layout.eta)
 
 
 def on_ticks(motion: Trajectory, period: float) -> Trajectory:
