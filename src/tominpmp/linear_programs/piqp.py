@@ -98,7 +98,7 @@ def _with_sorted_columns(matrix: sp.csc_matrix) -> sp.csc_matrix:
     return matrix if matrix.has_sorted_indices else matrix.sorted_indices()
 
 
-def equation_scale(equations: sp.csr_matrix) -> Array:
+def equation_scale(equations: sp.csc_matrix) -> Array:
     """Factors that scale the largest coefficient of each equation to 1, shape (m,).
 
     Equations with smaller coefficients are not scaled. Second differences over short
@@ -162,21 +162,17 @@ class PiqpSolver(LpSolver):
 
     def _set_up(self, program: LinearProgram) -> None:
         self._equal = equal = program.row_lower == program.row_upper
-        others, equations = program.matrix, None
-        self._scale = np.zeros(0)
-        if equal.any():
-            matrix = program.matrix.tocsr()
-            others, equations = matrix[~equal].tocsc(), matrix[equal]
-            self._scale = equation_scale(equations)
-            equations = (sp.diags(self._scale) @ equations).tocsc()
+        equations, others = program.matrix[equal], program.matrix[~equal]
+        self._scale = equation_scale(equations)
+        equations = equations.multiply(self._scale[:, None]).tocsc()
         settings, fragile = self._solver.settings, self._stages_fail or equal.any()
         settings.kkt_solver = factorisation(program, fragile)
         settings.eps_duality_gap_abs = program.accuracy
         self._solver.setup(
             _with_sorted_columns(program.curved),
             program.cost,
-            None if equations is None else _with_sorted_columns(equations),
-            None if equations is None else self._scale * program.row_lower[equal],
+            _with_sorted_columns(equations),
+            self._scale * program.row_lower[equal],
             _with_sorted_columns(others),
             np.maximum(program.row_lower[~equal], -NO_BOUND),
             np.minimum(program.row_upper[~equal], NO_BOUND),
@@ -190,7 +186,7 @@ class PiqpSolver(LpSolver):
             return self._simplex.resolve(program)
         equal, lower, upper = self._equal, program.row_lower, program.row_upper
         self._solver.update(
-            b=self._scale * lower[equal] if equal.any() else None,
+            b=self._scale * lower[equal],
             h_l=np.maximum(lower[~equal], -NO_BOUND),
             h_u=np.minimum(upper[~equal], NO_BOUND),
         )

@@ -76,9 +76,7 @@ class TimeAndEnergy(Objective):
         return cls(SETTLED, options.feasibility, kind, weight)
 
     def value(self, program: NonlinearProgram, z: Array, values: Array) -> float:
-        """T + k times the energy [s]; infinite if the motion is not finite."""
-        if not program.transcription.motion(z).finite:
-            return np.inf
+        """T + k times the energy [s]."""
         return float(program.cost @ z) + self.weight * self.energy(program, z)
 
     def energy(self, program: NonlinearProgram, z: Array) -> float:
@@ -193,8 +191,6 @@ class TimeAndEnergy(Objective):
         durations = np.flatnonzero(program.cost)
         stops = [segment.stop for segment in program.system.problem.segments[:-1]]
         number = np.cumsum([False, *stops])  # part between stops of each duration
-        if number.size != durations.size:
-            number = np.zeros(durations.size)
         roots = []
         for part in np.unique(number):
             pace = np.zeros(z.size)

@@ -245,7 +245,7 @@ class HullRows(Generic[M]):
         name: Name of the kind of rows.
         lower: Lower bounds, shape (1, m).
         upper: Upper bounds, shape (1, m).
-        of_motion: Function from a motion to the row values, shape (m,).
+        of_motion: Function from a motion to the row values, m in any shape.
         by_unknowns: Function from a motion to their Jacobian, shape (m, size).
         curable: Whether a slower motion violates them less.
     """
@@ -263,7 +263,7 @@ class HullRows(Generic[M]):
 
     def values(self, motion: M, attention: float = np.inf) -> Array:
         """Row values, shape (m,)."""
-        return self.of_motion(motion)
+        return self.of_motion(motion).ravel()
 
     def jacobian(self, motion: M, chosen: IntArray) -> sp.csr_matrix:
         """Jacobian of some of the rows, shape (k, size)."""

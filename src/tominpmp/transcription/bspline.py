@@ -37,7 +37,6 @@ from tominpmp.transcription.curve import (
     SplineMotion,
     clamped,
     nodes_of,
-    of_each_joint,
     places,
     rows_of_table,
 )
@@ -220,6 +219,32 @@ class BSplineTranscription(Transcription[SplineMotion]):
             matrix.sum_duplicates()
         return matrix
 
+    def of_joints(
+        self,
+        eta: Array,
+        bands: Array,
+        first: IntArray,
+        joints: IntArray,
+        by_durations: Array,
+    ) -> sp.csr_matrix:
+        """Derivatives by the unknowns of rows that hold for each of some joints.
+
+        Args:
+            eta: Durations, shape (m,).
+            bands: Derivatives by coordinates of w neighbouring control points, shape
+                (r, k, w).
+            first: The first of these control points, shape (r,).
+            joints: The joints, shape (k,).
+            by_durations: Derivatives by the durations near these control points, shape
+                (r, k, d).
+        """
+        coordinate = self._n * first[:, None] + joints
+        points = coordinate.reshape(-1, 1) + self._n * np.arange(bands.shape[2])
+        near = np.repeat(self.near[first], joints.size, axis=0)
+        by_points = bands.reshape(points.shape)
+        by_durations = by_durations.reshape(near.shape)
+        return self.by_unknowns(eta, by_points, points, by_durations, near)
+
     def unknowns(self, points: Array, eta: Array) -> Array:
         """Unknowns whose control points are nearest to given control points.
 
@@ -372,20 +397,12 @@ class BSplineTranscription(Transcription[SplineMotion]):
             return np.asarray(found[:, limit.of_joints] / scale)
 
         def by_unknowns(motion: SplineMotion) -> sp.csr_matrix:
-            bands = motion.knots.bands(order)[points]
-            by_points, places = of_each_joint(bands, points, limit.of_joints, self._n)
-            by_points /= np.tile(scale, points.size)[:, None]
-            by_points /= motion.unit**order
-            near = self.near[points]
-            by_eta = motion.by_durations(of_motion, order, near)
-            near = np.repeat(near, limit.count, axis=0)
-            by_eta = by_eta.reshape(near.shape)
-            return self.by_unknowns(motion.eta, by_points, places, by_eta, near)
+            bands = motion.knots.bands(order)[points, None] / scale[:, None]
+            bands /= motion.unit**order
+            by_eta = motion.by_durations(of_motion, order, self.near[points])
+            return self.of_joints(motion.eta, bands, points, limit.of_joints, by_eta)
 
-        def values(motion: SplineMotion) -> Array:
-            return of_motion(motion).ravel()
-
-        return HullRows(name, lower, upper, values, by_unknowns, limit.curable)
+        return HullRows(name, lower, upper, of_motion, by_unknowns, limit.curable)
 
     def attention(self, steps: StepBounds) -> float:
         """Clearance that a step of the control points can use up, over the reach."""
@@ -427,17 +444,13 @@ class BSplineTranscription(Transcription[SplineMotion]):
         between = after - np.pad(rows[:-1], ((0, 0), (0, 1)))
         if order == 3:
             between *= np.mean(motion.h)
-        every = np.arange(self._n)
-        data, points = of_each_joint(between, np.arange(len(between)), every, self._n)
-        data /= np.tile(scale, len(between))[:, None]
-        near = self.near[: len(between)]
-        by_eta = np.zeros((len(between), self._n, near.shape[1]))
+        joints, first = np.arange(self._n), np.arange(len(between))
+        by_eta = np.zeros((first.size, joints.size, self.near.shape[1]))
         if self._m > 1:
             # The jumps depend on the ratios of the durations, too.
-            by_eta = motion.by_durations(jumps, 2, near)
-        near = np.repeat(near, self._n, axis=0)
-        by_durations = by_eta.reshape(near.shape)
-        matrix = self.by_unknowns(motion.eta, data, points, by_durations, near)
+            by_eta = motion.by_durations(jumps, 2, self.near[first])
+        between = between[:, None] / scale[:, None]
+        matrix = self.of_joints(motion.eta, between, first, joints, by_eta)
         return Variation(matrix, jumps(motion).ravel() - matrix @ z)
 
     @property
@@ -632,8 +645,8 @@ class InverseTranscription(BSplineTranscription):
         |v_k| <= v_max, multiplied by h_{k-1} + h_k, is linear in control points and
         lengths.
         """
-        free_end, n = self.system.final_velocity is None, self.system.n
-        nodes = np.arange(1, self.intervals + 1 if free_end else self.intervals)
+        free_end = self.system.final_velocity is None
+        nodes = np.arange(1, self.intervals + free_end)
         # Derivatives by the durations of twice the time between neighbouring points.
         knots = self.knots_by_durations
         apart = (knots[3:-1] - knots[1:-3])[nodes]
@@ -645,21 +658,17 @@ class InverseTranscription(BSplineTranscription):
             steps = np.diff(motion.points, axis=0)[nodes]
             ratio = 2.0 * steps[:, limit.of_joints] / limit.upper
             lasting = (apart @ motion.eta)[:, None]
-            return (np.stack([ratio - lasting, -ratio - lasting]) / unit).ravel()
+            return np.stack([ratio - lasting, -ratio - lasting]) / unit
 
         def by_unknowns(motion: SplineMotion) -> sp.csr_matrix:
             """Jacobian of the excess of the speeds."""
-            slope = np.tile(2.0 / (limit.upper * unit), nodes.size)
-            data = np.stack([-slope, slope], axis=1)
-            before = (nodes[:, None] * n + limit.of_joints).reshape(-1, 1)
-            places = np.tile(before + np.array([0, n]), (2, 1))
-            near = self.near[nodes]
-            by_durations = -np.take_along_axis(apart, near, axis=1) / unit
-            near = np.tile(np.repeat(near, limit.count, axis=0), (2, 1))
-            by_durations = np.repeat(by_durations, limit.count, axis=0)
-            by_durations = np.tile(by_durations, (2, 1))
-            signed = np.concatenate([data, -data])
-            return self.by_unknowns(motion.eta, signed, places, by_durations, near)
+            slope = 2.0 / (limit.upper * unit)
+            pull = np.stack([-slope, slope], axis=1)[None].repeat(nodes.size, axis=0)
+            by_eta = -np.take_along_axis(apart, self.near[nodes], axis=1) / unit
+            by_eta = by_eta[:, None].repeat(limit.count, axis=1)
+            rows = nodes, limit.of_joints, by_eta
+            both = [self.of_joints(motion.eta, side * pull, *rows) for side in (1, -1)]
+            return sp.vstack(both, format="csr")
 
         lower, upper = np.full(shape, -np.inf), np.zeros(shape)
         return HullRows(name, lower, upper, excess, by_unknowns, limit.curable)

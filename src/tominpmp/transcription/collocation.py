@@ -170,7 +170,7 @@ class CollocationTranscription(TorqueTranscription):
         They have a large value on intervals whose inner stage was not solved for.
         """
         solved, defects = motion.stage.solved[:, None], motion.defects
-        return np.where(solved, defects / self.scale, NOT_INTEGRATED).ravel()
+        return np.where(solved, defects / self.scale, NOT_INTEGRATED)
 
     def _defects_by_unknowns(self, motion: SteppedMotion) -> sp.csr_matrix:
         """Jacobian of the defects."""

@@ -265,26 +265,6 @@ def places(first: IntArray, width: int) -> IntArray:
     return first[:, None] + np.arange(width)
 
 
-def of_each_joint(
-    bands: Array, first: IntArray, joints: IntArray, n: int
-) -> tuple[Array, IntArray]:
-    """Banded rows on control points, repeated for some of the joints.
-
-    Args:
-        bands: Weights of neighbouring control points, shape (m, w).
-        first: The first control point of each row, shape (m,).
-        joints: The joints, shape (k,).
-        n: Number of joints of the robot.
-
-    Returns:
-        The weights, row by row with all joints of a row together, shape (m k, w), and
-        the indices of the coordinates that they multiply.
-    """
-    data = np.repeat(bands, joints.size, axis=0)
-    coordinate = n * first[:, None] + joints
-    return data, coordinate.reshape(-1, 1) + n * np.arange(bands.shape[1])
-
-
 def rows_of_table(data: Array, places: IntArray, width: int) -> sp.csr_matrix:
     """Sparse matrix whose rows have up to w entries each; zeros are left out.
 
