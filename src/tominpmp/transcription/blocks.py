@@ -144,7 +144,7 @@ class SampledRows:
             The matrix R, shape (k, size), of a curvature R^T R; empty for none.
         """
         chosen = np.flatnonzero(multipliers > 0.0)
-        if not chosen.size:
+        if not (chosen.size and self.constraint.bends):
             return []
         at, states = self.states(motion)
         row, which = np.divmod(chosen, max(self.constraint.count, 1))
@@ -206,7 +206,7 @@ Block = HullRows[Any] | SampledRows
 
 
 def blocks_of(of: Transcription[Any]) -> list[Block]:
-    """Blocks of rows for all constraints along the motion of a problem.
+    """Blocks of rows, if any, for all constraints along the motion of a problem.
 
     Position and speed limits of the arm, and constraints that all segments have in
     common, hold on all segments; other constraints hold on a single segment.
@@ -217,7 +217,7 @@ def blocks_of(of: Transcription[Any]) -> list[Block]:
     for number, (part, within) in enumerate(zip(parts, of.segments, strict=True)):
         own = (item for item in part.constraints if not _shared(item, parts))
         blocks += [block_of(of, item, within, number) for item in own]
-    return [block for block in blocks if block is not None]
+    return [block for block in blocks if block is not None and block.lower.size]
 
 
 def _shared(constraint: Constraint, parts: Sequence[ProblemFunctions]) -> bool:

@@ -379,15 +379,11 @@ class BSplineTranscription(Transcription[SplineMotion]):
         """
         order, scale = limit.order, limit.scale
         first, end = within or (0, self.intervals)
-        knots = KnotVector(self.shares.sum(axis=1), self.degree, self.breaks)
-        intervals, degree = knots.first, self.degree - order
-        point = np.arange(intervals[-1] + 1 + degree)
-        begins = np.searchsorted(intervals, point - degree)
-        ends = np.searchsorted(intervals, point, side="right")
-        mine = (begins < end) & (ends > first)
+        begins = self._knots_for(np.ones(self._m)).first
+        points = np.arange(begins[first], begins[end - 1] + self.degree - order + 1)
         if order == 0:
-            mine &= np.any(self.point_map.moving.reshape(mine.size, -1), axis=1)
-        points = np.flatnonzero(mine)
+            moving = np.any(self.point_map.moving.reshape(-1, self._n), axis=1)
+            points = points[moving[points]]
         times = 1, points.size
         lower = np.tile(limit.lower / scale, times)
         upper = np.tile(limit.upper / scale, times)

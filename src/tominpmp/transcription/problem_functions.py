@@ -176,15 +176,7 @@ class ProblemFunctions:
         Its links hardly ever touch, and the verification detects if they do. Rows for
         self-collision would take more time than the rest of the planning.
         """
-        if not self.in_free_space:
-            return self
-        return self._each(lambda system: replace(system, clearance_rows=None))
-
-    def _each(
-        self, change: Callable[[ProblemFunctions], ProblemFunctions]
-    ) -> ProblemFunctions:
-        """The functions after a change of the whole motion and of each segment."""
-        return replace(change(self), parts=tuple(map(change, self.parts)))
+        return self._with_rows(lambda rows: None) if self.in_free_space else self
 
     def padded(self, share: float) -> ProblemFunctions:
         """The same problem with a share of its padding beyond the margin."""
@@ -202,10 +194,10 @@ class ProblemFunctions:
         return self._with_rows(lambda rows: rows.passing(q))
 
     def _with_rows(
-        self, change: Callable[[LazyClearanceRows], LazyClearanceRows]
+        self, change: Callable[[LazyClearanceRows], LazyClearanceRows | None]
     ) -> ProblemFunctions:
-        """The functions after a change of their clearance rows."""
-        known: dict[int, LazyClearanceRows] = {}
+        """The functions after a change of the clearance rows, also of all segments."""
+        known: dict[int, LazyClearanceRows | None] = {}
 
         def changed(system: ProblemFunctions) -> ProblemFunctions:
             if (rows := system.clearance_rows) is None:
@@ -213,7 +205,7 @@ class ProblemFunctions:
             rows = known.setdefault(id(rows), change(rows))
             return replace(system, clearance_rows=rows)
 
-        return self._each(changed)
+        return replace(changed(self), parts=tuple(map(changed, self.parts)))
 
     def resting(self, time: float | None = None) -> ProblemFunctions:
         """The same problem without moving obstacles.

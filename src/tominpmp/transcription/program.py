@@ -63,8 +63,7 @@ class NonlinearProgram:
     ) -> NonlinearProgram:
         """The program of a problem, with all its constraints and its goal."""
         system = transcription.system
-        blocks: list[Block] = [*transcription.equations]
-        blocks += [block for block in blocks_of(transcription) if block.lower.size]
+        blocks = [*transcription.equations, *blocks_of(transcription)]
         blocks += _at_ends_of_segments(transcription)
         scale = transcription.goal_scale
         if scale is not None:
@@ -185,8 +184,7 @@ class NonlinearProgram:
         motion = self.transcription.motion(self.timed(z))
         roots = [sp.csr_matrix((0, self.size))]
         for block, weights in self._by_block(multipliers):
-            bends = isinstance(block, SampledRows) and block.constraint.bends
-            if motion.finite and bends:
+            if motion.finite and isinstance(block, SampledRows):
                 roots += block.curvature(motion, weights)
         return sp.vstack(roots, format="csr")
 
@@ -195,7 +193,7 @@ class NonlinearProgram:
         """Index of the first row of each block."""
         return np.searchsorted(self.rows.kind, np.arange(len(self.blocks)))
 
-    def _by_block(self, values: Array) -> Iterator[tuple[Block, Array]]:
+    def _by_block(self, values: Array | BoolArray) -> Iterator[tuple[Block, Any]]:
         """Each block, with its part of an array of all rows."""
         return zip(self.blocks, np.split(values, self.first[1:]), strict=True)
 
