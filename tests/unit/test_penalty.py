@@ -69,7 +69,7 @@ def test_violations_fall_as_the_weight_grows():
     loop = Loop(nlp, least, Iterate.of(nlp, z, 0.0))
     durations, violations = [], []
     for weight in (300.0, 3e3, 3e4):
-        weights = step.first_weights(weight, nlp.rows.kinds)
+        weights = np.full(len(nlp.rows.kinds), weight * step.first_weight("goal"))
         for _ in range(8):  # to the minimum for each weight
             loop.state = replace(loop.state, weights=weights)
             step(loop)

@@ -98,8 +98,8 @@ def first_program(program, z, radius):
     options = Options()
     step, _ = trust_regions(options, make_solver("highs"))
     state = Iterate.of(program, z, 0.0)
-    weights = step.first_weights(state.duration, state.rows.kinds)
-    state = replace(state, weights=weights)
+    weights = [step.first_weight(kind) for kind in state.rows.kinds]
+    state = replace(state, weights=state.duration * np.array(weights))
     return state, subproblem_at(program, state, radius)
 
 

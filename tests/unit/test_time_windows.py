@@ -144,7 +144,7 @@ def test_rows_of_time_windows_match_differences(number, item):
     z = z + 1e-2 * np.random.default_rng(1).standard_normal(z.size)
     program = NonlinearProgram.of(of)
     block = next(b for b in program.blocks if b.name == item.name)
-    every = np.arange(block.lower.size)
+    every = np.arange(block.bounds[0].size)
     jacobian = block.jacobian(of.motion(z), every)
     d = np.random.default_rng(2).standard_normal(z.size)
     ends = [block.values(of.motion(z + s * 1e-6 * d)) for s in (1.0, -1.0)]

@@ -22,7 +22,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse as sp
 
-from tominpmp.arrays import Array
 from tominpmp.linear_programs.choice import make_solver
 from tominpmp.linear_programs.program import LinearProgram
 from tominpmp.linear_programs.solver import LpSolver
@@ -77,9 +76,9 @@ class FixedStep:
     control_step: float
     time_step: float
 
-    def first_weights(self, value: float, kinds: tuple[str, ...]) -> Array:
-        """Weights of the elastic variables, which remain unchanged."""
-        return np.full(len(kinds), ELASTIC_WEIGHT * value)
+    def first_weight(self, kind: str) -> float:
+        """The weight of all elastic variables, which remains unchanged."""
+        return ELASTIC_WEIGHT
 
     def __call__(self, loop: Loop) -> None:
         """Solve one linear program, and accept its step."""

@@ -55,11 +55,8 @@ RESTORATION_TIME = 0.2
 class Step(Protocol):
     """Makes the steps of a loop."""
 
-    def first_weights(self, value: float, kinds: tuple[str, ...]) -> Array:
-        """Initial penalty weights of kinds of rows, for a value of the objective [s].
-
-        Shape (kinds,).
-        """
+    def first_weight(self, kind: str) -> float:
+        """Initial penalty weight of a kind of rows, as a multiple of the objective."""
 
     def __call__(self, loop: Loop) -> None:
         """Make a step, and advance the loop to the new iterate."""
@@ -104,7 +101,8 @@ def solve(
     """
     first = Iterate.of(program, z, 0.0)
     value = objective.value(program, z, first.values)
-    first = replace(first, weights=step.first_weights(value, first.rows.kinds))
+    weights = value * np.array([step.first_weight(kind) for kind in first.rows.kinds])
+    first = replace(first, weights=weights)
     loop = Loop(program, objective, first, callback, keep)
     loop.save()
     if objective.any_will_do:

@@ -67,9 +67,9 @@ class PenaltyRound:
     first: Array
     most: int
 
-    def first_weights(self, value: float, kinds: tuple[str, ...]) -> Array:
-        """Equal weights K of all kinds of violations."""
-        return np.full(len(kinds), FIRST_WEIGHT * value)
+    def first_weight(self, kind: str) -> float:
+        """The weight K, which is that of all kinds of violations."""
+        return FIRST_WEIGHT
 
     def __call__(self, loop: Loop) -> None:
         """Minimise for the present weight, and raise it for the next round."""

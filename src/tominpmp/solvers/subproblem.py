@@ -36,19 +36,17 @@ class Subproblem:
     """The convex program of an iteration, with the mapping of its solution.
 
     Attributes:
+        state: The iterate.
         program: The program, linear apart from the curvature of its objective.
         free: Indices of the unknowns that can change, shape (k,).
         rows: Indices of the rows of the transcription that it contains, shape (r,).
-        size: Number of unknowns of the transcription.
-        row_count: Number of rows of the transcription.
         matrix: Jacobian of the rows by the unknowns that can change, shape (r, k).
     """
 
+    state: Iterate
     program: LinearProgram
     free: IntArray
     rows: IntArray
-    size: int
-    row_count: int
     matrix: sp.csr_matrix
 
     def change(self, step: Array) -> Array:
@@ -57,13 +55,13 @@ class Subproblem:
 
     def step(self, solution: LpSolution) -> Array:
         """Step in all unknowns, shape (size,)."""
-        step = np.zeros(self.size)
+        step = np.zeros(self.state.z.size)
         step[self.free] = solution.x[: self.free.size]
         return step
 
     def multipliers(self, solution: LpSolution) -> Array:
-        """Multipliers of all rows of the transcription, shape (row_count,)."""
-        out = np.zeros(self.row_count)
+        """Multipliers of all rows of the transcription, shape (m,)."""
+        out = np.zeros(self.state.values.size)
         out[self.rows] = solution.row_duals[: self.rows.size]
         return out
 
@@ -129,7 +127,7 @@ def build_subproblem(
         curved,
         accuracy,
     )
-    return Subproblem(program, free, chosen, state.z.size, rows.size, body)
+    return Subproblem(state, program, free, chosen, body)
 
 
 def _rows_within_reach(

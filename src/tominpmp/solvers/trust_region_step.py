@@ -143,9 +143,14 @@ class TrustRegionStep:
     radius: float
     accuracy: float | None = None
 
-    def first_weights(self, value: float, kinds: tuple[str, ...]) -> Array:
-        """Weights above the most that the objective can gain from violations."""
-        return value * np.array([first_weight(kind) for kind in kinds])
+    def first_weight(self, kind: str) -> float:
+        """Weight above the most that the objective can gain from a violation of 100 %.
+
+        Examples of kinds are "torque", "torque on segment 2", or "speed of frame tip".
+        """
+        on_any_segment, _, _ = kind.partition(" on segment")
+        quantity, _, _ = on_any_segment.partition(" of ")
+        return FIRST_WEIGHTS.get(quantity, OTHER_WEIGHT)
 
     def __call__(self, loop: Loop) -> None:
         """Linearise, solve, correct, search; accept the step or shrink the radius."""
@@ -304,16 +309,6 @@ class TrustRegionStep:
             return radius
         enough = math.sqrt(SETTLED_ERROR * left) / self.radius
         return min(radius, max(enough, SETTLED_RADIUS))
-
-
-def first_weight(kind: str) -> float:
-    """Penalty weight of a kind of rows before any multiplier is known, as a share of T.
-
-    Examples of kinds are "torque", "torque on segment 2", or "speed of frame tip".
-    """
-    on_any_segment, _, _ = kind.partition(" on segment")
-    quantity, _, _ = on_any_segment.partition(" of ")
-    return FIRST_WEIGHTS.get(quantity, OTHER_WEIGHT)
 
 
 def next_radius(radius: float, ratio: float, damping: float) -> float:

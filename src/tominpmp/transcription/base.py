@@ -243,23 +243,21 @@ class HullRows(Generic[M]):
 
     Attributes:
         name: Name of the kind of rows.
-        lower: Lower bounds, shape (1, m).
-        upper: Upper bounds, shape (1, m).
+        bounds: Lower and upper bounds, shape (1, m) each.
         of_motion: Function from a motion to the row values, m in any shape.
         by_unknowns: Function from a motion to their Jacobian, shape (m, size).
         curable: Whether a slower motion violates them less.
     """
 
     name: str
-    lower: Array
-    upper: Array
+    bounds: tuple[Array, Array]
     of_motion: Callable[[M], Array]
     by_unknowns: Callable[[M], sp.csr_matrix]
     curable: bool = False
 
     def groups(self, by_component: bool) -> IntArray:
         """Group of each row: all rows are in one group, shape (m,)."""
-        return np.zeros(self.lower.size, dtype=np.int64)
+        return np.zeros(self.bounds[0].size, dtype=np.int64)
 
     def values(self, motion: M, attention: float = np.inf) -> Array:
         """Row values, shape (m,)."""

@@ -57,22 +57,13 @@ class SampledRows:
         return self.constraint.curable
 
     @cached_property
-    def _bounds(self) -> tuple[Array, Array]:
+    def bounds(self) -> tuple[Array, Array]:
+        """Lower and upper bounds, shape (r, p) each."""
         return self.constraint.bounds(self.fixed.size + self.kinks.size)
-
-    @property
-    def lower(self) -> Array:
-        """Lower bounds, shape (r, p)."""
-        return self._bounds[0]
-
-    @property
-    def upper(self) -> Array:
-        """Upper bounds, shape (r, p)."""
-        return self._bounds[1]
 
     def groups(self, by_component: bool) -> IntArray:
         """Group of each row: one for all rows, for each component, or each instant."""
-        rows, count = self.lower.shape
+        rows, count = self.bounds[0].shape
         if by_component and rows > 1:
             return np.tile(np.arange(count), rows)
         if self.constraint.shared:
@@ -217,7 +208,7 @@ def blocks_of(of: Transcription[Any]) -> list[Block]:
     for number, (part, within) in enumerate(zip(parts, of.segments, strict=True)):
         own = (item for item in part.constraints if not _shared(item, parts))
         blocks += [block_of(of, item, within, number) for item in own]
-    return [block for block in blocks if block is not None and block.lower.size]
+    return [block for block in blocks if block is not None and block.bounds[0].size]
 
 
 def _shared(constraint: Constraint, parts: Sequence[ProblemFunctions]) -> bool:

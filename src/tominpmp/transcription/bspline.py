@@ -385,8 +385,8 @@ class BSplineTranscription(Transcription[SplineMotion]):
             moving = np.any(self.point_map.moving.reshape(-1, self._n), axis=1)
             points = points[moving[points]]
         times = 1, points.size
-        lower = np.tile(limit.lower / scale, times)
-        upper = np.tile(limit.upper / scale, times)
+        limits = limit.lower / scale, limit.upper / scale
+        bounds = np.tile(limits[0], times), np.tile(limits[1], times)
 
         def of_motion(motion: SplineMotion) -> Array:
             found = motion.derivative(order)[points]
@@ -398,7 +398,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
             by_eta = motion.by_durations(of_motion, order, self.near[points])
             return self.of_joints(motion.eta, bands, points, limit.of_joints, by_eta)
 
-        return HullRows(name, lower, upper, of_motion, by_unknowns, limit.curable)
+        return HullRows(name, bounds, of_motion, by_unknowns, limit.curable)
 
     def attention(self, steps: StepBounds) -> float:
         """Clearance that a step of the control points can use up, over the reach."""
@@ -666,5 +666,5 @@ class InverseTranscription(BSplineTranscription):
             both = [self.of_joints(motion.eta, side * pull, *rows) for side in (1, -1)]
             return sp.vstack(both, format="csr")
 
-        lower, upper = np.full(shape, -np.inf), np.zeros(shape)
-        return HullRows(name, lower, upper, excess, by_unknowns, limit.curable)
+        bounds = np.full(shape, -np.inf), np.zeros(shape)
+        return HullRows(name, bounds, excess, by_unknowns, limit.curable)

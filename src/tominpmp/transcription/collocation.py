@@ -162,7 +162,7 @@ class CollocationTranscription(TorqueTranscription):
         """
         zeros = np.zeros((1, self.intervals * self.scale.size))
         functions = self._defects, self._defects_by_unknowns
-        return (HullRows("dynamics", zeros, zeros, *functions),)
+        return (HullRows("dynamics", (zeros, zeros), *functions),)
 
     def _defects(self, motion: SteppedMotion) -> Array:
         """Defects of the steps over the scale of the states; zero for a motion.

@@ -269,11 +269,9 @@ class Inspection:
             over = largest > (JOINING_SHARE if tolerance > 0.0 else 1.0) * tolerance
             for k, j in np.argwhere(over).tolist():
                 found.add((first + k, shares[worst[k, j]]))
-        if (
-            isinstance(constraint, MotorLimit)
-            and constraint.motors.friction is not None
-        ):
-            at = self.around_reversals(constraint.motors.friction > 0.0)
+        friction = of.system.friction
+        if isinstance(constraint, MotorLimit) and friction is not None:
+            at = self.around_reversals(friction > 0.0)
             if at.size:
                 over = np.any(self.excess(at) > tolerance, axis=1)
                 found.update(at[over].pairs)
@@ -380,8 +378,7 @@ def with_rows_at(
         away = np.abs(added[:, None] - own[block.name])
         apart = np.min(away, axis=1, initial=np.inf)
         more = np.unique(added[apart > SAME_TIME * float(h.sum())])
-        if more.size:
-            at = Instants.at_times(more, h, of.delays)
-            at = at if block.within is None else at.within(*block.within)
-            blocks[index] = replace(block, fixed=block.fixed.joined(at))
+        at = Instants.at_times(more, h, of.delays)
+        at = at if block.within is None else at.within(*block.within)
+        blocks[index] = replace(block, fixed=block.fixed.joined(at))
     return replace(program, blocks=tuple(blocks))

@@ -118,8 +118,9 @@ class NonlinearProgram:
         by_component = self.transcription.by_component
         parts = []
         for block in self.blocks:
-            bounds = block.lower.ravel(), block.upper.ravel()
-            parts.append((block.name, *bounds, block.groups(by_component)))
+            lower, upper = block.bounds
+            groups = block.groups(by_component)
+            parts.append((block.name, lower.ravel(), upper.ravel(), groups))
         return Rows.stack(parts, {block.name for block in self.blocks if block.curable})
 
     def timed(self, z: Array) -> Array:
@@ -206,7 +207,7 @@ class NonlinearProgram:
         """
         rows = self.rows
         if self.selection == "exact":
-            path = np.array([block.lower.shape[0] > 1 for block in self.blocks])
+            path = np.array([len(block.bounds[0]) > 1 for block in self.blocks])
             return ~path[rows.kind] | self._attained(values)
         parts = []
         for block, own in self._by_block(values):
@@ -215,7 +216,7 @@ class NonlinearProgram:
                 radius = self.transcription.attention(steps)
                 if block.constraint.moving:
                     radius = max(radius, self.transcription.moving_attention)
-            parts.append(own > block.upper.ravel() - radius)
+            parts.append(own > block.bounds[1].ravel() - radius)
         return np.concatenate(parts)
 
     def _attained(self, values: Array) -> BoolArray:
