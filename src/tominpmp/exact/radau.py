@@ -115,8 +115,8 @@ def integrate(
 
     with np.errstate(all="ignore"):
         weights = h[:, None, None] * WEIGHTS
-        stages = solve_steps(rates, x_start, u, weights, guess, NEWTON_STEPS)
-        if stages is None:
+        stages, (found,) = solve_steps(rates, x_start, u, weights, guess, NEWTON_STEPS)
+        if not found:
             return None, cost
         x = stages.reshape(len(torque), -1)
         solved = differentiate_rates(dynamics, x, torque, mode)

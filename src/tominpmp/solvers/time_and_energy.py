@@ -150,7 +150,7 @@ class TimeAndEnergy(Objective):
         scheme, n = program.transcription, program.system.n
         exponent = 0.5 if self.kind.squared else 1.0
         motion = scheme.motion(z)
-        lengths = _lengths(scheme, motion)
+        lengths = _lengths(scheme)
         values, matrices = list[Array](), list[sp.csr_matrix]()
         for part, at, states in _segments(scheme, motion):
             interval = np.repeat(at.interval, n)
@@ -231,14 +231,13 @@ def _holding(
             yield segment.dwell, part, at, States(t, q, 0.0 * q, 0.0 * q)
 
 
-def _lengths(scheme: Transcription[Any], motion: Motion) -> sp.csr_matrix:
+def _lengths(scheme: Transcription[Any]) -> sp.csr_matrix:
     """Derivatives of the lengths of the intervals, shape (N, size)."""
-    every = np.arange(scheme.intervals)
-    times = Partials(every, by_t=np.ones(every.size))
-    first, last = np.zeros(every.size), np.ones(every.size)
-    begins = scheme.pull_back(motion, Instants(every, first), times)
-    ends = scheme.pull_back(motion, Instants(every, last), times)
-    return sp.csr_matrix(ends - begins)
+    N, m = scheme.shares.shape
+    nodes = (Instants.spread(N, (share,)).times(scheme.shares) for share in (0.0, 1.0))
+    begins, ends = nodes
+    fixed = sp.csr_matrix((N, scheme.size - m))
+    return sp.hstack([fixed, ends - begins], format="csr")
 
 
 def _torques(part: ProblemFunctions, states: States) -> Array:

@@ -103,34 +103,20 @@ def _solve_systems(matrix: Array, right: Array) -> Array:
         return np.full(np.broadcast_shapes(right.shape), np.nan)
 
 
-class NewtonConvergence:
-    """Stop criterion of Newton's iteration on several systems at once.
+def _converged(size: Array, last: Array) -> BoolArray:
+    """Whether Newton's iteration has converged on each of several systems, shape (m,).
 
-    Attributes:
-        solved: Whether the last step of each system was small enough, shape (m,).
+    Args:
+        size: Size of the last step of each system, shape (m,).
+        last: Size of the step before, shape (m,).
     """
-
-    def __init__(self, systems: int) -> None:
-        self.solved: BoolArray = np.zeros(systems, dtype=bool)
-        self._last = np.full(systems, np.inf)
-
-    def reached(self, change: Array, x: Array) -> bool:
-        """Record a step of each system; returns whether the iteration can stop.
-
-        Args:
-            change: Newton steps, shape (m, k).
-            x: Iterates after the steps, shape (m, k).
-        """
-        size = np.max(np.abs(change), axis=1) / (1.0 + np.max(np.abs(x), axis=1))
-        # Quadratic convergence: the next step is about size^2 / last (times size).
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            following = (size / self._last) ** 2 * size
-        following = np.where((size < 1e-3) & (self._last < 1.0), following, np.inf)
-        self.solved = np.minimum(size, 10.0 * following) <= ROUNDING
-        # Rounding errors of stiff terms may keep small steps from shrinking further.
-        self.solved |= (size < 1e-9) & (size >= 0.1 * self._last)
-        self._last = size
-        return bool(np.all(self.solved)) or not bool(np.all(np.isfinite(size)))
+    # Quadratic convergence: the next step is about size^2 / last (times size).
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        following = (size / last) ** 2 * size
+    following = np.where((size < 1e-3) & (last < 1.0), following, np.inf)
+    solved = np.minimum(size, 10.0 * following) <= ROUNDING
+    # Rounding errors of stiff terms may keep small steps from shrinking further.
+    return np.asarray(solved | ((size < 1e-9) & (size >= 0.1 * last)))
 
 
 class StepJacobians(NamedTuple):
@@ -192,20 +178,11 @@ class SteppedMotion:
         guess[:, :n] = (20.0 * start[:, :n] + 7.0 * end[:, :n]) / 27.0 + h * (
             4.0 * start[:, n:] - 2.0 * end[:, n:]
         ) / 27.0
-        x = guess
-        progress = NewtonConvergence(x.shape[0])
-        eye = np.eye(x.shape[1])
         with np.errstate(over="ignore", invalid="ignore"):
             known = start + h * WEIGHTS[0, 1] * dynamics.forward(end, u)
-            for _ in range(NEWTON_STEPS):
-                by = dynamics.forward_jacobians(x, u)
-                residual = x - known - h * WEIGHTS[0, 0] * by.f
-                matrix = eye - (WEIGHTS[0, 0] * h)[..., None] * by.f_x
-                change = _solve_systems(matrix, residual[..., None])[..., 0]
-                x = x - change
-                if progress.reached(change, x):
-                    break
-        return InnerStage(np.where(progress.solved[:, None], x, guess), progress.solved)
+            steps = dynamics.forward_jacobians, known, u, h[..., None] * WEIGHTS[:1, :1]
+            stages, solved = solve_steps(*steps, guess[:, None], NEWTON_STEPS)
+        return InnerStage(np.where(solved[:, None], stages[:, 0], guess), solved)
 
     @property
     def inner(self) -> Array:
@@ -305,12 +282,12 @@ def rollout(
     """
     each, length = np.repeat(u, substeps, axis=0), np.repeat(h / substeps, substeps)
     steps = dynamics.forward_jacobians, x_start, each, length[:, None, None] * WEIGHTS
-    stages: Array | None = None
+    solved = np.zeros(1, dtype=bool)
     with np.errstate(over="ignore", invalid="ignore"):
         if guess is not None and guess.finite:
             first = np.stack([guess.inner, guess.ends[1:]], axis=1)
-            stages = solve_steps(*steps, first, NEWTON_STEPS_NEAR)
-        if stages is None:
+            stages, solved = solve_steps(*steps, first, NEWTON_STEPS_NEAR)
+        if not solved[0]:
             stages = _one_by_one(*steps)
     ends = np.concatenate([x_start[None], stages[:, 1]])
     finite = bool(np.all(np.isfinite(ends)))
@@ -323,52 +300,61 @@ def _one_by_one(rates: Rates, x_start: Array, u: Array, weights: Array) -> Array
     x = x_start
     for k in range(len(u)):
         start, step = np.stack([x, x])[None], slice(k, k + 1)
-        solved = solve_steps(rates, x, u[step], weights[step], start, NEWTON_STEPS)
-        if solved is None:
+        found = solve_steps(rates, x, u[step], weights[step], start, NEWTON_STEPS)
+        if not found[1][0]:
             break
-        stages[k] = solved[0]
+        stages[k] = found[0][0]
         x = stages[k, 1]
     return stages
 
 
 def solve_steps(
     rates: Rates, x_start: Array, u: Array, weights: Array, stages: Array, most: int
-) -> Array | None:
+) -> tuple[Array, BoolArray]:
     """Stages of successive steps, by Newton's iteration on all steps at once.
 
     Args:
         rates: Equations of motion, with their derivatives.
-        x_start: State before the first step, shape (s,).
+        x_start: State before the first step, shape (s,); or before each step, shape
+            (M, s), for steps that do not depend on each other.
         u: Torques, shape (M, n).
-        weights: Weights of a scheme with k stages, the last of them at the end of the
-            step, times the lengths of the steps [s], shape (M, k, k).
+        weights: Weights of a scheme with k stages, times the lengths of the steps [s],
+            shape (M, k, k). The last stage of successive steps is at the end.
         stages: Initial guess, shape (M, k, s).
         most: Largest number of iterations.
 
     Returns:
-        Stages, shape (M, k, s); None if the iteration fails.
+        Stages, shape (M, k, s), and whether the iteration has converged: for all steps
+        together, shape (1,), or for each step, shape (M,).
     """
     count, k, size = stages.shape
-    torque = np.repeat(u, k, axis=0)
+    torque, starts = np.repeat(u, k, axis=0), x_start
     by_start = np.broadcast_to(np.vstack([np.eye(size)] * k), (count, k * size, size))
-    progress = NewtonConvergence(1)
+    linked = x_start.ndim == 1
+    systems = 1 if linked else count
+    last, solved = np.full(systems, np.inf), np.zeros(systems, dtype=bool)
     for _ in range(most):
         by = rates(stages.reshape(-1, size), torque)
         f_x = by.f_x.reshape(count, k, size, size)
-        starts = np.concatenate([x_start[None], stages[:-1, -1]])
+        if linked:
+            starts = np.concatenate([x_start[None], stages[:-1, -1]])
         residual = stages - starts[:, None] - weights @ by.f.reshape(stages.shape)
         coupling = weights[:, :, None, :, None] * f_x.transpose(0, 2, 1, 3)[:, None]
         matrix = np.eye(k * size) - coupling.reshape(count, k * size, k * size)
         residual = residual.reshape(count, k * size, 1)
-        if count == 1:
-            change = -_solve_systems(matrix, residual).reshape(1, k * size)
+        if systems == count:
+            change = -_solve_systems(matrix, residual)
         else:
             right = np.concatenate([-residual, by_start], axis=2)
             change = _forward_sweep(_solve_systems(matrix, right))
         stages = stages + change.reshape(stages.shape)
-        if progress.reached(change.reshape(1, -1), stages.reshape(1, -1)):
+        way, x = (np.abs(part).reshape(systems, -1) for part in (change, stages))
+        moved = np.max(way, axis=1) / (1.0 + np.max(x, axis=1))
+        solved = _converged(moved, last)
+        if np.all(solved) or not np.all(np.isfinite(moved)):
             break
-    return stages if progress.solved[0] else None
+        last = moved
+    return stages, solved
 
 
 def _forward_sweep(parts: Array) -> Array:
