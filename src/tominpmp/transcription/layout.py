@@ -321,24 +321,19 @@ def _unused_torques(of: Gridded, z: Array, h: Array) -> Array | None:
 
 
 def _jumps(of: Gridded, z: Array, h: Array) -> Array:
-    """Jumps of the controls times length, (N,); zero where limiting speeds saturate."""
-    speeds = np.abs(of.trajectory(z).v)
+    """Largest jump of the controls, or of their slopes, around each interval, (N,).
+
+    It is multiplied by the length, and zero where limiting speeds saturate.
+    """
+    jumps = np.abs(of.scaled_at(z).variation(z).at(z))
+    N, more = of.intervals, max(of.degree - 3, 0)
+    # The jumps are between N intervals, or between N control points and a few more.
+    jumps = np.max(jumps.reshape(N - 1 + more, -1), axis=1, initial=0.0)
+    losses = h * np.max(sliding_window_view(np.pad(jumps, 1), 2 + more), axis=1)
     limits = of.system.problem.robot.limits
-    losses = h * _jumps_of_controls(of, z)
-    at_limit = speeds > AT_LIMIT * limits.velocity
+    at_limit = np.abs(of.trajectory(z).v) > AT_LIMIT * limits.velocity
     if at_limit.shape[0] == h.size + 1:  # without dwells, nodes match intervals
         at_limit = at_limit[1:] & at_limit[:-1]
         limiting = h @ at_limit > LIMITING * h.sum()
         losses[np.any(at_limit[:, limiting], axis=1)] = 0.0
     return losses
-
-
-def _jumps_of_controls(of: Gridded, z: Array) -> Array:
-    """Largest jump of the controls, or of their slopes, around each interval, (N,)."""
-    variation = of.scaled_at(z).variation(z)
-    jumps = np.abs(variation.at(z))
-    N, more = of.intervals, max(of.degree - 3, 0)
-    # The jumps are between N intervals, or between N control points and a few more.
-    jumps = np.max(jumps.reshape(N - 1 + more, -1), axis=1, initial=0.0)
-    jumps = np.concatenate([[0.0], jumps, [0.0]])
-    return np.asarray(np.max(sliding_window_view(jumps, 2 + more), axis=1))
