@@ -18,7 +18,6 @@ continuous where segments meet; its knots move with the durations.
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import replace
 from functools import cached_property, partial
 from typing import NamedTuple
 
@@ -171,12 +170,12 @@ class BSplineTranscription(Transcription[SplineMotion]):
         bend[2:known] = system.problem.a_start / (p * (p - 1))
         column[known : known + inner] = np.arange(inner)
         slopes[:known] = system.problem.v_start[:, None] * _reach(t, p, known)
-        if last and goal is not None:
+        if goal is not None:
             offset[M - last :] = goal - self._base
-        elif last:
+        else:
             # A free final configuration moves all points that depend on it.
             column[M - last :] = inner
-        if last and v_end is not None:
+        if v_end is not None:
             back = _reach((t[-1] - t)[::-1], p, last)[::-1]
             slopes[M - last :] = -v_end[:, None] * back
         columns = self._n * column[:, None] + np.arange(self._n)
@@ -467,19 +466,31 @@ class BSplineTranscription(Transcription[SplineMotion]):
         return out
 
     def trajectory(self, z: Array) -> Trajectory:
-        """The motion of an iterate; its torques follow from the inverse dynamics."""
-        motion, nodes = self.motion(z), Instants.nodes(self.intervals)
-        _, q, v, a, _ = self.states(motion, nodes, 2)
-        accelerations = {2: motion.derivative(2), 3: None}
-        whole = Trajectory(
+        """The motion of an iterate; its torques follow from the inverse dynamics.
+
+        They have the loads of its segments, at the ends of which it may dwell.
+        """
+        motion, N, segments = self.motion(z), self.intervals, self.system.segments
+        _, q, v, a, _ = self.states(motion, Instants.nodes(N), 2)
+        dwells = np.array([part.dwell for part in self.system.problem.segments])
+        ends, stays = np.array(self.segment_ends)[: dwells.size], dwells > 0.0
+        at = ends[stays]
+        # The node of a dwell is repeated at the end of the dwell.
+        node = np.insert(np.arange(N + 1), at + 1, at)
+        dwelt = np.cumsum(np.insert(np.zeros(N + 1), at + 1, dwells[stays]))
+        t, still = nodes_of(motion.h)[node] + dwelt, np.isin(node, at)[:, None]
+        accelerations = {2: np.insert(motion.derivative(2), at, 0.0, axis=0), 3: None}
+        inverses = tuple(part.motor_dynamics.inverse for part in segments)
+        several = dwells.size > 0
+        return Trajectory(
             joint_names=self.system.problem.robot.joint_names,
-            t=nodes_of(motion.h),
-            q=q,
-            v=v,
-            u=0.0 * q,
-            a=accelerations.get(self.degree, a),
-        ).with_torques(self.system.motor_dynamics.inverse)
-        return _of_segments(self, whole)
+            t=t,
+            q=q[node],
+            v=np.where(still, 0.0, v[node]),
+            u=0.0 * q[node],
+            a=accelerations.get(self.degree, np.where(still, 0.0, a[node])),
+            segment_ends=t[ends + np.cumsum(stays)] if several else None,
+        ).with_torques(inverses[0], inverses if several else ())
 
 
 def _reach(knots: Array, degree: int, count: int) -> Array:
@@ -514,45 +525,6 @@ def _durations_near(knots: Array, degree: int) -> IntArray:
     last = owner[np.minimum(point + 2 * degree, owner.size - 1)]
     width = int(np.max(last - first)) + 1
     return places(np.minimum(first, knots.shape[1] - width), width)
-
-
-def _of_segments(of: BSplineTranscription, motion: Trajectory) -> Trajectory:
-    """A motion with the loads of its segments and the dwells at their ends.
-
-    Args:
-        of: Parameterisation of the motion.
-        motion: The motion, with the load of the first segment and without dwells.
-
-    Returns:
-        The motion; unchanged if the problem has no segments.
-    """
-    segments = of.system.problem.segments
-    if not segments:
-        return motion
-    count, ends = motion.t.size, np.array(of.segment_ends)
-    dwells = np.array([segment.dwell for segment in segments])
-    stays = dwells > 0.0
-    at = ends[stays]
-    # The node of a dwell is repeated at the end of the dwell.
-    node = np.insert(np.arange(count), at + 1, at)
-    dwelt = np.cumsum(np.insert(np.zeros(count), at + 1, dwells[stays]))
-    t, still = motion.t[node] + dwelt, np.isin(node, at)[:, None]
-    a = motion.a
-    if a is not None and len(a) == count:
-        a = np.where(still, 0.0, a[node])
-    elif a is not None:
-        a = np.insert(a, at, 0.0, axis=0)
-    whole = replace(
-        motion,
-        t=t,
-        q=motion.q[node],
-        v=np.where(still, 0.0, motion.v[node]),
-        u=motion.u[node],
-        a=a,
-        segment_ends=t[ends + np.cumsum(stays)],
-    )
-    inverses = tuple(part.motor_dynamics.inverse for part in of.system.segments)
-    return whole.with_torques(inverses[0], inverses)
 
 
 class InverseTranscription(BSplineTranscription):

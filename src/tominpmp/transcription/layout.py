@@ -336,4 +336,4 @@ def _jumps(of: Gridded, z: Array, h: Array) -> Array:
         at_limit = at_limit[1:] & at_limit[:-1]
         limiting = h @ at_limit > LIMITING * h.sum()
         losses[np.any(at_limit[:, limiting], axis=1)] = 0.0
-    return losses
+    return np.asarray(losses)

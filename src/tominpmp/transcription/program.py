@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 import scipy.sparse as sp
 
-from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.arrays import Array, BoolArray
 from tominpmp.constraints.final import Arrival, GoalReached
 from tominpmp.constraints.joint_limits import JointLimit
 from tominpmp.motion.trajectory import Trajectory
@@ -189,14 +189,10 @@ class NonlinearProgram:
                 roots += block.curvature(motion, weights)
         return sp.vstack(roots, format="csr")
 
-    @cached_property
-    def first(self) -> IntArray:
-        """Index of the first row of each block."""
-        return np.searchsorted(self.rows.kind, np.arange(len(self.blocks)))
-
     def _by_block(self, values: Array | BoolArray) -> Iterator[tuple[Block, Any]]:
         """Each block, with its part of an array of all rows."""
-        return zip(self.blocks, np.split(values, self.first[1:]), strict=True)
+        ends = np.cumsum([block.bounds[0].size for block in self.blocks])
+        return zip(self.blocks, np.split(values, ends[:-1]), strict=True)
 
     def _chosen(self, values: Array, steps: StepBounds) -> BoolArray:
         """Whether each row enters a linear program, shape (m,).
