@@ -23,13 +23,13 @@ The objective adds two sums of squares, each divided by its initial value:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 import scipy.sparse as sp
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.base import Partials
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.solvers.objective import Model, Objective
@@ -52,12 +52,13 @@ class QuietTorques(Objective):
     """Half the sum of both squares; initially (1 + the weight of the speeds) / 2.
 
     Attributes:
-        times: Instants of the sequence of torques as shares of T, shape (k,).
+        differences: Matrix to the weighted differences of neighbouring torques: from
+            the unknowns if these are torques, otherwise from the rows of the torques.
         torque_norm: Initial norm of the torque differences, by which they are divided.
         speeds: Weighted mean speeds, linear in the unknowns.
     """
 
-    times: Array
+    differences: sp.csr_matrix
     torque_norm: float
     speeds: Variation
 
@@ -70,32 +71,57 @@ class QuietTorques(Objective):
             z: Its iterate.
             feasibility: Largest tolerated violation.
         """
-        times = nlp.transcription.sequence_times(z)
-        torques, _ = _differences(nlp, times, z, nlp.evaluate(z))
-        speeds = mean_speeds(nlp, z)
+        scheme, speeds = nlp.transcription, mean_speeds(nlp, z)
         norm = _norm(speeds.at(z)) / np.sqrt(SPEED_WEIGHT)
         speeds = Variation(speeds.matrix / norm, speeds.offset / norm)
-        return cls(SETTLED, feasibility, times, _norm(torques), speeds)
+        apart, sequence = np.diff(scheme.sequence_times(z)), scheme.torque_sequence
+        weights = np.sqrt(apart.mean() / apart)
+        if sequence is None:  # torques are unknowns
+            jumps = scheme.variation(z).matrix
+            each = np.repeat(weights, jumps.shape[0] // weights.size)
+            differences = sp.csr_matrix(sp.diags(each) @ jumps)
+        else:
+            # Torque rows are in shares of half their ranges.
+            shape = weights.size, weights.size + 1
+            steps = sp.diags([-0.5, 0.5], [0, 1], shape=shape)
+            weighted = sp.diags(weights) @ steps @ sequence
+            unit = sp.identity(nlp.system.n)
+            differences = sp.csr_matrix(sp.kron(weighted, unit))
+        whole = cls(SETTLED, feasibility, differences, 1.0, speeds)
+        torques = differences @ whole._torques(nlp, z, nlp.evaluate(z))
+        return replace(whole, torque_norm=_norm(torques))
 
     def value(self, program: NonlinearProgram, z: Array, values: Array) -> float:
         """Half the sum of the squared residuals."""
-        torques, _ = _differences(program, self.times, z, values)
-        residuals = self._residuals(z, torques)
+        residuals = self._residuals(program, z, values)
         return 0.5 * float(residuals @ residuals)
 
     def model(
         self, program: NonlinearProgram, state: Iterate, linearization: Linearization
     ) -> Model:
         """Gauss-Newton model: squares of residuals linearised at the iterate."""
-        z, times = state.z, self.times
-        torques, matrix = _differences(program, times, z, state.values, linearization)
+        z, matrix = state.z, self.differences
+        if program.transcription.torque_sequence is not None:
+            chosen = np.isin(linearization.rows, self._rows(program))
+            matrix = matrix @ linearization.matrix[chosen]
         parts = [matrix / self.torque_norm, self.speeds.matrix]
         root = sp.vstack(parts, format="csr")
-        gradient = np.asarray(root.T @ self._residuals(z, torques))
+        gradient = np.asarray(root.T @ self._residuals(program, z, state.values))
         return Model(partial(self.value, program), gradient, root, 0.0 * z)
 
-    def _residuals(self, z: Array, torques: Array) -> Array:
+    def _residuals(self, program: NonlinearProgram, z: Array, values: Array) -> Array:
+        torques = self.differences @ self._torques(program, z, values)
         return np.concatenate([torques / self.torque_norm, self.speeds.at(z)])
+
+    def _torques(self, program: NonlinearProgram, z: Array, values: Array) -> Array:
+        """The unknowns, or values of rows, whose differences are taken."""
+        unknown = program.transcription.torque_sequence is None
+        return z if unknown else values[self._rows(program)]
+
+    def _rows(self, program: NonlinearProgram) -> IntArray:
+        """Rows of the torques, but for instants whose rows joined later."""
+        kind = program.rows.kinds.index("torque")
+        return np.flatnonzero(program.rows.kind == kind)[: self.differences.shape[1]]
 
     def within(self, program: NonlinearProgram, steps: StepBounds) -> StepBounds:
         """Steps that keep the duration."""
@@ -105,45 +131,6 @@ class QuietTorques(Objective):
     def restorable(self, program: NonlinearProgram, state: Iterate) -> bool:
         """Whether the iterate is feasible: as T is given, slowing down is no option."""
         return state.violation <= self.feasibility
-
-
-def _differences(
-    nlp: NonlinearProgram,
-    times: Array,
-    z: Array,
-    values: Array,
-    linearization: Linearization | None = None,
-) -> tuple[Array, sp.csr_matrix]:
-    """Weighted differences of neighbouring torques, and their Jacobian.
-
-    Args:
-        nlp: The nonlinear program.
-        times: Instants of the sequence of torques as shares of T, shape (k,).
-        z: Unknowns.
-        values: Row values there.
-        linearization: Jacobian of the rows, with the rows of all torques in order; None
-            if the Jacobian of the differences is not needed.
-    """
-    weights = np.sqrt(np.diff(times).mean() / np.diff(times))
-    sequence, n = nlp.transcription.torque_sequence, nlp.system.n
-    if sequence is None:  # torques are unknowns
-        jumps = nlp.transcription.variation(z).matrix
-        each = np.repeat(weights, jumps.shape[0] // weights.size)
-        matrix = sp.csr_matrix(sp.diags(each) @ jumps)
-        return np.asarray(matrix @ z), matrix
-    rows = np.flatnonzero(nlp.rows.kind == nlp.rows.kinds.index("torque"))
-    count, initial = sequence.shape
-    # Torques at instants whose rows joined later are not compared.
-    rows = rows[: initial * n]
-    # Torque rows are in shares of half their ranges.
-    steps = sp.diags([-0.5, 0.5], [0, 1], shape=(count - 1, count))
-    weighted = sp.diags(weights) @ steps @ sequence
-    of_rows = sp.csr_matrix(sp.kron(weighted, sp.identity(n)))
-    differences = np.asarray(of_rows @ values[rows])
-    if linearization is None:
-        return differences, of_rows
-    chosen = np.isin(linearization.rows, rows)
-    return differences, sp.csr_matrix(of_rows @ linearization.matrix[chosen])
 
 
 def mean_speeds(nlp: NonlinearProgram, z: Array) -> Variation:
