@@ -295,8 +295,8 @@ def hard_program(size, rows, density):
     matrix = sp.random(rows, size, density, random_state=1, format="csc")
     bound, ones = rng.uniform(1.0, 2.0, rows), np.ones(size)
     cost, keys = rng.normal(size=size), np.arange(max(rows, size))
-    ends = -bound, bound, -ones, ones
-    return LinearProgram(cost, matrix, *ends, keys[:rows], keys[:size])
+    columns, ends = (cost, -ones, ones, keys[:size]), (-bound, bound, keys[:rows])
+    return LinearProgram(matrix, *columns, *ends)
 
 
 # Longest wait for the slowest machine [s]; the linear programs would take longer.

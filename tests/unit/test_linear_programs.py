@@ -27,11 +27,12 @@ def program(cost, matrix, row_lower, row_upper, lower, upper):
     ]
     rows, columns = matrix.shape
     return LinearProgram(
-        np.array(cost, dtype=float),
         matrix,
-        *arrays,
-        np.arange(rows),
+        np.array(cost, dtype=float),
+        *arrays[2:],
         np.arange(columns),
+        *arrays[:2],
+        np.arange(rows),
     )
 
 
@@ -122,14 +123,14 @@ def test_basis_survives_other_rows_and_columns():
     p = random_program(rng, rows=60, columns=40)
     keep = np.arange(60) != 50
     smaller = LinearProgram(
-        p.cost,
         sp.csc_matrix(p.matrix.toarray()[keep]),
-        p.row_lower[keep],
-        p.row_upper[keep],
+        p.cost,
         p.lower,
         p.upper,
-        p.row_keys[keep],
         p.column_keys,
+        p.row_lower[keep],
+        p.row_upper[keep],
+        p.row_keys[keep],
     )
     solver = make_solver("highs")
     cold = make_solver("highs").solve(smaller)

@@ -26,14 +26,14 @@ def second_differences(sharpest: float) -> LinearProgram:
     matrix = sp.hstack([sp.diags(scale) @ bend, -eye, eye], format="csc")
     count = 3 * n - 4
     return LinearProgram(
-        np.concatenate([rng.normal(size=n), np.full(2 * (n - 2), 1e-4)]),
         matrix,
-        np.zeros(n - 2),
-        np.zeros(n - 2),
+        np.concatenate([rng.normal(size=n), np.full(2 * (n - 2), 1e-4)]),
         np.concatenate([np.full(n, -0.05), np.zeros(2 * (n - 2))]),
         np.concatenate([np.full(n, 0.05), np.full(2 * (n - 2), np.inf)]),
-        np.arange(n - 2),
         np.arange(count),
+        np.zeros(n - 2),
+        np.zeros(n - 2),
+        np.arange(n - 2),
     )
 
 
@@ -58,13 +58,13 @@ def test_piqp_solves_huge_coefficients_without_the_simplex_method(
 def test_duals_refer_to_the_unscaled_equations() -> None:
     matrix = sp.csc_matrix(np.array([[1e6, 0.0], [1.0, 1.0]]))
     program = LinearProgram(
-        np.array([1.0, 2.0]),
         matrix,
-        np.array([2e6, 3.0]),
-        np.array([2e6, 3.0]),
+        np.array([1.0, 2.0]),
         np.full(2, -10.0),
         np.full(2, 10.0),
         np.arange(2),
+        np.array([2e6, 3.0]),
+        np.array([2e6, 3.0]),
         np.arange(2),
     )
     exact = HighsSolver().solve(program)
@@ -84,14 +84,14 @@ def overlapping_limits() -> LinearProgram:
     rng = np.random.default_rng(0)
     rows = 1e5 * np.tile(rng.normal(size=(60, 30)), (3, 1))
     return LinearProgram(
-        rng.normal(size=30),
         sp.csc_matrix(rows),
-        np.full(180, -np.inf),
-        np.ones(180),
+        rng.normal(size=30),
         np.full(30, -1.0),
         np.ones(30),
-        np.arange(180),
         np.arange(30),
+        np.full(180, -np.inf),
+        np.ones(180),
+        np.arange(180),
     )
 
 

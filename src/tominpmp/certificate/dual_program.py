@@ -173,14 +173,14 @@ class _Program:
         )
         equations = np.zeros(2 * self.N * self.n)
         program = LinearProgram(
-            cost,
             (sp.diags(units) @ rows).tocsc(),
-            units * np.append(equations, limits.lower),
-            units * np.append(equations, limits.upper),
+            cost,
             columns.lower,
             columns.upper,
-            np.arange(rows.shape[0]),
             np.arange(rows.shape[1]),
+            units * np.append(equations, limits.lower),
+            units * np.append(equations, limits.upper),
+            np.arange(rows.shape[0]),
         )
         numbers = (program.matrix.data, program.row_lower, program.row_upper)
         if any(np.any(np.isnan(values)) for values in numbers):

@@ -14,28 +14,28 @@ class LinearProgram:
     """Minimise cost @ x with row_lower <= A x <= row_upper, lower <= x <= upper.
 
     Attributes:
-        cost: Shape (n,).
         matrix: A, shape (m, n).
-        row_lower: Shape (m,); equal to ``row_upper`` for equations.
-        row_upper: Shape (m,).
+        cost: Shape (n,).
         lower: Shape (n,).
         upper: Shape (n,).
-        row_keys: Keys of the rows, shape (m,). They identify the rows in successive
-            programs, so that a basis can be carried over.
-        column_keys: Keys of the columns, shape (n,).
+        column_keys: Keys of the columns, shape (n,). They identify the columns in
+            successive programs, so that a basis can be carried over.
+        row_lower: Shape (m,); equal to ``row_upper`` for equations.
+        row_upper: Shape (m,).
+        row_keys: Keys of the rows, shape (m,).
         curvature: P, positive semidefinite, shape (n, n). Solvers that are ``curved``
             add x^T P x / 2 to the objective; None without curvature.
         accuracy: Duality gap below which the program counts as solved.
     """
 
-    cost: Array
     matrix: sp.csc_matrix
-    row_lower: Array
-    row_upper: Array
+    cost: Array
     lower: Array
     upper: Array
-    row_keys: IntArray
     column_keys: IntArray
+    row_lower: Array
+    row_upper: Array
+    row_keys: IntArray
     curvature: sp.csc_matrix | None = None
     accuracy: float = 1e-6
 

@@ -126,12 +126,12 @@ def _build_program(state: Iterate, linearization: Linearization) -> LinearProgra
     size = steps.lower.size
     keys = np.concatenate([np.arange(size), size + used, size + 2 * rows.size + used])
     return LinearProgram(
-        np.concatenate([state.cost, weights, weights]),
         sp.hstack([matrix, -under, under], format="csc"),
-        low,
-        high,
+        np.concatenate([state.cost, weights, weights]),
         np.concatenate([steps.lower, np.zeros(2 * count)]),
         np.concatenate([steps.upper, np.full(2 * count, np.inf)]),
-        chosen,
         keys,
+        low,
+        high,
+        chosen,
     )

@@ -15,6 +15,7 @@ is always feasible.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -108,25 +109,14 @@ def build_subproblem(
     most = np.maximum(violation[slack_groups] * (1.0 + 1e-9), LEAST_ROOM)
     keys = 2 * _KEY_BLOCK + slack_groups
     columns.append((weights, np.zeros(keys.size), most, keys))
-    cost, lower, upper, column_keys = map(np.concatenate, zip(*columns, strict=True))
-    row_lower, row_upper, row_keys = map(np.concatenate, zip(*bounds, strict=True))
-    matrix = sp.bmat(blocks, format="csc")
-    of_step = model.root[:, free]
+    matrix, of_step = sp.bmat(blocks, format="csc"), model.root[:, free]
     near = sp.diags(model.proximal[free] ** 2, format="csc")
     curved = sp.csc_matrix(of_step.T @ of_step + near)
-    curved.resize(cost.size, cost.size)  # the objective is linear in other columns
-    program = LinearProgram(
-        cost,
-        matrix,
-        row_lower,
-        row_upper,
-        lower,
-        upper,
-        row_keys,
-        column_keys,
-        curved,
-        accuracy,
-    )
+    # The objective is linear in all other columns.
+    curved.resize(matrix.shape[1], matrix.shape[1])
+    parts = (*zip(*columns, strict=True), *zip(*bounds, strict=True))
+    values: list[Any] = [*map(np.concatenate, parts), curved, accuracy]
+    program = LinearProgram(matrix, *values)
     return Subproblem(state, program, free, chosen, body)
 
 
