@@ -217,28 +217,25 @@ class MinimumTime(Objective):
         cost, weight = program.cost, self.jump_weight
         jumps = program.transcription.variation(state.z) if weight > 0.0 else None
         flat, proximal = sp.csr_matrix((0, cost.size)), np.zeros(cost.size)
+
+        def value(z: Array, _: Array) -> float:
+            varied = 0.0
+            if jumps is not None:
+                varied = jumps.squares(z) if self.squared else jumps.total(z)
+            return float(cost @ z) + weight * varied
+
         if jumps is not None and not self.squared:
-            return Model(
-                lambda z, _: float(cost @ z) + weight * jumps.total(z),
-                cost,
-                flat,
-                proximal,
-                jumps,
-                weight,
-            )
+            return Model(value, cost, flat, proximal, jumps, weight)
         lower, upper = linearization.steps
         reach = np.maximum(-lower, upper)
         moving = (reach > 0.0) & (cost == 0.0)
         share = 2.0 * PROXIMAL * state.duration / max(int(moving.sum()), 1)
         proximal[moving] = np.sqrt(share) / reach[moving]
         if jumps is None:
-            return Model(lambda z, _: float(cost @ z), cost, flat, proximal)
-        return Model(
-            lambda z, _: float(cost @ z) + weight * jumps.squares(z),
-            cost + 2.0 * weight * (jumps.matrix.T @ jumps.at(state.z)),
-            math.sqrt(2.0 * weight) * jumps.matrix,
-            proximal,
-        )
+            return Model(value, cost, flat, proximal)
+        slope = jumps.matrix.T @ jumps.at(state.z)
+        root = math.sqrt(2.0 * weight) * jumps.matrix
+        return Model(value, cost + 2.0 * weight * slope, root, proximal)
 
 
 class AnyMotion(MinimumTime):

@@ -119,14 +119,9 @@ class TimeAndEnergy(Objective):
         # A small proximal term determines the unknowns that do not affect the energy.
         trace = np.sqrt(TRACE * energy)
         still = np.divide(trace, box, out=np.zeros(z.size), where=box > 0.0)
-        return Model(
-            value,
-            program.cost + k * gradient,
-            np.sqrt(k) * pace,
-            np.sqrt(k) * still,
-            Variation(kinks, terms[near] - kinks @ z),
-            0.5 * k,
-        )
+        gradient, root = program.cost + k * gradient, np.sqrt(k) * pace
+        variation = Variation(kinks, terms[near] - kinks @ z)
+        return Model(value, gradient, root, np.sqrt(k) * still, variation, 0.5 * k)
 
     def restored(self, program: NonlinearProgram, state: Iterate) -> Iterate:
         """The motion slowed down, unless that costs more than its violations are worth.

@@ -332,9 +332,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
     def states(self, motion: SplineMotion, at: Instants, order: int) -> States:
         """States at instants."""
         empty = np.zeros((0, self._n))
-        parts = [empty, empty, empty]
-        for k in range(min(order, 2) + 1):
-            parts[k] = motion.values(at, k)
+        parts = (motion.values(at, k) if k <= order else empty for k in range(3))
         return States(at.times(motion.h) + self.delays[at.interval], *parts)
 
     def pull_back(

@@ -207,12 +207,11 @@ class CollocationTranscription(TorqueTranscription):
     def _interval_columns(self) -> IntArray:
         """Indices of the unknowns on which each interval depends, (N, 5n + m)."""
         N, n = self.intervals, self._n
-        states = (N + 1) * 2 * n
-        k = np.arange(N)[:, None]
-        ends = k * 2 * n + np.arange(4 * n)
-        torques = states + k * n + np.arange(n)
-        lengths = np.broadcast_to(states + N * n + np.arange(self._m), (N, self._m))
-        return np.concatenate([ends, torques, lengths], axis=1)
+        states, torques, lengths = np.split(
+            np.arange(self.size), [(N + 1) * 2 * n, self.size - self._m]
+        )
+        x, u, eta = states.reshape(N + 1, -1), torques.reshape(N, n), lengths[None]
+        return np.hstack([x[:-1], x[1:], u, eta.repeat(N, axis=0)])
 
     def interval_rows(
         self, entries: Array, interval: IntArray, by_eta: Array | float = 0.0
