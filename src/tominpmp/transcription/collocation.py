@@ -207,9 +207,8 @@ class CollocationTranscription(TorqueTranscription):
     def _interval_columns(self) -> IntArray:
         """Indices of the unknowns on which each interval depends, (N, 5n + m)."""
         N, n = self.intervals, self._n
-        states, torques, lengths = np.split(
-            np.arange(self.size), [(N + 1) * 2 * n, self.size - self._m]
-        )
+        ends = (N + 1) * 2 * n, self.size - self._m
+        states, torques, lengths = np.split(np.arange(self.size), ends)
         x, u, eta = states.reshape(N + 1, -1), torques.reshape(N, n), lengths[None]
         return np.hstack([x[:-1], x[1:], u, eta.repeat(N, axis=0)])
 
