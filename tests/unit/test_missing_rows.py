@@ -99,6 +99,43 @@ def test_inspection_of_jumps_misses_no_violated_instant(control, pace) -> None:
         assert largest == pytest.approx(max(worst.values()), rel=1e-12)
 
 
+# A wedge at the end of an arm of 1 m.
+WEDGE = """<robot name="sweeper"><link name="base"/><link name="blade">
+<inertial><origin xyz="0.5 0 0"/><mass value="1"/>
+<inertia ixx="0.01" ixy="0" ixz="0" iyy="0.09" iyz="0" izz="0.09"/></inertial>
+<collision><origin xyz="0.9 0 0" rpy="0 0 0.7853981633974483"/>
+<geometry><box size="0.14142135623731 0.14142135623731 0.02"/></geometry></collision>
+</link><joint name="turn" type="revolute"><parent link="base"/><child link="blade"/>
+<axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="50" velocity="10"/></joint>
+<link name="tip"/><joint name="end" type="fixed"><parent link="blade"/>
+<child link="tip"/><origin xyz="1 0 0"/></joint></robot>"""
+
+
+def test_corners_that_pass_each_other_within_a_step_get_a_row(tmp_path) -> None:
+    # At 8 m/s the corners are closer than the margin for 0.1 ms, by 0.15 mm.
+    (tmp_path / "sweeper.urdf").write_text(WEDGE)
+    arm, margin, size = tm.load_robot(tmp_path / "sweeper.urdf"), 1e-3, 0.1
+    for angle in np.linspace(0.9, 1.1, 10):
+        placement, turn = np.eye(4), angle + 0.25 * np.pi
+        placement[:2, 0] = np.cos(turn), np.sin(turn)
+        placement[:2, 1] = -np.sin(turn), np.cos(turn)
+        away = 1.0 + 0.85 * margin + size / np.sqrt(2.0)
+        placement[:2, 3] = away * np.cos(angle), away * np.sin(angle)
+        corner = tm.Box("corner", position=placement, size=3 * [size])
+        goal = tm.JointGoal([2.0])
+        problem = tm.Problem(arm, [0.0], goal, scene=[corner], margin=margin)
+        system = ProblemFunctions.of(problem).padded(0.01)
+        options = Options(intervals=20, control="linear")
+        guess = straight_guess(system, goal.configuration)
+        program, z = first_program(system, options, guess)
+        blocks = program.at(z).blocks
+        clearance = next(block for block in blocks if block.name == "clearance")
+        inspection = Inspection(clearance, program.transcription.motion(z))
+        found = inspection.worst_instants()
+        assert found.size == 1
+        assert inspection.excess(found).max() * system.reach > 1e-4
+
+
 def test_torque_rates_are_inspected_on_their_own_segment() -> None:
     def reaching(first: float, second: float) -> tm.Problem:
         there = [0.8, -1.0, 1.2, -1.6, -1.5, 0.5], [1.5, -1.3, 1.4, -1.6, -1.5, 0.5]

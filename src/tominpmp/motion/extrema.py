@@ -79,14 +79,17 @@ def between_samples(missing: Array, tolerance: float, close: float) -> IntArray:
         missing: Violations, with a row for each instant in the order of time, shape (m,
             count).
         tolerance: Tolerated violation.
-        close: Slack beyond which values are only bounds, and are ignored.
+        close: Slack beyond which values are only bounds: the largest rise within half a
+            step.
 
     Returns:
         Indices of the instants.
     """
     # Tables may be large, and most pairs are far apart at all times.
     missing = missing[:, np.max(missing, axis=0, initial=-np.inf) > -close]
-    step = np.diff(missing, axis=0)
+    near = missing > -close
+    # A bound may be far above its value: from there a value may rise by a whole step.
+    step = np.diff(np.where(near, missing, -3.0 * close), axis=0)
     np.abs(step, out=step)
     change = np.zeros_like(missing)
     change[1:] = step
@@ -94,6 +97,4 @@ def between_samples(missing: Array, tolerance: float, close: float) -> IntArray:
     # Half a step away a value that rises evenly has risen by half of its change.
     change *= 0.5
     change += missing
-    exceeding = change > tolerance
-    exceeding &= missing > -close
-    return np.flatnonzero(np.any(exceeding, axis=1))
+    return np.flatnonzero(np.any((change > tolerance) & near, axis=1))

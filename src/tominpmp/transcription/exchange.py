@@ -46,14 +46,14 @@ SAMPLES = 4
 # collision pairs, beyond the required clearance [m], the second for other values.
 CLOSE, CLOSE_VALUE = 1e-3, 1e-2
 # Instants of the closer inspection around an instant, in shares of the step.
-CLOSER_LOOK = np.arange(8) / 8 - 0.5
+CLOSER_LOOK = (np.arange(8) + 0.5) / 8 - 0.5
 # Instants closer than this share of an interval count as one. Instants of distances
 # count as one only if they are closer than this time as well [s]: a tip at 20 m/s moves
 # by 3 cm during this share of an interval.
 APART = 0.03
 APART_IN_TIME = 2e-5
-# Where obstacles move, the step is refined until they move in it by no more than this
-# share of the padding, at most this number of times.
+# The step is refined until obstacles move in it, or values rise in half of it, by no
+# more than this share of the padding, at most this number of times.
 FINE, CUTS = 0.25, 2
 # Least and largest number of instants inspected in one pass, and largest number of
 # entries in a table of instants by values: tables take memory, and the verification
@@ -197,7 +197,9 @@ class Inspection:
         The step is refined around instants near which a bound may be violated. Between
         two samples, values are assumed to rise no faster than from one sample to the
         next, and clearances to moving obstacles to shrink no faster than the obstacles
-        move. For obstacles at rest, the step is refined only once.
+        move. While no violation is found, the step is refined further where values may
+        rise by more than a share of the padding between two samples: a corner that
+        passes another one is near for a fraction of a millisecond.
         """
         constraint, of, h = self.constraint, self.block.scheme, self.motion.h
         usable, most = constraint.usable, most_instants(constraint.count)
@@ -223,19 +225,22 @@ class Inspection:
             near = np.zeros(0, dtype=np.int64)
             if not found:
                 near = between_samples(violation, 0.0, attention)
+            elif not any(instants.size for instants, _ in found):
+                near = between_samples(violation, room, attention)
             found.append((at[over], violation[over]))
             step = width * h[at.interval]
-            if float(np.max(step, initial=0.0)) * rise > room and len(found) <= CUTS:
+            if float(np.max(step, initial=0.0)) * rise > room:
                 ahead = excess[:, moving] + 0.5 * step[:, None] * rises[moving]
                 near = np.union1d(near, np.flatnonzero(np.max(ahead, axis=1) > 0.0))
-            if not near.size:
-                instants, violations = zip(*found, strict=True)
-                return reduce(Instants.joined, instants), np.concatenate(violations)
+            if not near.size or len(found) > CUTS:
+                every, violations = zip(*found, strict=True)
+                return reduce(Instants.joined, every), np.concatenate(violations)
             near = _worst(near, violation, CLOSER_LOOK.size, most)
             share = at.share[near, None] + CLOSER_LOOK * width[near, None]
             at = Instants(np.repeat(at.interval[near], CLOSER_LOOK.size), share.ravel())
             width = np.repeat(width[near], CLOSER_LOOK.size) / CLOSER_LOOK.size
-            attention = 0.5 * float(np.max(width * h[at.interval])) * rise
+            approach = 0.5 * float(np.max(width * h[at.interval])) * rise
+            attention = max(attention / CLOSER_LOOK.size, approach)
 
     def excess(self, at: Instants, attention: float = np.inf) -> Array:
         """Excess of the values over their bounds at any instants, shape (m, p)."""
