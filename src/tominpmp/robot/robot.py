@@ -29,7 +29,6 @@ from tominpmp.description.from_pinocchio import describe_model
 from tominpmp.description.inertials import check_inertia, warn_of_inertia
 from tominpmp.description.joint_table import (
     LOSSES,
-    OVERRIDES,
     JointLimits,
     JointTable,
     JointValues,
@@ -338,8 +337,15 @@ class Robot(Record):
             JointNotFound: If a joint is unknown.
             RobotLoadError: If the inertia becomes singular.
         """
-        arguments = locals()
-        values = {name: arguments[name] for name in OVERRIDES}
+        values = {
+            "damping": damping,
+            "armature": armature,
+            "friction": friction,
+            "effort": effort,
+            "velocity": velocity,
+            "position_lower": position_lower,
+            "position_upper": position_upper,
+        }
         check_kinematic(self.kinematic, values)
         linkage = Linkage.resolve(self.description, self.locked_joints)
         table = self._table().overridden(linkage.reasons(), values)
@@ -471,20 +477,20 @@ def assembled(
     """
     description = linkage.description
     model = build_model(description, linkage.locked)
-    joint_names, *ties = expansion(model, linkage)
-    is_identity = joint_names == tuple(model.names)[1:]
+    joint_names, matrix, offset = expansion(model, linkage)
     if not joint_names:
         description.fail("no joint is left that moves")
     joints = table_for(joint_names)
-    configure_model(model, joints, gravity, *ties)
+    configure_model(model, joints, gravity, matrix, offset)
+    is_identity = joint_names == tuple(model.names)[1:]
     values |= {loss: joints[loss] for loss in LOSSES}
     return Robot(
         model=model,
         joint_names=joint_names,
         limits=JointLimits(*joints.ends, joints["velocity"], *joints["effort"].T),
         gravity=gravity,
-        expansion_matrix=None if is_identity else ties[0],
-        expansion_offset=None if is_identity else ties[1],
+        expansion_matrix=None if is_identity else matrix,
+        expansion_offset=None if is_identity else offset,
         locked_joints=linkage.locked,
         description=description,
         srdf=None if srdf is None else srdf.for_joints(joint_names),
@@ -760,8 +766,15 @@ def load_robot(
         JointNotFound: If a joint is unknown.
         MissingDependency: If it is a xacro file and the extra is not installed.
     """
-    arguments = locals()
-    values = {name: arguments[name] for name in OVERRIDES}
+    values = {
+        "damping": damping,
+        "armature": armature,
+        "friction": friction,
+        "effort": effort,
+        "velocity": velocity,
+        "position_lower": position_lower,
+        "position_upper": position_upper,
+    }
     check_kinematic(kinematic, values)
     loaded = read_source(source, package_dirs, srdf, geometry, xacro_args)
     linkage = loaded.linkage(group, {} if locked_joints is None else locked_joints)
