@@ -36,6 +36,10 @@ def test_missing_visual_meshes_warn_and_missing_collision_meshes_fail(
     assert "link base_link, visual" in message
     assert message.count("('package://my_arm/a.stl')") == min(text.count(MESH), 5)
     assert "package_dirs" in message
+    # Long names leave room for the advice at the end.
+    many = text.replace("</link>", f"{f'<visual>{MESH}</visual>' * 20}</link>")
+    message = warning_of(many.replace("base_link", "base_link" * 20), tmp_path)
+    assert re.search(r"; and \d+ more; folders .* package_dirs$", message)
     # A collision mesh must exist.
     path = tmp_path / "own.urdf"
     path.write_text(

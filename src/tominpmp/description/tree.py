@@ -299,8 +299,9 @@ UNSEEN = (
 )
 
 
-# Most places that a warning names.
-MOST_PLACES = 20
+# Most places that a warning names, and characters from which it names fewer: shapes
+# with their files are longer than joints, and the end of the warning says what to do.
+MOST_PLACES, LONG_PLACES = 20, 1500
 
 
 def warn_of(remarks: Mapping[str, Sequence[str]], path: Path) -> None:
@@ -312,7 +313,10 @@ def warn_of(remarks: Mapping[str, Sequence[str]], path: Path) -> None:
     """
     for remark, places in remarks.items():
         if places:
-            warn_caller(f"{path}: {remark.format(enumerated(places, MOST_PLACES))}")
+            named = enumerated(places, MOST_PLACES)
+            if len(named) > LONG_PLACES:
+                named = enumerated(places)
+            warn_caller(f"{path}: {remark.format(named)}")
 
 
 def fixed_joint(
