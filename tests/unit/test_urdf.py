@@ -358,7 +358,11 @@ def test_srdf_groups_states_and_disabled_pairs_are_read(tmp_path: Path) -> None:
         (
             "<robot><group_state name='a'><joint name='j1' value='x'/></group_state>"
             + "</robot>",
-            "group_state a: joint value='x', expected a number",
+            "group_state a, joint j1: joint value='x', expected a number",
+        ),
+        (
+            "<robot><rotor_params><joint name='j1' mass='-1'/></rotor_params></robot>",
+            "rotor_params, joint j1: joint mass='-1', expected a number from 0 to",
         ),
         (
             "<robot><disable_collisions link1='x' link2='y'/></robot>",

@@ -177,10 +177,11 @@ class SemanticDescription(Record):
         elif len(names) == 2 and valid and {*names} <= {*description.links}:
             joints = moving & description.joints_between(*names)
         else:
+            fault = unknown("group", group, list(self.groups), "the robot has")
             raise OptionsError(
-                f"group: {unknown('group', group, list(self.groups), 'the robot has')}"
-                "; or give an SRDF file with groups as srdf, the name of the last link "
-                "of a chain, two links (base, tip), or names of joints",
+                f"group: {fault}; or give an SRDF file with groups as srdf, the name "
+                "of the last link of a chain, two links (base, tip), or names of "
+                "joints",
                 "group",
             )
         if not joints:
@@ -355,17 +356,20 @@ class _SrdfReader:
                 joint_name = context.text(joint, "name", where)
                 # A floating joint has seven values, and cannot be planned for.
                 if joint_name in self.moving:
-                    context.text(joint, "value", where)
-                    (state[joint_name],) = context.numbers(joint, "value", where)
+                    of_joint = f"{where}, joint {joint_name}"
+                    context.text(joint, "value", of_joint)
+                    (state[joint_name],) = context.numbers(joint, "value", of_joint)
         return states
 
     def _rotor_inertias(self) -> dict[str, float]:
         """Inertia of rotors times the squared gear ratio, as in Pinocchio."""
-        context, where, inertias = self.context, "rotor_params", {}
+        context, inertias = self.context, {}
         for joint in self.root.findall(".//rotor_params//joint"):
+            name = context.text(joint, "name", "rotor_params")
+            where = f"rotor_params, joint {name}"
             (inertia,) = context.numbers(joint, "mass", where, low=0.0)
             (ratio,) = context.numbers(joint, "gear_ratio", where)
-            inertias[context.text(joint, "name", where)] = inertia * ratio**2
+            inertias[name] = inertia * ratio**2
         return inertias
 
     def _group(self, name: str) -> JointGroup:
