@@ -11,6 +11,7 @@ import yaml
 
 import tominpmp as tm
 from benchmarks import every_description
+from tominpmp.description.files import find_robot
 
 NAMESPACE = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
 ARM = f"""<?xml version="1.0"?>
@@ -175,8 +176,11 @@ def test_srdf_beside_the_xacro_file_is_found(arm: Path) -> None:
 def test_unknown_xacro_arguments_are_rejected(arm: Path) -> None:
     with pytest.raises(tm.OptionsError, match=r"'prefx' .did you mean prefix"):
         tm.load_robot(arm, xacro_args={"prefx": "a"})
-    with pytest.raises(tm.OptionsError, match="not a xacro file"):
-        tm.load_robot("planar3r", xacro_args={"prefix": "a"})
+    plain = find_robot("planar3r").urdf.read_text()
+    without = plain.replace("<link", f"<xacro:if {NAMESPACE} value='0'/><link", 1)
+    for source in ("planar3r", without):
+        with pytest.raises(tm.OptionsError, match="files declare no xacro argument"):
+            tm.load_robot(source, xacro_args={"prefix": "a"})
     with pytest.raises(tm.OptionsError, match="expected values by name"):
         tm.load_robot(arm, xacro_args="prefix:=a")  # type: ignore[arg-type]
 

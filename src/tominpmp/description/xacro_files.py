@@ -82,7 +82,7 @@ class Arguments(dict[str, str]):
             known = sorted(self.declared or ())
             fault = unknown("xacro argument", name, known, "its files have")
             if self.declared is None:
-                fault = "it is not a xacro file, so it has no arguments"
+                fault = "its files declare no xacro argument (<xacro:arg>)"
             raise OptionsError(f"{path}: {fault}", "xacro_args")
 
 
