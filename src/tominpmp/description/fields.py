@@ -49,9 +49,11 @@ class Field:
         # The message may begin with names of the value, and of the tables around it.
         names = self.key.split(".")
         paths = [".".join(names[k:]) for k in range(len(names))]
-        subjects = [f"{path} " for path in paths if "." in path]  # others are words
-        for said in (*(f"{name}: " for name in (*names, *paths)), *subjects):
-            message = message.removeprefix(said)
+        repeated = [f"{name}: " for name in (*names, *paths)]
+        # A name without a point may be a word of the message.
+        repeated += [f"{path} " for path in paths if "." in path]
+        for beginning in repeated:
+            message = message.removeprefix(beginning)
         text = f"{self.path}: {key}{message}"
         raise ScenarioError(text, self.path, self.key or None)
 

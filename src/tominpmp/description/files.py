@@ -70,6 +70,7 @@ _EXAMPLE_ALIASES: dict[str, tuple[str, ...]] = {
 # modules with their files; the first one is read.
 MODULE_ENDING = "_description"
 _PATHS = ("URDF_PATH", "XACRO_PATH", "MJCF_PATH")
+# Sources of a robot, in messages.
 EXPECTED = (
     "the name of a robot, the path or the text of a URDF file, a pinocchio.Model, a "
     "yourdfpy.URDF or a module of robot_descriptions with a URDF_PATH, XACRO_PATH or "

@@ -35,10 +35,11 @@ def check_expanded(path: Path, data: bytes) -> None:
     size = 0.0
     if suffix == ".dae":
         size = _collada_size(parse_xml(data, path))
-    elif suffix in (".glb", ".gltf"):
-        end = 20 + int.from_bytes(data[12:16], "little")
-        document = data[20:end] if suffix == ".glb" else data
-        size = _gltf_size(json.loads(document), path)
+    elif suffix == ".glb":
+        length = int.from_bytes(data[12:16], "little")
+        size = _gltf_size(json.loads(data[20 : 20 + length]), path)
+    elif suffix == ".gltf":
+        size = _gltf_size(json.loads(data), path)
     most = MAX_EXPANDED + 2 * len(data)
     if size > most:
         raise ValueError(

@@ -25,6 +25,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from graphlib import CycleError, TopologicalSorter
 from io import BytesIO
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element, fromstring, tostring
@@ -139,7 +140,9 @@ FORMS = {
     "child": Form(("link",)),
     "origin": Form(numbers={"xyz": _ZEROS, "rpy": _ZEROS}),
     "axis": Form(numbers={"xyz": (1.0, 0.0, 0.0)}),
-    "limit": Form((), dict.fromkeys(_LIMITS, _UNKNOWN), -math.inf, math.inf),
+    "limit": Form(
+        numbers=dict.fromkeys(_LIMITS, _UNKNOWN), low=-math.inf, most=math.inf
+    ),
     "dynamics": Form(numbers={"damping": _ZERO, "friction": _ZERO}, low=0.0),
     "mimic": Form(("joint",), {"multiplier": (1.0,), "offset": _ZERO}),
 }
@@ -245,7 +248,8 @@ class _UrdfReader:
 
         only_text = {"build_scene_graph": False, "load_meshes": False}
         robot = yourdfpy.URDF.load(source, **only_text).robot
-        gravity, own = None, root.find("tominpmp[@gravity]")
+        gravity = None
+        own = root.find("tominpmp[@gravity]")
         if own is not None:
             gravity = context.numbers(own, "gravity", "robot", _ZEROS)
         description = UrdfDescription(
@@ -591,9 +595,10 @@ def _add_shape(
 ) -> None:
     """Add a shape, and the file of its mesh if that has none yet."""
     if shape.kind != "mesh":
-        counts = SIZES[shape.kind]
-        sizes = np.split(np.array(shape.sizes), np.cumsum([*counts.values()])[:-1])
-        add(element, shape.kind, **dict(zip(counts, sizes, strict=True)))
+        sizes = iter(shape.sizes)
+        counts = SIZES[shape.kind].items()
+        named = {name: [*islice(sizes, count)] for name, count in counts}
+        add(element, shape.kind, **named)
         return
     item = add(element, "mesh", scale=shape.sizes, filename=shape.file)
     if shape.corners is not None and shape.faces is not None:

@@ -150,8 +150,8 @@ class XmlContext:
     ) -> tuple[float, ...]:
         """Read an attribute with as many numbers as its default, in a range.
 
-        A missing attribute has its default. The range is infinite where the numbers may
-        be.
+        A missing attribute has its default. The ends of the range, ``low`` and
+        ``most``, are infinite for numbers that may be infinite.
         """
         if attribute not in element.attrib:
             return default
