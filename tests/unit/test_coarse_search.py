@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import islice
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -49,6 +50,23 @@ def test_repeated_guess_does_not_count_as_a_failed_start(coarse):
     other = replace(guess, q=guess.q + 1e-9)
     carried_out(search.state, search.probes([guess, other], patience=1))
     assert search.state.records is not before
+
+
+@pytest.mark.parametrize(
+    ("duration", "paths"), [(1.02, 1), (1.29, 1), (1.31, 2), (1.75, 3), (2.5, 6)]
+)
+def test_more_paths_may_fail_the_farther_the_motion_is_above_the_bound(duration, paths):
+    post = tm.Sphere("post", radius=0.05, position=(-9.0, -9.0, 0.0))
+    goal = tm.JointGoal(np.full(6, 0.5))
+    problem = tm.Problem(tm.load_robot("ur5"), np.zeros(6), goal, scene=[post])
+    options = resolve_options(problem, tm.Options())
+    state = PlanState(problem, options)
+    search = CoarseSearch(ProblemFunctions.of(problem), state, torques=False)
+    bound = SimpleNamespace(T=1.0)
+    search.state = SimpleNamespace(
+        best_duration=duration, lower_bound=lambda problem: bound
+    )
+    assert search.patience == paths
 
 
 def record(search, **changes):
