@@ -241,14 +241,15 @@ def test_wrong_robots_are_rejected(planar3r: Robot) -> None:
             "another one for each",
         ),
         ({"a": (planar3r, here), "b": (planar3r, here)}, "the bases of 'a' and 'b'"),
-        ({"a": planar3r}, "got .'a', <Robot .*, expected .name, robot, base"),
+        ({"a": planar3r}, r"robots\['a'\] is <Robot .*, expected .robot, base"),
+        ({"a": (planar3r,)}, r"robots\['a'\] is .*, expected .robot, base"),
         ({"a/b": (planar3r, here)}, "expected a text without '/'"),
         ({}, "expected a list of .name, robot, base"),
         (planar3r, "expected a list of .name, robot, base"),
     ):
         with pytest.raises(ProblemError, match=message) as caught:
             Workcell(robots)  # type: ignore[arg-type]
-        assert caught.value.field == "robots"
+        assert caught.value.field in ("robots", "robots['a']")
 
 
 def test_wrong_goals_and_starts_name_the_robot(cell: Workcell) -> None:

@@ -18,7 +18,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Converted, Record, default, record
-from tominpmp.checks import VectorLike, instance
+from tominpmp.checks import VectorLike, instance, wrong
 from tominpmp.combined_robots import base_placement, combine_robots
 from tominpmp.description.joint_table import stack_parts
 from tominpmp.exceptions import ProblemError, brief, naming, unknown
@@ -75,11 +75,10 @@ class Workcell(Record):
         """Check the robots and combine them."""
         parts: Any = self.robots
         if isinstance(parts, Mapping):
-            # An item that is not a pair is refused with the other faults of parts.
-            parts = [
-                (name, *(item if isinstance(item, tuple | list) else [item]))
-                for name, item in parts.items()
-            ]
+            for name, item in parts.items():
+                if not isinstance(item, tuple | list) or len(item) != 2:
+                    raise wrong(item, f"robots[{brief(name)}]", "(robot, base)")
+            parts = [(name, *item) for name, item in parts.items()]
         robot = combine_robots(parts, gravity=self.gravity)
         placed = {name: (arm, base_placement(name, base)) for name, arm, base in parts}
         robots = MappingProxyType(placed)
