@@ -135,12 +135,25 @@ def test_constraints_are_read_from_the_command_line():
         (lambda: tm.JointCoupling(("a", "b"), (1.0,), 1.0), "weights"),
         (lambda: tm.JointCoupling(("a",), (1.0,), 1.0, 2.0), "lower is 2 and upper 1"),
         (lambda: tm.JointCoupling(("a",), (1.0,), math.nan), "lower is"),
-        (lambda: tm.JointCoupling(("a",), (1.0,), math.inf), "one may be infinite"),
+        (
+            lambda: tm.JointCoupling(("a",), (1.0,), math.inf),
+            "only one may be infinite",
+        ),
     ],
 )
 def test_wrong_value_of_a_constraint_is_named(make, words):
     with pytest.raises(ProblemError, match=words):
         make()
+
+
+@pytest.mark.parametrize(
+    ("bounds", "field"),
+    [((math.inf,), "upper"), ((1.0, 2.0), "lower"), ((1.0, math.nan), "lower")],
+)
+def test_wrong_bound_of_a_coupling_is_a_given_one(bounds, field):
+    with pytest.raises(ProblemError) as error:
+        tm.JointCoupling(("a",), (1.0,), *bounds)
+    assert error.value.field == field
 
 
 def test_unknown_joint_of_a_coupling_is_named(ur5):

@@ -56,8 +56,8 @@ class JointCoupling(PathConstraint):
         if not self.lower <= self.upper or not bounded:
             raise ProblemError(
                 f"lower is {self.lower:g} and upper {self.upper:g}, expected the lower "
-                "bound below the upper one, or equal bounds; one may be infinite",
-                "lower",
+                "bound below the upper one, or equal bounds; only one may be infinite",
+                "lower" if bounded else "upper",
             )
 
     @property
