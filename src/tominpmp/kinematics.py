@@ -294,9 +294,13 @@ class FrameMotions:
         return robot.expand(q), *map(robot.expand_tangent, rows)
 
 
+# The matrices of x -> e_i x x for the axes e_i.
+_CROSS = np.cross(np.eye(3), np.eye(3)[:, None])
+
+
 def skew(rows: Array) -> Array:
     """Matrices of x -> r x x for vectors r, shape (m, 3) to (m, 3, 3)."""
-    return np.cross(np.eye(3), rows[:, None])
+    return np.tensordot(rows, _CROSS, 1)
 
 
 def times(matrices: Array, rows: Array) -> Array:
