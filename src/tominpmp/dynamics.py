@@ -300,8 +300,8 @@ class RobotDynamics:
 
         By the implicit function theorem on the inverse dynamics,
         :math:`\dot v_q = -M^{-1} \tau_q`, :math:`\dot v_v = -M^{-1} \tau_v` and
-        :math:`\dot v_u = M^{-1}`; for robots without mimic joints Pinocchio's
-        derivatives of ABA, which need no solve, are used.
+        :math:`\dot v_u = M^{-1}`; for robots without mimic joints that have torques,
+        Pinocchio's derivatives of ABA, which need no solve, are used.
 
         Args:
             x: States (q, v), shape (m, 2n).

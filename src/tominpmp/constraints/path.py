@@ -338,7 +338,11 @@ class PathConstraint(Record, Constraint):
     def _partials(
         self, rows: Sequence[Array], chosen: tuple[IntArray, IntArray], at: IntArray
     ) -> Partials:
-        """Partial derivatives, from those by q, v and a at distinct instants."""
+        """Partial derivatives, from those by q, v and a at distinct instants.
+
+        ``chosen`` holds, for each value, the place of its instant among them and the
+        index of the value.
+        """
         by_q, by_v, by_a = (
             part[chosen].reshape(at.size, -1) if part.size else None for part in rows
         )
