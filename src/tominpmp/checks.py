@@ -186,9 +186,10 @@ def non_negative(
     """Check a number of zero or more, below a bound, with its unit in the message.
 
     Raises:
-        ProblemError: If it is not a number, negative, or too large.
+        ProblemError: If it is not a number, negative, too large, or infinite.
     """
-    expected = "a number >= 0" + ("" if math.isinf(below) else f" and < {below:.4g}")
+    bounded = f"a number >= 0 and < {below:.4g}"
+    expected = "a finite number >= 0" if math.isinf(below) else bounded
     expected += f" [{unit}]" if unit else ""
     return number(value, name, expected, least=0.0, most=math.nextafter(below, 0.0))
 

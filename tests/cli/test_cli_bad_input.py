@@ -121,7 +121,7 @@ BAD = {
     ),
     "margin below zero": (
         "plan planar3r --start start --goal 1,1,1 --margin -1",
-        "error: --margin is -1.0, expected a number >= 0",
+        "error: --margin is -1.0, expected a finite number >= 0",
     ),
     "group of strangers": (
         "info planar3r --group joint1,elbow",

@@ -231,7 +231,9 @@ def test_scenario_is_checked_after_its_changes_by_flags(
     found = run("plan", "s.toml", *words, "--no-output")
     assert (found.exit_code, found.stderr) == (0, "")
     wrong = run("plan", "s.toml", "--margin", "-1")
-    assert wrong.stderr.startswith("error: --margin is -1.0, expected a number >= 0")
+    assert wrong.stderr.startswith(
+        "error: --margin is -1.0, expected a finite number >= 0"
+    )
 
 
 FOLDED = [0.0, -1.2, 2.9, 0.0, 0.0, 0.0]

@@ -73,12 +73,18 @@ def test_start_may_have_a_velocity(planar3r: Robot) -> None:
         ({"goal": (1, 2, 3)}, "goal", r"goal is \(1, 2, 3\), expected a JointGoal"),
         ({"goal": None}, "goal", "goal is None"),
         ({"scene": {"o": 1}}, "scene", "scene is {'o': 1}, expected a Sc"),
-        ({"margin": -0.1}, "margin", r"margin is -0.1, expected a number >= 0 \[m\]"),
+        (
+            {"margin": -0.1},
+            "margin",
+            r"margin is -0.1, expected a finite number >= 0 \[m\]",
+        ),
         ({"margin": np.nan}, "margin", "margin is nan"),
         ({"margin": np.inf}, "margin", "margin is inf"),
         ({"margin": None}, "margin", "margin is None"),
         ({"margin": "0.1"}, "margin", "margin is '0.1'"),
         ({"margin": [0.1]}, "margin", r"margin is \[0.1\]"),
+        ({"segments": "via"}, "segments", "segments is 'via', expected a list of Segm"),
+        ({"segments": [None] * 101}, "segments", "has 101 items, expected .* 100 at m"),
     ],
 )
 def test_arguments_of_wrong_type_are_refused(

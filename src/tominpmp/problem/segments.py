@@ -185,10 +185,12 @@ def checked_segments(value: Any, name: str = "segments") -> tuple[Segment, ...]:
         ProblemError: If the value is not a list of segments, holds too many segments,
             or a latest arrival cannot be met.
     """
-    listed = isinstance(value, Sequence) and not isinstance(value, str)
-    if not listed or len(value) > MOST_SEGMENTS:
-        expected = f"a list of Segment, one for each goal, {MOST_SEGMENTS} at most"
+    expected = f"a list of Segment, one for each goal, {MOST_SEGMENTS} at most"
+    if isinstance(value, str) or not isinstance(value, Sequence):
         raise wrong(value, name, expected)
+    if len(value) > MOST_SEGMENTS:
+        message = f"{name} has {len(value)} items, expected {expected}"
+        raise ProblemError(message, name)
     for k, item in enumerate(value):
         instance(item, Segment, f"{name}[{k}]")
     _check_arrivals(value)
