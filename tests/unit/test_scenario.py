@@ -565,7 +565,7 @@ joint_limits:
             "options.callback",
             "expected a function",
         ),
-        (("[robot]", "margin = -1\n[robot]"), "margin", "expected a number >= 0"),
+        (("[robot]", "margin = -1\n[robot]"), "margin", "a finite number >= 0"),
         (("[robot]", 'margin = "x"\n[robot]'), "margin", "a finite number"),
         (
             ("[goal]", "[motion_limits]\nacceleration = -1\n[goal]"),
