@@ -484,6 +484,7 @@ def test_batch_command_names_broken_scenarios_and_reads_lists(
     assert data["found"] == 2 and data["outcomes"][1]["name"] == "cells/more/c"
     files = [str(file) for file in tm.Dataset(results).files]
     assert [outcome["path"] for outcome in data["outcomes"]] == files
+    assert [outcome["file"] for outcome in data["outcomes"]] == files
     # Patterns may be absolute, too, and follow the rules of a shell.
     (cells / ".draft.toml").write_text("")
     absolute = tmp_path / "absolute.toml"

@@ -17,7 +17,7 @@ from tominpmp.cell.tours.tour import Tour
 from tominpmp.cell.tours.tour_file import load_tour
 from tominpmp.cli.options import PlanOptions
 from tominpmp.cli.output_files import STDOUT, motion_file, write_files
-from tominpmp.cli.report import json_text, rows_text
+from tominpmp.cli.report import json_text, plain, rows_text
 from tominpmp.cli.signals import present
 from tominpmp.cli.terminal import (
     INTERRUPTED,
@@ -88,7 +88,9 @@ def run_batch(source: Path, options: Mapping[str, Any], args: BatchOptions) -> i
         "seconds": time.perf_counter() - begin,
     }
     if args.json:
-        say(json_text(data | {"outcomes": rows}))
+        # Scripts read the path under the name "file", too, its only name at first.
+        each = [plain(row) | {"file": row.path} for row in rows]
+        say(json_text(data | {"outcomes": each}))
     else:
         for row in failed[:MOST_NAMED]:
             complain("no motion", f"{row.name}: {row.message}", "bold yellow")
