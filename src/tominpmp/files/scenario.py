@@ -633,9 +633,11 @@ def _overrides(robot: Robot, locked: Mapping[str, float]) -> dict[str, Any]:
 
 
 MAX_BYTES = 16 * 2**20
+# Keys of a scenario in the order in which they are written. A batch finds its results
+# by the text of the scenario: in another order it loses the results of older versions.
 SECTIONS = (
-    *("margin", "self_collision", "robot", "start", "goal", "scene", "motion_limits"),
-    *("constraints", "segments", "may_touch", "options"),
+    *("may_touch", "margin", "self_collision", "robot", "start", "goal", "scene"),
+    *("motion_limits", "constraints", "segments", "options"),
 )
 
 
@@ -814,7 +816,7 @@ def scenario_text(
             Field(None, path, key).fail(f"cannot be saved: {error}")
         return table
 
-    document = {k: written(k, part) for k, part in parts.items() if k in SECTIONS}
+    document = {k: written(k, parts[k]) for k in SECTIONS if k in parts}
     changed = written("options", replace(Options.of(options), callback=None))
     if changed:
         document["options"] = changed
