@@ -207,7 +207,7 @@ def test_plan_many_names_its_problems_and_rejects_wrong_arguments(
     assert outcome.name == "mine" and "the problem is 3" in outcome.message
     under = tmp_path / "file"
     under.write_text("")
-    with pytest.raises(tm.ScenarioError, match=r"results: .*file"):
+    with pytest.raises(tm.ScenarioError, match=r"file.*: .*to write results"):
         tm.plan_many([], results=under / "inside")
     with pytest.raises(tm.ProblemError) as error:
         tm.plan_many([], progress=3)  # type: ignore[arg-type]
@@ -235,6 +235,16 @@ NOSE = 'goal = {type = "position", frame = "nose", position = [3, 1, 0]}\n'
         (
             STATION.replace('"a"', '"b"\nthen = ["c"]'),
             "tour.toml: stations: station 2 ('b'): then: there is no other station",
+        ),
+        (
+            STATION.replace('"a"', '"b"\nthen = ["d"]')
+            + STATION.replace('"a"', '"d"\nthen = ["b"]'),
+            "tour.toml: stations: precedence has a cycle: 'b before d before b'",
+        ),
+        (
+            STATION.replace('"a"', '"b"\nafter = ["a"]')
+            + '[tour]\nprecedence = [["b", "a"]]\n',
+            "tour.toml: tour.precedence: precedence has a cycle: 'a before b before a'",
         ),
     ],
 )

@@ -93,7 +93,7 @@ def load_tour(path: str | Path) -> dict[str, Any]:
     stations = [read(Station, item, robot, q_start) for item in items.items()]
     pairs = precedence.value or ()
     with blaming(items):
-        checked_stations(stations)
+        Rules.of(checked_stations(stations))
     with blaming(precedence):
         Rules.of(stations, pairs)
     return arguments | {"stations": stations, "precedence": pairs}
