@@ -176,7 +176,10 @@ def test_tour_with_all_stations_at_the_start_has_no_motion_to_write(
 ) -> None:
     stay = STATIONS.partition('\n[[stations]]\nname = "tap"')[0]
     stay = stay.replace("[0.9, 0.8, -0.4]", "[0.5, 1.2, -0.7]")
-    code, output = run(scenario(tmp_path, stay), "-o", tmp_path / "cycle.csv")
+    path = scenario(tmp_path, stay)
+    code, output = run(path)  # regression: the tour was not reported without files
+    assert code == 0 and "cycle  0.2000 s" in output
+    code, output = run(path, "-o", tmp_path / "cycle.csv")
     assert code == 2
     assert "no motion: all stations are at the start" in " ".join(output.split())
 

@@ -278,7 +278,7 @@ def _of_task(number: int, count: int) -> AbstractContextManager[None]:
 def _moved(
     moves: Any, tasks: Sequence[Problem], names: Sequence[str]
 ) -> str | tuple[str, ...]:
-    """Check the choice of things to move; goals are moved before the first plan."""
+    """Check the choice of things to move; goals are checked when they are moved."""
     if isinstance(moves, str) and moves == BASE:
         return BASE
     if not set(names) <= set(TRANSLATIONS):

@@ -189,7 +189,8 @@ def run_tour(scenario: Path, args: TourOptions) -> int:
     signals = present()
     signals.writing()
     written, fault = dict[str, str](), ""
-    if tour.success:
+    # A tour with all stations at the start has no motion to write; it is reported.
+    if tour.success and (args.output or args.plot or args.html):
         whole = tour._solution()
         written, judgement = write_files(whole, options, motion, drawn=tour)
         fault = "" if judgement is None or judgement.ok else judgement.message
