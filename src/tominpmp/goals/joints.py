@@ -131,7 +131,7 @@ class GoalOnJoints(Record, Goal):
         return self.alternatives[int(np.argmin(distances))]
 
     def validate(self, robot: Robot) -> None:
-        """Check the names of joints, and the length of the positions."""
+        """Check the number of positions, and the names of joints, also in ``wrap``."""
         known = instance(robot, Robot, "robot").joint_names
         names = self.joints or known
         known_joints(names, known, "goal.joints")
@@ -256,7 +256,7 @@ class JointGoal(GoalOnJoints):
         return self.ways[0]
 
     def validate(self, robot: Robot) -> None:
-        """Check the names of joints, and the lengths of positions and velocities."""
+        """Check names of joints, and the numbers of positions and of velocities."""
         super().validate(robot)
         if self.v is not None:
             one_per_joint(self.v, "goal.v", self.joints or robot.joint_names)

@@ -92,6 +92,7 @@ def load_tour(path: str | Path) -> dict[str, Any]:
     read = scenario.read_phase
     stations = [read(Station, item, robot, q_start) for item in items.items()]
     pairs = precedence.value or ()
+    # The tour is checked when it is planned; here, errors name the key at fault.
     with blaming(items):
         Rules.of(checked_stations(stations))
     with blaming(precedence):
