@@ -110,6 +110,26 @@ def test_saved_scenario_omits_default_values(planar3r: Robot, tmp_path: Path) ->
     }
 
 
+def test_keys_of_a_saved_scenario_keep_their_order(
+    planar3r: Robot, tmp_path: Path
+) -> None:
+    """Regression: results of a batch are found by this text, and were not found any
+    more when the keys had another order: all problems were planned again.
+    """
+    problem = replace(
+        problem_of(planar3r),
+        scene=Scene([Sphere("ball", position=(9.0, 9.0, 9.0), radius=0.1)]),
+        margin=0.01,
+        self_collision=False,
+        may_touch=[("ball", "link1")],
+        constraints=[tm.ToolSpeed("tip", 3.0)],
+    )
+    text = round_trip(problem, Options(seed=3), tmp_path)
+    plain = ["may_touch", "margin", "self_collision", "constraints"]
+    tables = ["robot", "start", "goal", "scene", "options"]
+    assert [*tomllib.loads(text)] == [*plain, *tables]
+
+
 @pytest.mark.parametrize(
     "goal",
     [
