@@ -109,6 +109,7 @@ def test_documented_keys_are_used(
         ("{elbow: {max_velocity: 1}}", "has no joints 'elbow'"),
         ("{elbow: {max_acceleration: 1}}", "has no joints 'elbow'"),
         ("{}\ncartesian_limits: {max_trans_vel: 1}", "not used: cartesian_limits"),
+        (f'{{}}\n"\\e[31m{200 * "x"}": 1', r"not used: \\x1b\[31mx{60,70}\.\.\.$"),
         (
             "{}\ndefault_velocity_scaling_factor: 0.1",
             r"not scaled by default_velocity_scaling_factor \(0\.1\)",

@@ -124,6 +124,8 @@ def test_acceleration_limits_are_scaled_by_the_request(
     ("steps", "warning"),
     [
         (("wold", {"collision_objects": [{"id": "a"}]}), "not read: wold"),
+        # Keys may have any length and characters.
+        (("\x1b[31m" + 200 * "x", 1), r"not read: \\x1b\[31mx{60,70}\.\.\.$"),
         (("world", "collision_object", [{"id": "a"}]), r"world\.collision_object"),
         (
             ("world", "collision_objects", 0, "padding", 0.1),

@@ -41,7 +41,7 @@ from tominpmp.description.paths import checked_path
 from tominpmp.description.tree import warn_of
 from tominpmp.description.yaml_reader import read_yaml
 from tominpmp.exceptions import JointNotFound, ScenarioError, brief
-from tominpmp.files.records import blaming
+from tominpmp.files.records import blaming, keys_in_brief
 from tominpmp.motion_limits import (
     EffortCurve,
     LimitKind,
@@ -243,7 +243,7 @@ def load_joint_limits(path: str | Path) -> MoveItLimits:
             if own != slowing:
                 notes.append(f"the larger of {limits.key}.max_(ac|de)celeration")
         notes += _unread(limits)
-    warn_of({"not used: {}": notes}, path)
+    warn_of({"not used: {}": keys_in_brief(notes)}, path)
     speed, acceleration = (_share(table.get(key)) for key in _SCALINGS)
     with blaming(table):
         return MoveItLimits(

@@ -40,7 +40,7 @@ from tominpmp.exceptions import (
     warn_caller,
 )
 from tominpmp.files.limits import load_limited_robot
-from tominpmp.files.records import blaming
+from tominpmp.files.records import blaming, keys_in_brief
 from tominpmp.files.scene_text import is_scene_text, parse_scene_text
 from tominpmp.goals.base import Goal
 from tominpmp.goals.frames import AxisGoal, PoseGoal, PositionGoal, RegionGoal
@@ -253,7 +253,7 @@ def _read_scene(message: Field, frames: _Frames) -> Scene:
     _refuse_attached(message.get("robot_state"))
     world = message.get("world")
     unread = dict.fromkeys((*_unread_precautions(message), *_unread(message, SCENE)))
-    warn_of({UNREAD: list(unread)}, message.path)
+    warn_of({UNREAD: keys_in_brief(unread)}, message.path)
     octree = world.get("octomap").get("octomap").get("data")
     if octree.given:
         octree.fail("octrees are not read")
@@ -505,8 +505,10 @@ def _outside_group(
             f"and {', '.join(outside)} are held"
         )
     lacking = [joint for joint in outside if joint not in start]
-    held = "held where the robot's SRDF file has them, else at 0"
-    remark = f"start_state says nothing about {{}}, outside the group; {held}"
+    remark = (
+        "start_state says nothing about {}, outside the group; held where the robot's "
+        "SRDF file has them, else at 0"
+    )
     warn_of({remark: lacking}, request.path)
     return {joint: start.get(joint, rest) for joint, rest in outside.items()}
 
@@ -570,7 +572,7 @@ def load_moveit(
     arm = _grouped_robot(robot, request, start, kinematic, joint_limits)
     _check_state(arm, state.get("joint_state"), start)
     _refuse_unread(request)
-    warn_of({UNREAD: list(_unread(request, REQUEST))}, request.path)
+    warn_of({UNREAD: keys_in_brief(_unread(request, REQUEST))}, request.path)
     _refuse_attached(state)
     frames = _read_frames(scene_message, arm, state)
     _check_upright(frames, arm, scene_message)

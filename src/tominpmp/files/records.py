@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import MISSING, fields, replace
 from functools import cache
@@ -29,6 +29,7 @@ from tominpmp.exceptions import (
     ScenarioError,
     SceneError,
     TominpmpError,
+    brief,
     unknown,
 )
 from tominpmp.goals.base import Goal
@@ -65,6 +66,11 @@ def blaming(item: Field) -> Iterator[None]:
         if isinstance(error, ScenarioError) and error.path == item.path:
             raise
         item.blame(error)
+
+
+def keys_in_brief(keys: Iterable[str]) -> list[str]:
+    """Keys of a stranger's file for a warning: cut, control characters escaped."""
+    return [brief(key).strip("'\"") for key in keys]
 
 
 def classes(base: type[Any]) -> dict[str, type[Any]]:
