@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import tominpmp as tm
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ScenarioError
 from tominpmp.files.export import export, load_motion
@@ -164,8 +165,14 @@ def test_columns_are_assigned_to_joints_by_name(planar3r: Robot) -> None:
     turned = Samples(NAMES[::-1], t, *rows)
     assert join(turned, planar3r, HERE) == join(whole, planar3r, HERE)
     other = Samples(("joint1", "joint2", "elbow"), t, *rows)
-    with pytest.raises(ScenarioError, match=r"joint1, joint2, elbow; the joints of"):
+    message = r"joint1, joint2, elbow; the joints of"
+    with pytest.raises(ScenarioError, match=message) as caught:
         join(other, planar3r, HERE)
+    assert caught.value.path == HERE
+    problem = tm.Problem(planar3r, whole.q[0], tm.JointGoal(whole.q[-1]))
+    with pytest.raises(ScenarioError, match=f"the motion: .*{message}") as caught:
+        tm.verify(problem, other)
+    assert caught.value.path is None  # the samples are not from a file
 
 
 def test_recorded_locked_joints_are_dropped_if_they_stay_at_their_lock(

@@ -21,7 +21,7 @@ from tominpmp.checks import instance
 from tominpmp.description.fields import Field
 from tominpmp.description.joint_table import example_values
 from tominpmp.dynamics import STANDSTILL, RobotDynamics, torques_of
-from tominpmp.exceptions import ProblemError
+from tominpmp.exceptions import ProblemError, ScenarioError
 from tominpmp.kinematics import units_of
 from tominpmp.motion.samples import Interpolation, Samples
 from tominpmp.motion.trajectory import Trajectory
@@ -256,7 +256,11 @@ def checked_motion(motion: Trajectory | Samples, problem: Problem) -> Trajectory
     """
     robot, start = problem.robot, (problem.q_start, problem.v_start)
     if isinstance(motion, Samples):
-        motion = join(motion, robot, start=start).trajectory
+        try:
+            motion = join(motion, robot, start=start).trajectory
+        except ScenarioError as error:
+            error.path = None  # the samples may not be from a file
+            raise
     instance(motion, Trajectory, "trajectory", "a Trajectory or Samples")
     motion._check_joints(robot.joint_names)
     motion = with_controls(motion, robot)
