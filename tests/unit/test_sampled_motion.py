@@ -175,6 +175,21 @@ def test_columns_are_assigned_to_joints_by_name(planar3r: Robot) -> None:
     assert caught.value.path is None  # the samples are not from a file
 
 
+def test_dry_friction_of_a_single_row_is_that_of_a_longer_motion() -> None:
+    robot = load_robot("planar3r", friction=0.5)
+    t = np.array([0.0, 1e-3])
+    a = np.tile([5.0, -5.0, 0.0], (2, 1))
+    v = a * t[:, None]
+    q = np.array([0.5, 1.7, -1.7]) + 0.5 * v * t[:, None]
+    longer, single = (
+        join(Samples(NAMES, t[:k], q[:k], v[:k], a[:k], np.full((k, 3), np.nan)), robot)
+        for k in (2, 1)
+    )
+    np.testing.assert_array_equal(single.trajectory.turns.first, [[1.0, -1.0, 0.0]])
+    first = [joined.trajectory(np.zeros(1)).u for joined in (single, longer)]
+    np.testing.assert_allclose(*first, atol=1e-9)
+
+
 def test_recorded_locked_joints_are_dropped_if_they_stay_at_their_lock(
     planar3r: Robot,
 ) -> None:
