@@ -76,31 +76,6 @@ def test_smallest_scenario_is_loaded_with_default_options(
     assert tm.save_scenario is save_scenario
 
 
-def test_keys_of_a_saved_scenario_keep_their_order(
-    planar3r: Robot, tmp_path: Path
-) -> None:
-    """Regression: margin came before may_touch, so that a batch with both did not find
-    the results of an older version, whose names depend on the text of the scenario.
-    """
-    problem = Problem(
-        planar3r,
-        START,
-        JointGoal(GOAL),
-        scene=Scene([Sphere("ball", radius=0.1, position=(9.0, 9.0, 0.0))]),
-        margin=0.01,
-        self_collision=True,
-        may_touch=[("ball", "link3")],
-        motion_limits=MotionLimits(acceleration=5.0),
-        constraints=[tm.ToolSpeed("tip", 5.0)],
-    )
-    text = round_trip(problem, Options(seed=3), tmp_path)
-    assert re.findall(r"^\[*([a-z_]+)(?: =|\]|\.obstacles)", text, re.MULTILINE) == [
-        *("may_touch", "margin", "self_collision", "constraints", "robot", "name"),
-        *("start", "q", "goal", "type", "q", "scene", "type", "name", "position"),
-        *("radius", "motion_limits", "acceleration", "options", "seed"),
-    ]
-
-
 def test_saved_scenario_omits_default_values(planar3r: Robot, tmp_path: Path) -> None:
     text = round_trip(problem_of(planar3r), Options(), tmp_path)
     assert tomllib.loads(text) == {
