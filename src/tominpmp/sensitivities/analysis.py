@@ -27,7 +27,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -214,10 +214,18 @@ class SegmentRows:
         sums = np.bincount(self.rows.subject[mask], values[mask], minlength=count)
         return np.asarray(sums, dtype=float)
 
-    def _of_joint(self, kind: str, joint: int, value: float, *more: Any) -> Sensitivity:
-        """Record of a joint, whose other attributes are given in their order."""
+    def _of_joint(
+        self,
+        kind: str,
+        joint: int,
+        value: float,
+        unit: str = "",
+        limit: float | None = None,
+        limit_unit: str = "",
+    ) -> Sensitivity:
+        """Record of a joint, with the attributes of :class:`Sensitivity`."""
         name = self._robot.joint_names[joint]
-        return Sensitivity(kind, name, name, float(value), *more)
+        return Sensitivity(kind, name, name, float(value), unit, limit, limit_unit)
 
     # -- limits ------------------------------------------------------------------------
 

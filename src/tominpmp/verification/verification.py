@@ -12,7 +12,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple, get_args
+from typing import NamedTuple, get_args
 
 import numpy as np
 
@@ -216,8 +216,8 @@ def verify(
         defect = float(np.max(np.nan_to_num(gaps, nan=np.inf), initial=0.0))
     replayed = findings.replay
     deviation = np.max(np.abs(replayed.q - trajectory(replayed.t, 0)), axis=0)
-    more = {"growth": growth, "defect": defect, "feedback": feedback}
-    return findings.result(problem, tolerances, deviation, begin, **more)
+    result = findings.result(problem, tolerances, deviation, growth, begin)
+    return replace(result, defect=defect, feedback=feedback)
 
 
 def _too_long(
@@ -228,8 +228,8 @@ def _too_long(
     row = "duration", "the motion", T, excess, "s", excess / LONGEST, True
     plan = replace(planned(trajectory, np.inf), complete=False)
     findings = Findings(plan, [LimitViolation(*row)], -np.inf)
-    deviation, more = np.full(trajectory.n, np.inf), {"growth": np.inf, "defect": None}
-    result = findings.result(problem, tolerances, deviation, begin, **more)
+    deviation = np.full(trajectory.n, np.inf)
+    result = findings.result(problem, tolerances, deviation, np.inf, begin)
     return replace(result, goal_error=np.inf, speed_error=np.inf)
 
 
@@ -258,18 +258,18 @@ class Findings(NamedTuple):
         problem: Problem,
         tolerances: Tolerances,
         deviation: Array,
+        growth: float,
         begin: float,
-        **more: Any,
     ) -> Verification:
-        """The verification.
+        """The verification; the caller adds a defect and feedback torques.
 
         Args:
             problem: The problem.
             tolerances: The tolerances.
             deviation: Largest distance of each joint from the plan, shape (n,) [rad or
                 m].
+            growth: Amplification of errors along the motion.
             begin: Start of the computation, by ``time.perf_counter`` [s].
-            **more: Other attributes of the verification.
         """
         worst: dict[str, LimitViolation] = {}  # by kind, over all segments
         for item in self.items:
@@ -285,13 +285,14 @@ class Findings(NamedTuple):
             violations=self.violations,
             min_clearance=self.distance,
             deviation=frozen_array(deviation),
+            defect=None,
             integrator=self.replay.integrator,
             complete=self.replay.complete,
             tolerances=tolerances,
             seconds=time.perf_counter() - begin,
             replay=self.replay,
             problem=problem,
-            **more,
+            growth=growth,
         )
 
 
