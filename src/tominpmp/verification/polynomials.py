@@ -93,6 +93,13 @@ class Pieces:
         signs = np.vander([-1.0, 1.0], self.coefficients.shape[2], increasing=True)
         return np.swapaxes(self.coefficients[: self.count] @ signs.T, 1, 2)
 
+    def means(self) -> Array:
+        """Mean values of the pieces over time, shape (P, n)."""
+        power = np.arange(self.coefficients.shape[2])
+        # Odd powers of s in [-1, 1] have the mean zero.
+        weights = np.where(power % 2 == 0, 1.0 / (power + 1.0), 0.0)
+        return np.asarray(self.coefficients[: self.count] @ weights)
+
     def derivatives(self) -> Array:
         """Coefficients of the derivatives with respect to time, shape (P, n, K)."""
         order = np.arange(1.0, self.coefficients.shape[2])
