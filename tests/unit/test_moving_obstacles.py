@@ -131,11 +131,44 @@ class Rising(tm.Motion):
         raise NotImplementedError
 
 
+class Lifted(Rising):
+    """A motion of a caller from its start, with one rotation for all times."""
+
+    def poses(self, times, start):
+        p = super().poses(times, start).p - [1.0, 0.0, 0.0]
+        return type(start)(start.R, start.p + p)
+
+
+class Ahead(Rising):
+    """A motion of a caller from its start, which begins elsewhere."""
+
+    def poses(self, times, start):
+        R, p = super().poses(times, start)
+        return type(start)(R, start.p + p)
+
+
+class Lost(Rising):
+    """A motion of a caller to no place."""
+
+    def poses(self, times, start):
+        R, p = super().poses(times, start)
+        return type(start)(R, np.nan * p)
+
+
 def test_obstacle_begins_where_the_motion_of_a_caller_begins():
-    """Regression: it had its position, or the origin, at the start."""
+    """Regression: it had its position, or the origin, at the start; and one rotation
+    for all times was not understood.
+    """
     np.testing.assert_array_equal(mover(Rising()).position, [1.0, 0.0, 0.0])
     with pytest.raises(tm.SceneError, match=r"motion begins with \[1.0, 0.0, 0.0\]"):
         mover(Rising(), position=(0.0, 3.0, 0.0))
+    with pytest.raises(tm.SceneError, match=r"position \[1.* begins with \[2.0, 0.0"):
+        mover(Ahead())
+    with pytest.raises(tm.SceneError, match=r"'mover': .* at 0 s is not finite"):
+        mover(Lost())
+    lifted = mover(Lifted(), position=(0.0, 3.0, 0.0))
+    np.testing.assert_array_equal(lifted.rotation, np.eye(3))
+    np.testing.assert_array_equal(lifted.poses(np.ones(1)).p, [[0.0, 3.0, 2.0]])
 
 
 def test_speed_bounds_of_a_pose_function_are_used_and_checked():

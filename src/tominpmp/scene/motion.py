@@ -115,12 +115,12 @@ class Motion(Record, ABC):
             given: Placement of the obstacle from the caller, which may be the identity.
 
         Raises:
-            SceneError: If the motion begins at another placement.
+            SceneError: If the motion begins at another placement, or at no placement.
         """
-        R, p = self.poses(np.zeros(1), instance(given, Placement, "given"))
+        begins = self._begins(instance(given, Placement, "given"))
         for name, value, first, usual in (
-            ("position", given.p, p[0], np.zeros(3)),
-            ("rotation", given.R, R[0], np.eye(3)),
+            ("position", given.p, begins.p, np.zeros(3)),
+            ("rotation", given.R, begins.R, np.eye(3)),
         ):
             free = np.array_equal(value, usual)
             if not free and not np.allclose(value, first, rtol=0.0, atol=SAME):
@@ -128,7 +128,22 @@ class Motion(Record, ABC):
                     f"{name} is {value.tolist()}, and its motion begins with "
                     f"{first.tolist()}: expected the same, or no {name}"
                 )
-        return Placement(R[0], p[0])
+        # A motion that adds an offset to its start would add it a second time.
+        for name, first, again in zip(
+            ("rotation", "position"), begins, self._begins(begins), strict=True
+        ):
+            if not np.allclose(again, first, rtol=0.0, atol=SAME):
+                raise SceneError(
+                    f"motion: from the {name} {first.tolist()} it begins with "
+                    f"{again.tolist()}: expected the same"
+                )
+        return begins
+
+    def _begins(self, start: Placement) -> Placement:
+        """Placement at time 0 of the motion from a start, checked."""
+        R, p = self.poses(np.zeros(1), start)
+        # The motion of a caller may have one rotation, or one position, for all times.
+        return _checked_placement((np.squeeze(p), np.squeeze(R)), 0.0)
 
     @property
     def kinks(self) -> Array:
@@ -152,6 +167,13 @@ class Motion(Record, ABC):
             end: Ends of the intervals [s], shape (m,).
             start: Placement at time 0.
         """
+
+
+def _checked_placement(pose: object, time: float) -> Placement:
+    """Check a caller's placement at a time [s]."""
+    with raised_as(lambda message, _: SceneError(message)):
+        checked = checked_pose(pose, f"motion: the placement at {time:g} s")
+    return Placement(np.array(checked.rotation), np.array(checked.translation))
 
 
 def _checked_times(value: Array, name: str = "times") -> Array:
@@ -471,9 +493,7 @@ class PoseFunction(Motion):
                 f"motion: the function fails at {time:g} s: "
                 f"{type(error).__name__}: {error}"
             ) from error
-        with raised_as(lambda message, _: SceneError(message)):
-            pose = checked_pose(value, f"motion: the placement at {time:g} s")
-        return Placement(np.array(pose.rotation), np.array(pose.translation))
+        return _checked_placement(value, time)
 
     def poses(self, times: Array, start: Placement) -> Placement:
         """Placements at times."""
