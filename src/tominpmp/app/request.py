@@ -7,9 +7,9 @@ rounded when they are set, so that the lines are short and exact.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from itertools import count
 from typing import Annotated, Any, Literal, TypeAlias
 
@@ -72,21 +72,29 @@ Points: TypeAlias = Annotated[
 Turn: TypeAlias = Annotated[Quaternion, _rounded_turn]
 
 
-class Call(partial[Any]):
+class Call:
     """A call of the library that can be evaluated, or formatted as Python expression.
 
-    Calls among its arguments are evaluated first.
+    Args:
+        function: The function or class to call.
+        arguments: Positional arguments; calls among them are evaluated first.
+        options: Arguments by name, likewise.
     """
+
+    def __init__(
+        self, function: Callable[..., Any], *arguments: Any, **options: Any
+    ) -> None:
+        self._function, self._arguments, self._options = function, arguments, options
 
     def evaluate(self) -> Any:
         """Evaluate the call."""
-        options = {name: _value(value) for name, value in self.keywords.items()}
-        return self.func(*map(_value, self.args), **options)
+        options = {name: _value(value) for name, value in self._options.items()}
+        return self._function(*map(_value, self._arguments), **options)
 
     def __str__(self) -> str:
         """The expression."""
-        parts = [*map(_written, self.args), *_named(self.keywords)]
-        return f"tm.{self.func.__name__}({', '.join(parts)})"
+        parts = [*map(_written, self._arguments), *_named(self._options)]
+        return f"tm.{self._function.__name__}({', '.join(parts)})"
 
 
 def _value(value: Any) -> Any:

@@ -130,8 +130,9 @@ def play(
     ).encode("utf-8")
     if path is not None:
         return write_file(path, lambda file: file.write(page))
-    kept: Any = {"prefix": "tominpmp-", "suffix": ".html", "delete": False}
-    with tempfile.NamedTemporaryFile(**kept) as file:
+    with tempfile.NamedTemporaryFile(
+        prefix="tominpmp-", suffix=".html", delete=False
+    ) as file:
         file.write(page)
     if open_browser and not show_page(page):
         warn_caller(f"no browser could be opened; the page is {file.name}")
