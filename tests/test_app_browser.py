@@ -268,6 +268,16 @@ def test_buttons_and_handles_change_the_request() -> None:
         panel._groups.value = "arm"
         panel._choose_part()
         assert controller.request.robot.group == "arm"
+        # Regression: a drag while another robot is chosen, before it is on the stage.
+        locked = (("joint3", 0.0),)
+        choice = replace(controller.request.robot, group=None, locked=locked)
+        controller.choose(choice)
+        handles._drag_end("q_goal", node)
+        assert len(controller.request.q_goal) == 2
+        page._set_stage()  # type: ignore[attr-defined]
+        place = handles._known["q_goal"][1].position
+        goal = controller.request.pose(controller.request.q_goal)[0]
+        np.testing.assert_allclose(place, goal)
 
 
 @pytest.mark.usefixtures("unplanned")

@@ -197,9 +197,11 @@ class Page:
     # -- the view ----------------------------------------------------------------------
 
     def refresh(self) -> None:
-        """Show the present request."""
+        """Show the present request, if its robot is on the stage."""
         request = self.controller.request
         with self._lock:
+            if request.robot != self._staged:
+                return  # the robot was just chosen: its stage shows the request
             for end in ("q_start", "q_goal"):
                 self._arms[end].move(getattr(request, end))
             self.handles.refresh()
@@ -207,9 +209,9 @@ class Page:
 
     def _set_stage(self) -> None:
         """Put the robot of the request on the stage."""
-        request, scene = self.controller.request, self.server.scene
-        robot = loaded(request.robot)
         with self._lock:
+            request, scene = self.controller.request, self.server.scene
+            robot, self._staged = loaded(request.robot), request.robot
             scene.reset()
             # Lights that a machine without a graphics card can render, too.
             scene.configure_environment_map(None)
