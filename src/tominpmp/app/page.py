@@ -211,7 +211,7 @@ class Page:
         """Put the robot of the request on the stage."""
         with self._lock:
             request, scene = self.controller.request, self.server.scene
-            robot, self._staged = loaded(request.robot), request.robot
+            robot = loaded(request.robot)
             scene.reset()
             # Lights that a machine without a graphics card can render, too.
             scene.configure_environment_map(None)
@@ -225,6 +225,7 @@ class Page:
                 "q_goal": stage.Arm(scene, "/q_goal", robot, ghost, GOAL_RGB),
                 "robot": stage.Arm(scene, "/robot", robot, bodies),
             }
+            self._staged = request.robot
             self._arms["robot"].move(request.q_start)
             self._size = stage.look_at(self.server, robot, request)
             self.handles.clear(0.16 * self._size)
