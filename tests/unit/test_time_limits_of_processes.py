@@ -6,6 +6,7 @@ import math
 import os
 import threading
 import time
+from collections.abc import Iterator
 from concurrent import futures
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,12 @@ from tominpmp.initial_guess.guess import GuessRequest
 from tominpmp.initial_guess.parallel import ready, run_parallel
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.planner.starts import ParallelDescents, _descents, descend_in_process
+from tominpmp.planner.starts import (
+    ParallelDescents,
+    Result,
+    _descents,
+    descend_in_process,
+)
 from tominpmp.planner.work import run
 from tominpmp.stopping import Deadline, Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -200,6 +206,28 @@ def test_candidate_repaired_in_a_process_is_not_repaired_again(
     [found] = state.candidates
     assert found.status is tm.Status.INFEASIBLE
     assert state.ended is None
+
+
+@pytest.mark.parametrize("end", [Stop(requested=True), RuntimeError("died")])
+def test_motions_of_processes_are_kept_if_the_callback_stops_the_plan(
+    monkeypatch: pytest.MonkeyPatch, end: BaseException
+) -> None:
+    """Regression: no motion was found, although two processes had found one each."""
+    system, motion = ProblemFunctions.of(reach()), interrupted_candidate()
+    record = tm.IterationRecord(0, 1.0, 0.0, 1.0, 0.0, 0.0, 1.0, True, 1, 1, 0.0, 0.0)
+
+    def handed_over() -> Iterator[tuple[int, Result]]:
+        yield 0, (motion, [], [record])
+        yield 1, (motion, [], [])
+        raise end
+
+    state = PlanState(system.problem, tm.Options(processes=2, callback=bool))
+    source = ParallelDescents(system, state, iter(()))
+    guess = next(GuessRequest(np.random.default_rng(0)).guesses(system))
+    source.batch, source.done = [guess], handed_over()
+    monkeypatch.setattr("tominpmp.planner.starts.ParallelDescents", lambda *_: source)
+    assert run(state, _descents(system, state, iter(()), 1, 1)) is tm.Status.INTERRUPTED
+    assert len(state.candidates) == 2
 
 
 def test_processes_are_not_started_with_little_planning_time(

@@ -37,7 +37,7 @@ from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.loop import Loop, Rule, first_of, solve
 from tominpmp.solvers.objective import RESTORABLE
 from tominpmp.solvers.trust_region_step import trust_regions
-from tominpmp.status import STOPPED, Status
+from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Stop
 from tominpmp.transcription.grid import ticks_of, whole_periods
 from tominpmp.transcription.layout import Layout, on_ticks
@@ -330,6 +330,13 @@ class ClockTrial:
         self, state: PlanState, system: ProblemFunctions, *_: object
     ) -> Candidate:
         """The motion on the knots of the trial, replayed."""
+
+        def shown(record: IterationRecord) -> None:
+            # A callback that has interrupted the plan sees no more iterations. A motion
+            # that is feasible before the tick ends no iteration: it needs more periods.
+            if not state.deadline.interrupted:
+                state(record)
+
         T = float(self.layout.eta[0])
         known = self.motion, self.spans
         represented = self.layout.represented(system, *known, within=True)
@@ -345,8 +352,7 @@ class ClockTrial:
             step,
             first_of(reaches_tick(T, feasibility), stop),
             exchange=RowExchange(longest=(1.0 + TRACE) * T),
-            # A callback that has interrupted the plan sees no more iterations.
-            callback=None if state.deadline.interrupted else state,
+            callback=shown,
         )
         best = result.best
         if best is not None:

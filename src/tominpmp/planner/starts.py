@@ -19,11 +19,7 @@ import numpy as np
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.constraints.base import USABLE
 from tominpmp.initial_guess.guess import CachedGuesses, Guess, GuessRequest
-from tominpmp.initial_guess.parallel import (
-    ready,
-    run_parallel,
-    stop_requested,
-)
+from tominpmp.initial_guess.parallel import ready, run_parallel, stop_requested
 from tominpmp.initial_guess.path_velocity import guesses_of
 from tominpmp.initial_guess.segments import segmented_guesses
 from tominpmp.initial_guess.unreachable import unreachable
@@ -43,7 +39,14 @@ from tominpmp.planner.torque_starts import (
     torque_starts,
     torques_may_lead,
 )
-from tominpmp.planner.work import Schedule, Work, run, single, use_fallback
+from tominpmp.planner.work import (
+    NUMERICAL,
+    Schedule,
+    Work,
+    run,
+    single,
+    use_fallback,
+)
 from tominpmp.problem.problem import Problem
 from tominpmp.solvers.loop import Loop, first_of
 from tominpmp.status import STOPPED, IterationRecord, Status
@@ -117,10 +120,8 @@ def starts(
     first = next(guesses.since(0), None)
     if first is None:
         raise unreachable(system, rng)
-    usual, searched = (
-        _usual_starts(system, options),
-        coarse_grids_apply(system, options),
-    )
+    usual = _usual_starts(system, options)
+    searched = coarse_grids_apply(system, options)
     # If the final configuration of the guess collides, a descent may still move it out
     # of collision; more guesses would not.
     rescues = usual if first.blocked else RESCUE_STARTS
@@ -263,24 +264,36 @@ class ParallelDescents:
         """The candidate of the guess whose turn has come.
 
         Raises:
-            Stop: If the process did not hand it over in time.
+            Stop: If the process did not hand it over in time, or the callback stops.
             Exception: The error with which the process has ended.
         """
         while number not in self.results:
             completed = next(self.done, None)
             if completed is None:
                 raise Stop(requested=False)  # the process was late
-            self.results.update([completed])
-        candidate, failures, history = self.results.pop(number)
+            which, result = completed
+            self.results[which] = result
+        candidate, failures, history = self.results[number]
         for record in history:
             self.state.show(record)
+        # If the callback has stopped the plan, the candidate is one of the unclaimed.
+        del self.results[number]
         if candidate is None:
             raise failures[-1] if failures else Stop(requested=False)
         return self._with_status_here(candidate)
 
     def unclaimed(self) -> list[Candidate]:
-        """Candidates whose turn has not come, the fastest first."""
-        self.results.update(self.done)
+        """Candidates whose turn has not come, the fastest first.
+
+        The processes are still at work on others if the plan was stopped: they hand
+        these over, and the stop is raised again after the last one.
+        """
+        try:
+            self.results.update(self.done)
+        except (Stop, KeyboardInterrupt) as stop:
+            self.state.stopped(stop)
+        except NUMERICAL as error:  # a process has died
+            self.state.failures.append(error)
         made = [item for item, *_ in self.results.values() if item is not None]
         return sorted(map(self._with_status_here, made), key=lambda item: item.duration)
 
