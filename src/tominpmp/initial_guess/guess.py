@@ -82,7 +82,8 @@ class Guess:
     """A path over time.
 
     Attributes:
-        name: Name of the kind of guess, for reports.
+        name: Name of the kind of guess, by which searches tell straight lines, paths
+            around obstacles and via points apart.
         t: Times [s], increasing from 0, shape (m,).
         q: Configurations, shape (m, n) [rad or m].
         timed: Whether the duration follows from the limits along the path; otherwise

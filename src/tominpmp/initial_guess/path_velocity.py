@@ -45,12 +45,13 @@ MOMENTS = (0.5, 0.25, 0.75, 1.0)
 
 
 def guesses_of(system: ProblemFunctions, request: GuessRequest) -> Iterator[Guess]:
-    """Initial guesses without end, the best first, which may wait on their paths.
+    """Initial guesses, the best first, which may wait on their paths.
 
     Guesses for the scene without its moving obstacles come first, each together with
     the same path timed so that it waits for obstacles and constraints, if there are
     any. Paths follow that are free if the obstacles are frozen at an instant, then
-    further guesses without moving obstacles.
+    further guesses without moving obstacles, without end. There is no guess if the goal
+    is out of reach.
     """
     static = request.guesses(system.resting())
     first: Guess | None = None

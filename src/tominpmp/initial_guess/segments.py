@@ -32,13 +32,12 @@ def segmented_guesses(
     """Guesses through the goals of all segments; see :func:`guesses_of`.
 
     The first guess joins the first guesses of all segments, the second guess their
-    second guesses, and so on.
+    second guesses, and so on, without end.
 
     Raises:
         ProblemError: If no configuration was found to reach a goal.
     """
     share = request.duration and request.duration / len(system.parts)
-    # A guess at rest at the start does not lead to the start of the next segment.
     each = replace(request, duration=share)
     lone = len(system.parts) == 1
 
@@ -60,6 +59,7 @@ def segmented_guesses(
             searches=PathSearches(),
         )
         guesses = guesses_of(single, own)
+        # A guess at rest at the start does not lead to the start of the next segment.
         moving = (guess for guess in guesses if lone or guess.name != REST_GUESS)
         return single, CachedGuesses(moving)
 

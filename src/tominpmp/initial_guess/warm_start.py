@@ -51,8 +51,8 @@ class WarmStart(Guess):
     """A former motion, bent to new ends.
 
     Attributes:
-        motion: The motion.
-        trajectory: The motion without its inverse dynamics: faster to evaluate.
+        motion: The former motion, slowed down if it was far too fast for the limits.
+        trajectory: The same motion without its inverse dynamics: faster to evaluate.
         entry: Time of the motion at which the guess begins [s].
         begins: Times of the motion at which the segments begin [s], shape (k,).
         bend: Curve of time added to the positions, a cubic polynomial on each segment,

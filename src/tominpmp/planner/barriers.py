@@ -39,10 +39,10 @@ def find_barrier(problem: Problem, forgiven: float) -> str:
 
 
 def barrier_on_way(problem: Problem, forgiven: float, *, turning: bool = False) -> str:
-    """The barrier on the first blocked segment of a problem with one goal; or empty.
+    """The barrier on the first blocked segment, in a sentence; empty without one.
 
     Args:
-        problem: The problem.
+        problem: The problem, with one goal.
         forgiven: Lack of clearance that is tolerated in a motion [m].
         turning: Whether joints that are angles may reach the goal by other turns.
     """
@@ -78,7 +78,9 @@ def _ends(problem: Problem, begin: Array, end: Array) -> Array:
 def _between(
     problem: Problem, begin: Array, ends: Array, forgiven: float, where: str
 ) -> str:
-    """The barrier of the joint with the least room on all of its ways; or empty.
+    """The barrier of the joint with the least room on all of its ways, in a sentence.
+
+    Empty without a barrier.
 
     Args:
         problem: The problem of the segment.

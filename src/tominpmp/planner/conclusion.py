@@ -44,7 +44,7 @@ def conclude(state: PlanState, status: Status | None) -> Solution:
         state: The plan.
         status: How planning was stopped; None if the schedule is exhausted.
     """
-    best, bound = best_of(state.candidates), None
+    best = best_of(state.candidates)
     confirmed = best is not None and best.confirmed
     reason = "" if confirmed else state.impossible or _reason(state)
     ended = Status.INFEASIBLE if best is None else best.status
@@ -52,6 +52,7 @@ def conclude(state: PlanState, status: Status | None) -> Solution:
         ended = status
     elif best is not None and best.refuted:
         ended = Status.UNVERIFIED
+    bound = None
     if best is not None:
         with contextlib.suppress(Stop):
             bound = state.lower_bound(state.problem)
@@ -63,8 +64,8 @@ def conclude(state: PlanState, status: Status | None) -> Solution:
         state.options,
         ended,
         message,
-        confirmed,
-        None,
+        feasible=confirmed,
+        trajectory=None,
         history=tuple(state.history),
         planning_time=state.seconds,
         lower_bound=bound,
@@ -162,19 +163,18 @@ def _advice(
     Methods whose torques are constant over an interval need short intervals if the arm
     leaves its path without feedback.
     """
-    advice, interrupted = "", status is Status.INTERRUPTED
-    if best is None or best.confirmed:
-        pass
-    elif status is Status.ITERATION_LIMIT:
-        most = options.max_iterations
-        advice = f" {most} iterations a start were allowed; max_iterations allows more."
-    elif not (interrupted or options.method == "inverse"):
-        longest = float(np.max(np.diff(best.trajectory.t)))
-        advice = (
-            f" Method {options.method!r} keeps torques for up to {longest:.3g} s, in "
-            "which errors may grow: more intervals make it shorter, and method "
-            "'inverse' does not depend on it."
-        )
+    advice = ""
+    if best is not None and not best.confirmed:
+        if status is Status.ITERATION_LIMIT:
+            allowed = f"{options.max_iterations} iterations a start were allowed"
+            advice = f" {allowed}; max_iterations allows more."
+        elif status is not Status.INTERRUPTED and options.method != "inverse":
+            longest = float(np.max(np.diff(best.trajectory.t)))
+            advice = (
+                f" Method {options.method!r} keeps torques for up to {longest:.3g} s, "
+                "in which errors may grow: more intervals make it shorter, and method "
+                "'inverse' does not depend on it."
+            )
     if status is Status.TIME_LIMIT:
         allowed = f"{options.time_limit:.3g} s were allowed"
         advice += f" {allowed}; max_planning_time allows more"

@@ -64,8 +64,8 @@ def reoptimised(
     If the replay of the new motion breaks limits, the grid is refined.
 
     Args:
-        solution: The solution of the problem, with its options.
-        motion: The motion.
+        solution: The solution whose problem and options count.
+        motion: The motion, that of the solution or a similar one.
         layout: Gives the layout of the new motion, for a number of halvings.
         objective: Gives the objective and the initial iterate, from a program and the
             motion as its iterate.

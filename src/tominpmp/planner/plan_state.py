@@ -67,15 +67,15 @@ class PlanState:
         options: Options of the plan.
         candidates: The candidates so far.
         deadline: When to stop.
-        alternative: The problem with the one goal of the candidate in progress.
+        alternative: The problem with the one goal that the candidate in progress meets.
         start: Number of the candidate in progress, from 0.
         records: Records of the candidate in progress, one per iteration.
         kept_iterates: Iterates of the candidate in progress, the newest last.
         cut_short: How the candidate in progress was stopped; None if it was not.
         fallbacks: Last iterates on coarse grids, the best one first, which may become
             the solution; beside an incumbent the best one only.
-        first_guesses: The first guess for each goal, by the identity of the problem;
-            these are tried next if the best fallback fails.
+        first_guesses: The first iterate for each goal, by the identity of its problem,
+            which the iterate keeps; these are tried next if the best fallback fails.
         complete: Whether all stages of a plan with less effort are done. The thorough
             search that follows is open-ended: a time limit then is its regular end.
         callback_error: Error that the callback has raised; None without one.

@@ -4,7 +4,9 @@ A plan consists of a schedule and a loop. The schedule is a coroutine: it yields
 :class:`~tominpmp.planner.work.Work` and is sent the candidate made from it. The loop,
 :func:`~tominpmp.planner.work.run`, makes, replays and repairs one candidate after the
 other, and saves the best iterate if planning is stopped. The incumbent is the fastest
-candidate whose replay keeps all limits. A plan passes through these modules:
+candidate whose replay keeps all limits. The time, the candidates and the iterates are
+kept by :class:`~tominpmp.planner.plan_state.PlanState`, which the solvers call with
+every iteration. A plan passes through these modules:
 
 - :mod:`~tominpmp.planner.automatic_options`: method, control and solver are chosen;
 - :mod:`~tominpmp.planner.standing`: is the start at the goal already?

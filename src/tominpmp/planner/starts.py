@@ -129,7 +129,8 @@ def starts(
     most = max(wanted, rescues)
     if searched and not (system.in_free_space or first.blocked):
         most = max(most, usual + MOST_PATHS)
-    guesses, tried = CachedGuesses(itertools.islice(guesses.since(0), most)), 0
+    guesses = CachedGuesses(itertools.islice(guesses.since(0), most))
+    tried = 0
     if searched:
         yield from search(system, state, guesses, usual)
         if first.blocked:
@@ -137,7 +138,8 @@ def starts(
         # Without an incumbent all guesses are tried again on the requested grid.
         if state.best_duration < np.inf:
             # The search has tried the first guess and compared the usual ones.
-            wanted, tried = 0 if wanted == usual else wanted - 1, 1
+            wanted = 0 if wanted == usual else wanted - 1
+            tried = 1
     elif can_be_joined(system, options):
         yield from _first_of_segments(system, state, first)
         wanted, rescues, tried = wanted - 1, rescues - 1, 1
