@@ -207,12 +207,13 @@ class NonlinearProgram:
             return ~path[rows.kind] | self._attained(values)
         parts = []
         for block, own in self._by_block(values):
-            radius = np.inf
+            near = np.ones(own.size, dtype=bool)
             if isinstance(block, SampledRows) and block.constraint.gradual:
                 radius = self.transcription.attention(steps)
                 if block.constraint.moving:
                     radius = max(radius, self.transcription.moving_attention)
-            parts.append(own > block.bounds[1].ravel() - radius)
+                near = own > block.bounds[1].ravel() - radius
+            parts.append(near)
         return np.concatenate(parts)
 
     def _attained(self, values: Array) -> BoolArray:
