@@ -44,7 +44,7 @@ def check_gradient(
     assert value == pytest.approx(HEAVY * objective.energy(program, z), rel=1e-3)
     for _ in range(DIRECTIONS):
         d = step * rng.standard_normal(z.size)
-        ends = (objective.energy(program, end) for end in (z + d, z - d))
-        difference = HEAVY * np.subtract(*ends)
+        after, before = (objective.energy(program, end) for end in (z + d, z - d))
+        difference = HEAVY * (after - before)
         predicted = model.without_curvature(z + d) - model.without_curvature(z - d)
         assert predicted == pytest.approx(difference, rel=rel)

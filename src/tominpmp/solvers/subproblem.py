@@ -15,7 +15,6 @@ is always feasible.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -114,9 +113,11 @@ def build_subproblem(
     curved = sp.csc_matrix(of_step.T @ of_step + near)
     # The objective is linear in all other columns.
     curved.resize(matrix.shape[1], matrix.shape[1])
-    parts = (*zip(*columns, strict=True), *zip(*bounds, strict=True))
-    values: list[Any] = [*map(np.concatenate, parts), curved, accuracy]
-    program = LinearProgram(matrix, *values)
+    cost, lower, upper, column_keys = map(np.concatenate, zip(*columns, strict=True))
+    row_lower, row_upper, row_keys = map(np.concatenate, zip(*bounds, strict=True))
+    of_columns = cost, lower, upper, column_keys
+    of_rows = row_lower, row_upper, row_keys
+    program = LinearProgram(matrix, *of_columns, *of_rows, curved, accuracy)
     return Subproblem(state, program, free, chosen, body)
 
 

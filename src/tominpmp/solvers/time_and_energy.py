@@ -229,8 +229,8 @@ def _holding(
 def _lengths(scheme: Transcription[Any]) -> sp.csr_matrix:
     """Derivatives of the lengths of the intervals, shape (N, size)."""
     N, m = scheme.shares.shape
-    nodes = (Instants.spread(N, (share,)).times(scheme.shares) for share in (0.0, 1.0))
-    begins, ends = nodes
+    begins = Instants.spread(N, (0.0,)).times(scheme.shares)
+    ends = Instants.spread(N, (1.0,)).times(scheme.shares)
     fixed = sp.csr_matrix((N, scheme.size - m))
     return sp.hstack([fixed, ends - begins], format="csr")
 

@@ -204,6 +204,7 @@ class TrustRegionStep:
         room = GROWTH * nlp.attention(steps)
         value = objective.value(nlp, z, values)
         accuracy = value * (self.accuracy or ACCURACY * objective.tolerance)
+        # Solvers without curvature get a root without rows.
         root = nlp.curvature(z, lp.curved * state.multipliers)
         # There may be no multipliers yet, or no curvature.
         unknown = lp.curved and not root.shape[0]

@@ -244,7 +244,7 @@ class HullRows(Generic[M]):
     Attributes:
         name: Name of the kind of rows.
         bounds: Lower and upper bounds, shape (1, m) each.
-        of_motion: Function from a motion to the row values, m in any shape.
+        of_motion: Function from a motion to the row values, m numbers in any shape.
         by_unknowns: Function from a motion to their Jacobian, shape (m, size).
         curable: Whether a slower motion violates them less.
     """

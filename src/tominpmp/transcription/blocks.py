@@ -132,7 +132,8 @@ class SampledRows:
             multipliers: Weights of the row values, positive at upper bounds.
 
         Returns:
-            The matrix R, shape (k, size), of a curvature R^T R; empty for none.
+            The matrix R, shape (k, size), of a curvature R^T R; an empty list if the
+            curvature is zero.
         """
         chosen = np.flatnonzero(multipliers > 0.0)
         if not (chosen.size and self.constraint.bends):
@@ -197,10 +198,11 @@ Block = HullRows[Any] | SampledRows
 
 
 def blocks_of(of: Transcription[Any]) -> list[Block]:
-    """Blocks of rows, if any, for all constraints along the motion of a problem.
+    """Blocks of rows for all constraints along the motion of a problem.
 
     Position and speed limits of the arm, and constraints that all segments have in
-    common, hold on all segments; other constraints hold on a single segment.
+    common, hold on all segments; other constraints hold on a single segment. There are
+    no blocks without rows.
     """
     parts = of.system.segments
     common = (item for item in parts[0].constraints if _shared(item, parts))

@@ -466,7 +466,8 @@ class BSplineTranscription(Transcription[SplineMotion]):
     def trajectory(self, z: Array) -> Trajectory:
         """The motion of an iterate; its torques follow from the inverse dynamics.
 
-        They have the loads of its segments, at the ends of which it may dwell.
+        The torques of each segment are those for its load. The motion includes the
+        dwells at the ends of segments.
         """
         motion, N, segments = self.motion(z), self.intervals, self.system.segments
         _, q, v, a, _ = self.states(motion, Instants.nodes(N), 2)
@@ -479,7 +480,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
         t, still = nodes_of(motion.h)[node] + dwelt, np.isin(node, at)[:, None]
         accelerations = {2: np.insert(motion.derivative(2), at, 0.0, axis=0), 3: None}
         inverses = tuple(part.motor_dynamics.inverse for part in segments)
-        several = dwells.size > 0
+        segmented = dwells.size > 0
         return Trajectory(
             joint_names=self.system.problem.robot.joint_names,
             t=t,
@@ -487,8 +488,8 @@ class BSplineTranscription(Transcription[SplineMotion]):
             v=np.where(still, 0.0, v[node]),
             u=0.0 * q[node],
             a=accelerations.get(self.degree, np.where(still, 0.0, a[node])),
-            segment_ends=t[ends + np.cumsum(stays)] if several else None,
-        ).with_torques(inverses[0], inverses if several else ())
+            segment_ends=t[ends + np.cumsum(stays)] if segmented else None,
+        ).with_torques(inverses[0], inverses if segmented else ())
 
 
 def _reach(knots: Array, degree: int, count: int) -> Array:

@@ -300,10 +300,12 @@ def _one_by_one(rates: Rates, x_start: Array, u: Array, weights: Array) -> Array
     x = x_start
     for k in range(len(u)):
         start, step = np.stack([x, x])[None], slice(k, k + 1)
-        found = solve_steps(rates, x, u[step], weights[step], start, NEWTON_STEPS)
-        if not found[1][0]:
+        found, (solved,) = solve_steps(
+            rates, x, u[step], weights[step], start, NEWTON_STEPS
+        )
+        if not solved:
             break
-        stages[k] = found[0][0]
+        stages[k] = found[0]
         x = stages[k, 1]
     return stages
 
