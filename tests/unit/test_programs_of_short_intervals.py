@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -71,6 +73,19 @@ def test_duals_refer_to_the_unscaled_equations() -> None:
     found = PiqpSolver().solve(program)
     assert found.x == pytest.approx([2.0, 1.0], abs=1e-5)
     assert found.row_duals == pytest.approx(exact.row_duals, rel=1e-3)
+
+
+def test_stored_zeros_of_equations_do_not_change_the_solution() -> None:
+    """Regression: with stored zeros, rounding errors led to other motions."""
+    plain = second_differences(1e5)
+    entries, (rows, columns) = plain.matrix.tocoo(), plain.matrix.shape
+    rng = np.random.default_rng(1)
+    more = rng.integers(0, rows, 200), rng.integers(0, columns, 200)
+    places = (np.append(entries.row, more[0]), np.append(entries.col, more[1]))
+    stored = sp.csc_matrix((np.append(entries.data, np.zeros(200)), places))
+    assert stored.nnz > plain.matrix.nnz
+    found = PiqpSolver().solve(replace(plain, matrix=stored))
+    np.testing.assert_array_equal(found.x, PiqpSolver().solve(plain).x)
 
 
 def test_equation_scale_makes_coefficients_one_at_most() -> None:

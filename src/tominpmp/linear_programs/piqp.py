@@ -165,6 +165,7 @@ class PiqpSolver(LpSolver):
         equations, others = program.matrix[equal], program.matrix[~equal]
         self._scale = equation_scale(equations)
         equations = equations.multiply(self._scale[:, None]).tocsc()
+        equations.eliminate_zeros()  # stored zeros change the order of elimination
         settings, fragile = self._solver.settings, self._stages_fail or equal.any()
         settings.kkt_solver = factorisation(program, fragile)
         settings.eps_duality_gap_abs = program.accuracy
