@@ -24,7 +24,7 @@ class LinearProgram:
         row_upper: Shape (m,).
         row_keys: Keys of the rows, shape (m,).
         curvature: P, positive semidefinite, shape (n, n). Solvers that are ``curved``
-            add x^T P x / 2 to the objective; None without curvature.
+            add x^T P x / 2 to the objective; None, or a zero matrix, without curvature.
         accuracy: Duality gap below which the program counts as solved.
     """
 
