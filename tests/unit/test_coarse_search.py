@@ -52,10 +52,8 @@ def test_repeated_guess_does_not_count_as_a_failed_start(coarse):
     assert search.state.records is not before
 
 
-@pytest.mark.parametrize(
-    ("duration", "paths"), [(1.02, 1), (1.29, 1), (1.31, 2), (1.75, 3), (2.5, 6)]
-)
-def test_more_paths_may_fail_the_farther_the_motion_is_above_the_bound(duration, paths):
+@pytest.mark.parametrize(("duration", "paths"), [(1.02, 1), (1.49, 1), (1.51, 2)])
+def test_two_paths_may_fail_far_above_the_lower_bound(duration, paths):
     post = tm.Sphere("post", radius=0.05, position=(-9.0, -9.0, 0.0))
     goal = tm.JointGoal(np.full(6, 0.5))
     problem = tm.Problem(tm.load_robot("ur5"), np.zeros(6), goal, scene=[post])
