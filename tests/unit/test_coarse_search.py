@@ -102,6 +102,16 @@ def test_start_ends_if_it_will_not_beat_an_earlier_one(monkeypatch):
     assert stop_reason(1.0, 1.0) is Status.STALLED
 
 
+def test_start_ends_if_its_violation_stagnates(coarse):
+    search, _ = coarse
+    rule = search._drop_early()
+    stays = [record(search, violation=0.02, duration=2.0 + k) for k in range(12)]
+    falls = [record(search, violation=0.5 * 0.8**k) for k in range(12)]
+    assert rule(loop(search, stays[:9])) is None
+    assert rule(loop(search, stays)) is Status.STALLED
+    assert rule(loop(search, falls)) is not Status.STALLED
+
+
 def test_history_has_every_iteration_once():
     rail = make_arm(slide(1.0), effort=40.0, velocity=0.5)
     problem = tm.Problem(rail, [0.0], tm.JointGoal([1.0]))

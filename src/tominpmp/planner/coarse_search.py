@@ -307,7 +307,7 @@ class CoarseSearch:
         return rough
 
     def _drop_early(self) -> Rule:
-        """Stop rule that drops a start whose motion is known or slow."""
+        """Stop rule that drops a start whose motion is known, slow or infeasible."""
 
         def rule(loop: Loop) -> Status | None:
             if not self.known or loop.history[-1].violation > RESTORABLE:
@@ -316,7 +316,7 @@ class CoarseSearch:
             known = self._is_known(_shape_of(self.system, motion))
             return loop.drop() if known or self._is_slower(loop) else None
 
-        return rule
+        return first_of(rule, stop_if_hopeless())
 
     def _is_known(self, shape: Array) -> bool:
         return any(np.max(np.abs(shape - rough.shape)) < SAME for rough in self.known)
