@@ -56,7 +56,10 @@ def planned(case: str) -> tm.Solution:
         "lopsided": lambda: tm.Problem(lopsided, START, JOINTS),
         "obstacle": lambda: tm.Problem(arm(**weightless), START, TIP, OBSTACLE, 0.1),
     }
-    return tm.plan(problems[case](), intervals=32, **FINE).raise_if_failed()
+    # Beside an obstacle T of plans on 32 intervals is no smooth function of the margin:
+    # their differences vary by 3 % with the step.
+    intervals = 48 if case == "obstacle" else 32
+    return tm.plan(problems[case](), intervals=intervals, **FINE).raise_if_failed()
 
 
 def values(case: str, kind: str) -> dict[str, float]:
