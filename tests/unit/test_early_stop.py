@@ -153,6 +153,28 @@ def test_next_fallback_is_tried_after_one_that_fails_its_replay(monkeypatch):
     assert state.incumbent is not None
 
 
+def test_feasible_fallback_is_tried_before_the_first_guess(monkeypatch):
+    """Regression: a plan stopped in a start that lacked clearance lost its motion.
+
+    That start was the first fallback, as the fastest one, but could not be slowed down
+    until it kept its clearances; the first guess, slowed down, was the solution, and
+    took half as long again as the feasible motion of a former start.
+    """
+    state = with_coarse_fallback()
+    sound = state.fallbacks[0]._replace(feasible=True)
+    near, far = sound._replace(feasible=False), sound._replace(feasible=False)
+    state.fallbacks = [near, far, sound]
+    (guess,), tried = state.first_guesses.values(), []
+
+    def failing(fallback, candidate, _):
+        tried.append(fallback)
+        return candidate
+
+    monkeypatch.setattr("tominpmp.planner.work._scaled", failing)
+    use_fallback(state, tm.Status.TIME_LIMIT)
+    assert list(map(id, tried)) == list(map(id, (near, sound, guess, far)))
+
+
 def test_faster_coarse_motion_replaces_a_slow_incumbent():
     """Regression: planning for 4 s returned T = 3.75 s, planning for 2 s T = 0.39 s."""
     state = with_coarse_fallback()

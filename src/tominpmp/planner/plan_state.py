@@ -75,7 +75,8 @@ class PlanState:
         fallbacks: Last iterates on coarse grids, the best one first, which may become
             the solution; beside an incumbent the best one only.
         first_guesses: The first iterate for each goal, by the identity of its problem,
-            which the iterate keeps; these are tried next if the best fallback fails.
+            which the iterate keeps; these are tried next if the best fallback and all
+            feasible ones fail.
         complete: Whether all stages of a plan with less effort are done. The thorough
             search that follows is open-ended: a time limit then is its regular end.
         callback_error: Error that the callback has raised; None without one.

@@ -251,7 +251,10 @@ def use_fallback(state: PlanState, status: Status) -> None:
     best = state.best_duration
     tries = state.fallbacks[:1]
     if best == np.inf:
-        tries = [*tries, *state.first_guesses.values(), *state.fallbacks[1:]]
+        # The best one may lack clearance, which slowing down does not restore.
+        sound = [item for item in state.fallbacks[1:] if item.feasible]
+        others = [item for item in state.fallbacks[1:] if not item.feasible]
+        tries = [*tries, *sound, *state.first_guesses.values(), *others]
     errors = state.failures[-1:]
     remark = "".join(STAGE_FAILED.format(type(error).__name__) for error in errors)
     tried: list[Candidate] = []
