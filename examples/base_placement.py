@@ -1,7 +1,8 @@
 """Move the base of an arm so that three goals take less time.
 
 A planar arm reaches three points from one configuration. Its base is moved along the
-gradients of the durations; the sensitivities before and after are drawn as bar charts.
+gradients of the durations; the sensitivities of the slowest of the three motions with
+the new base are drawn as a bar chart.
 
     python examples/base_placement.py [--out FOLDER]
 """
