@@ -16,7 +16,7 @@ import numpy as np
 from tominpmp.arrays import Array, Converted, Record, default, pair_or_nan, record
 from tominpmp.checks import Seconds, flag, instance, of_type, optional, wrong
 from tominpmp.constraints.path import PathConstraint
-from tominpmp.exceptions import ProblemError, brief
+from tominpmp.exceptions import ProblemError, brief, closest, shortened
 from tominpmp.goals.base import Goal
 from tominpmp.goals.sets import passed
 from tominpmp.motion.trajectory import Trajectory
@@ -212,12 +212,14 @@ def check_names(pairs: Sequence[tuple[str, str]], known: set[str]) -> None:
     Raises:
         ProblemError: If a name is neither a link nor an obstacle.
     """
+    names = sorted(known)
     for pair in pairs:
         for body in pair:
             if body not in known:
                 raise ProblemError(
                     f"may_touch: {brief(body)} is neither a link with a shape nor an "
-                    f"obstacle; expected one of {brief(', '.join(sorted(known)))}",
+                    f"obstacle{closest(body, names)}; there are: "
+                    f"{shortened(', '.join(names))}",
                     "may_touch",
                 )
 
