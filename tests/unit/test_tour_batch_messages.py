@@ -39,12 +39,12 @@ def test_unknown_name_in_may_touch_names_the_station(robot: tm.Robot) -> None:
     part = tm.Box("part", size=(0.1, 0.1, 0.1))
     load = tm.Payload(0.1, "tip", geometry=[part], name="part")
     stations = [
-        tm.Station("pick", at(4, 1), payload=load, may_touch=[("part", "tabel")]),
+        tm.Station("pick", at(4, 1), payload=load, may_touch=[("part", "tables")]),
         tm.Station("put", at(3, 2)),
     ]
     table = tm.Scene([tm.Box("table", size=(1, 1, 0.1), position=(9, 9, 0))])
     match = (
-        r"station 1 \('pick'\): may_touch: 'tabel' is neither .*mean table\?\)"
+        r"station 1 \('pick'\): may_touch: 'tables' is neither .*mean table\?\)"
         r"; there are: .*part.*table"
     )
     with pytest.raises(tm.ProblemError, match=match):
