@@ -309,11 +309,12 @@ def test_killed_batch_keeps_its_finished_results(folder: Path) -> None:
     run.wait()
     time.sleep(1.0)  # until the workers have ended
     done = list(results.glob("*/*.npz"))
-    assert 6 <= len(done) < 400
-    found = tm.plan_many(problems(folder, 400), workers=1, results=results, **QUICK)
-    heads = [next(found) for _ in range(len(done) - 3)]
-    found.close()
-    assert all(outcome.resumed and outcome.success for outcome in heads)
+    assert 6 <= len(done) <= 60
+    # Not the first ones in any case: a worker may start later than the other one.
+    given = problems(folder, 400)[:60]
+    found = list(tm.plan_many(given, workers=1, results=results, **QUICK))
+    assert all(outcome.success for outcome in found)
+    assert sum(outcome.resumed for outcome in found) >= len(done)
 
 
 def test_warm_starts_do_not_depend_on_the_number_of_workers(folder: Path) -> None:
