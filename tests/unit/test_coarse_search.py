@@ -53,17 +53,15 @@ def test_repeated_guess_does_not_count_as_a_failed_start(coarse):
 
 
 @pytest.mark.parametrize(("duration", "paths"), [(1.02, 1), (1.49, 1), (1.51, 2)])
-def test_two_paths_may_fail_far_above_the_lower_bound(duration, paths):
+def test_two_paths_may_fail_far_above_the_lower_bound(monkeypatch, duration, paths):
     post = tm.Sphere("post", radius=0.05, position=(-9.0, -9.0, 0.0))
     goal = tm.JointGoal(np.full(6, 0.5))
     problem = tm.Problem(tm.load_robot("ur5"), np.zeros(6), goal, scene=[post])
-    options = resolve_options(problem, tm.Options())
-    state = PlanState(problem, options)
+    state = PlanState(problem, resolve_options(problem, tm.Options()))
     search = CoarseSearch(ProblemFunctions.of(problem), state, torques=False)
     bound = SimpleNamespace(T=1.0)
-    search.state = SimpleNamespace(
-        best_duration=duration, lower_bound=lambda problem: bound
-    )
+    monkeypatch.setattr(PlanState, "best_duration", duration)
+    monkeypatch.setattr(PlanState, "lower_bound", lambda self, problem: bound)
     assert search.patience == paths
 
 

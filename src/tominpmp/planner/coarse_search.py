@@ -265,8 +265,8 @@ class CoarseSearch:
             return MOST_PATHS
         if self.system.problem.scene.moving:
             return FAILURES
-        bound = self.state.lower_bound(self.system.problem).T
-        return 2 if self.state.best_duration > (1.0 + WIDE_GAP) * bound else 1
+        wide = self.state.exceeds_bound(1.0 + WIDE_GAP, self.system.problem)
+        return 2 if wide else 1
 
     @property
     def promising(self) -> bool:
@@ -279,7 +279,7 @@ class CoarseSearch:
             return system.in_free_space and not self.many_joints
         far = self.many_joints and system.in_free_space
         above = FAR_ABOVE if far else 1.0 + GAP
-        return best > above * self.state.lower_bound(system.problem).T
+        return self.state.exceeds_bound(above, system.problem)
 
     # -- on the coarse grid ------------------------------------------------------------
 

@@ -190,6 +190,18 @@ class PlanState:
             self._bounds[goals] = problem, lower_bound(problem)
         return self._bounds[goals][1]
 
+    def exceeds_bound(self, factor: float, problem: Problem) -> bool:
+        """Whether the incumbent takes longer than a multiple of the lower bound.
+
+        Args:
+            factor: The multiple.
+            problem: The problem of the bound.
+
+        Raises:
+            Stop: If it is time to stop.
+        """
+        return bool(self.best_duration > factor * self.lower_bound(problem).T)
+
     # -- time --------------------------------------------------------------------------
 
     @property

@@ -405,7 +405,7 @@ def _beatable(
     fixed = system.in_free_space and system.final_configuration is not None
     if fixed or system.parts or system.problem.scene.moving:
         return False
-    if state.best_duration <= (1.0 + GAP) * state.lower_bound(system.problem).T:
+    if not state.exceeds_bound(1.0 + GAP, system.problem):
         return False
     guess = next(guesses.since(0), None)
     if guess is None or not guess.timed:

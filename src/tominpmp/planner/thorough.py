@@ -53,7 +53,7 @@ def thorough_search(state: PlanState) -> Schedule[None]:
     proven = 1.0 + tolerance_of(options)
     most = WAVES if options.max_planning_time is None else MOST_WAVES
     for _, waves in itertools.product(range(most), searches):
-        if state.best_duration <= proven * state.lower_bound(problem).T:
+        if not state.exceeds_bound(proven, problem):
             return
         before = state.best_duration
         yield from next(waves, ())
