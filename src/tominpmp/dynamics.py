@@ -143,6 +143,8 @@ class RobotDynamics:
         Returns:
             Torques, shape (m, n) [N m or N].
         """
+        if self.friction is None:
+            return self._smooth(q, v, a)  # the directions would be found for nothing
         return self.inverse_along(q, v, a, directions(v, a))
 
     def inverse_along(self, q: Array, v: Array, a: Array, signs: Array) -> Array:

@@ -223,10 +223,9 @@ class Inspection:
             violation = np.asarray(excess - usable)
             over = np.flatnonzero(np.max(violation, axis=1, initial=-np.inf) > 0.0)
             near = np.zeros(0, dtype=np.int64)
-            if not found:
-                near = between_samples(violation, 0.0, attention)
-            elif not any(instants.size for instants, _ in found):
-                near = between_samples(violation, room, attention)
+            if not any(instants.size for instants, _ in found):
+                tolerated = room if found else 0.0
+                near = between_samples(violation, tolerated, attention)
             found.append((at[over], violation[over]))
             step = width * h[at.interval]
             if float(np.max(step, initial=0.0)) * rise > room:
