@@ -10,14 +10,11 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from tominpmp.arrays import Array, MaybeNone
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.checks import instance
 from tominpmp.description.paths import checked_path
@@ -25,30 +22,18 @@ from tominpmp.exceptions import enumerated
 from tominpmp.files.export import file_samples, is_message, read_motion
 from tominpmp.files.ros import Refusal, controller_refusals
 from tominpmp.files.tables import known_quantities
-from tominpmp.motion.joining import Joined, join, with_controls
+from tominpmp.motion.joining import Joined, join
 from tominpmp.motion.samples import Interpolation, Samples
-from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import LONGEST_PERIOD, Tolerances
-from tominpmp.problem.joint_limits import joint_limits
 from tominpmp.problem.problem import Problem
 from tominpmp.solution import Solution
-from tominpmp.verification.limit_violations import LimitViolation, planned_violations
+from tominpmp.verification.limit_violations import LimitViolation
 from tominpmp.verification.verification import Verification, verify
 
 # Usual periods of controllers [s], the longest first.
 PERIODS = (0.01, 0.008, 0.004, 0.002, 0.001)
 # Controller period to recommend where no period is known [s].
 DEFAULT_PERIOD = 0.004
-# Instants at which each interval is examined, as shares of it: also near the ends,
-# where overshooting polynomials are fastest.
-INSTANTS = np.array([0.0005, 0.1, 0.3, 0.5, 0.7, 0.9, 0.9995])
-# Multiple of the tolerance beyond which an excess is evident without a replay.
-EVIDENT = 2.0
-# Intervals shorter than this are rounding of times [s].
-MIN_INTERVAL = 1e-7
-# Two curves count as equal up to these differences, in positions [rad or m], velocities
-# [rad/s or m/s] and torques, the last relative to half of their range.
-SAME_Q, SAME_V, SAME_U = 1e-7, 1e-5, 4e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +48,7 @@ class ExportCheck:
         refusals: Rules of the joint trajectory controller that it breaks, for messages
             of ROS.
         violations: Limits that it breaks, and the goal if it misses it.
-        verification: Its replay; None if the points alone showed that it breaks limits.
+        verification: Its replay.
         holding: Sampling periods that would pass [s], among those that were tried; None
             stands for the nodes of the motion.
         tried: Sampling periods that were tried [s].
@@ -79,7 +64,7 @@ class ExportCheck:
     joined: str
     refusals: tuple[Refusal, ...]
     violations: tuple[LimitViolation, ...]
-    verification: MaybeNone = field(repr=False)
+    verification: Verification = field(repr=False)
     holding: tuple[float | None, ...] = ()
     tried: tuple[float | None, ...] = ()
     replan: float | None = None
@@ -126,10 +111,7 @@ def _listed(steps: tuple[float | None, ...]) -> str:
     )
 
 
-# Result of a verification: the violated limits, and the replay if there was one.
-Judgement = tuple[tuple[LimitViolation, ...], Verification | None]
-
-
+@np.errstate(all="ignore")  # numbers of a stranger's file may overflow
 def check_file(
     problem: Problem,
     path: str | Path,
@@ -153,14 +135,37 @@ def check_file(
         ProblemError: If an argument is wrong.
         ScenarioError: If the file cannot be read, or belongs to another robot.
     """
+    begin = time.perf_counter()
     instance(problem, Problem, "problem")
     instance(tolerances, (Tolerances, type(None)), "tolerances", "Tolerances or None")
-
-    def judge(motion: Trajectory) -> Judgement:
-        replay = verify(problem, motion, tolerances)
-        return replay.violations, replay
-
-    return _check(problem, checked_path(path), judge, interpolation)
+    path = checked_path(path)
+    refusals: tuple[Refusal, ...] = ()
+    samples, message = read_motion(path, interpolation)
+    notes: dict[str, bool] = {}
+    if message is not None:
+        effort, moving = "u" in known_quantities(samples), problem.goal.ends_moving
+        refusals = controller_refusals(
+            message, effort_interface=effort, moving_end=moving
+        )
+        notes = {
+            "The points have efforts: only controllers that command efforts take "
+            "them.": effort,
+            "The motion ends in motion: the controller needs "
+            "allow_nonzero_velocity_at_trajectory_end.": moving,
+        }
+    joined = joined_samples(samples, problem, path)
+    replay = verify(problem, joined.trajectory, tolerances)
+    return ExportCheck(
+        path,
+        not (replay.violations or refusals),
+        str(joined),
+        refusals,
+        replay.violations,
+        replay,
+        notes=tuple(note for note, applies in notes.items() if applies),
+        seconds=time.perf_counter() - begin,
+        duration=joined.trajectory.duration,
+    )
 
 
 @on_one_thread
@@ -186,8 +191,8 @@ def check_export(
     instance(solution, Solution, "solution")
     motion = solution._motion()
     path, dt = checked_path(path), solution._step_of_rows(dt)
-    judge = partial(_verified, solution, motion)
-    check = _check(solution.problem, path, judge)
+    problem, tolerances = solution.problem, solution.options.tolerances
+    check = check_file(problem, path, tolerances=tolerances)
     if not check.violations:
         return check
     holding, tried = list[float | None](), list[float | None]()
@@ -197,8 +202,8 @@ def check_export(
             break
         samples = file_samples(motion, path, step)
         tried.append(step)
-        as_read = joined_samples(samples, solution.problem, path).trajectory
-        if not judge(as_read)[0]:
+        as_read = joined_samples(samples, problem, path).trajectory
+        if not verify(problem, as_read, tolerances).violations:
             holding.append(step)
             if step is not None:
                 break  # one period that passes is enough advice
@@ -208,44 +213,6 @@ def check_export(
         tried=tuple(tried),
         replan=_replan(solution, path, dt),
         seconds=time.perf_counter() - begin,
-    )
-
-
-@np.errstate(all="ignore")  # numbers of a stranger's file may overflow
-def _check(
-    problem: Problem,
-    path: Path,
-    judge: Callable[[Trajectory], Judgement],
-    interpolation: Interpolation | None = None,
-) -> ExportCheck:
-    """Read a file, interpolate its points, and verify the motion."""
-    begin = time.perf_counter()
-    refusals: tuple[Refusal, ...] = ()
-    samples, message = read_motion(path, interpolation)
-    notes: dict[str, bool] = {}
-    if message is not None:
-        effort, moving = "u" in known_quantities(samples), problem.goal.ends_moving
-        refusals = controller_refusals(
-            message, effort_interface=effort, moving_end=moving
-        )
-        notes = {
-            "The points have efforts: only controllers that command efforts take "
-            "them.": effort,
-            "The motion ends in motion: the controller needs "
-            "allow_nonzero_velocity_at_trajectory_end.": moving,
-        }
-    joined = joined_samples(samples, problem, path)
-    violations, verification = judge(joined.trajectory)
-    return ExportCheck(
-        path,
-        not (violations or refusals),
-        str(joined),
-        refusals,
-        violations,
-        verification,
-        notes=tuple(note for note, applies in notes.items() if applies),
-        seconds=time.perf_counter() - begin,
-        duration=joined.trajectory.duration,
     )
 
 
@@ -269,42 +236,3 @@ def _alternative_steps(dt: float | None) -> list[float | None]:
     if dt is None:
         return list(PERIODS[::-1])
     return [None, *(period for period in PERIODS if period < dt * (1.0 - 1e-9))]
-
-
-def _verified(solution: Solution, planned: Trajectory, motion: Trajectory) -> Judgement:
-    """Verify a reader's version of a plan; replay it only if in doubt."""
-    problem, known = solution.problem, solution.verification
-    planned, motion = (with_controls(each, problem.robot) for each in (planned, motion))
-    tolerances = solution.options.tolerances
-    limits: list[LimitViolation] = []
-    # With several segments, torques depend on the segment ends, which a file may lack.
-    if not problem.segments:
-        limits = planned_violations(problem, motion, tolerances.limits)
-    evident = [item for item in limits if item.share > EVIDENT * tolerances.limits]
-    if evident:
-        return tuple(evident), None
-    # Motions of the same states may differ in their jerks and torque rates.
-    within = not any(item.violated for item in limits)
-    if known and within and _is_planned(problem, planned, motion):
-        return (), known
-    replayed = verify(problem, motion, tolerances)
-    return replayed.violations, replayed
-
-
-def _is_planned(problem: Problem, planned: Trajectory, motion: Trajectory) -> bool:
-    """Whether a motion equals the planned one up to rounding."""
-    if abs(planned.duration - motion.duration) > MIN_INTERVAL:
-        return False
-    times = _inner_instants(np.union1d(planned.t, motion.t))
-    expected, actual = planned(times), motion(times)
-    _, _, control, *_ = joint_limits(problem.robot, problem.motion_limits)
-    same = {"q": SAME_Q, "v": SAME_V, "u": SAME_U * control.scale}
-    apart = {k: np.abs(getattr(expected, k) - getattr(actual, k)) for k in same}
-    return all(bool(np.all(apart[k] <= most)) for k, most in same.items())
-
-
-def _inner_instants(nodes: Array) -> Array:
-    """Times inside the intervals, away from their ends [s], shape (m,)."""
-    h = np.diff(nodes)
-    wide = h > MIN_INTERVAL
-    return np.ravel(nodes[:-1][wide, None] + INSTANTS * h[wide, None])

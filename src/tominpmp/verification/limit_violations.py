@@ -16,10 +16,9 @@ from tominpmp.problem.joint_limits import JointBounds, joint_limits
 from tominpmp.robot.robot import Robot
 from tominpmp.stopping import check
 from tominpmp.verification.polynomials import Pieces
-from tominpmp.verification.replay import TIME_STEP, Replay, planned, torque_pieces
+from tominpmp.verification.replay import TIME_STEP, Replay
 
 if TYPE_CHECKING:
-    from tominpmp.motion.trajectory import Trajectory
     from tominpmp.problem.problem import Problem
 
 # Speed below which a joint may stop, reverse or start at another time than in a replay
@@ -231,22 +230,6 @@ def limit_violations(
         row = t, excess[:, None], np.array([constraint.scale])
         every.append(Excesses(constraint.name, subjects, *row))
     return [worst for item in every for worst in item.worst(tolerance)]
-
-
-def planned_violations(
-    problem: Problem, motion: Trajectory, tolerance: float
-) -> list[LimitViolation]:
-    """The worst violation of each kind of limit along a motion, without an integration.
-
-    Args:
-        problem: The problem, of one segment.
-        motion: The motion.
-        tolerance: Tolerated excess, as a share of the limits.
-    """
-    torque = torque_pieces(problem.robot, motion)
-    replay = planned(motion, torque=torque)
-    outside = np.stack([problem.a_start, 0.0 * problem.a_start])
-    return limit_violations(problem, replay, torque, tolerance, outside)
 
 
 def _directions(robot: Robot, replay: Replay, v: Array, ends: IntArray) -> Array:
