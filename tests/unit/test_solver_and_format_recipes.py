@@ -99,8 +99,8 @@ def read_words(content: bytes, path: Path) -> tm.Samples:
 def test_custom_format_of_motion_files_follows_the_recipe(
     planar3r: tm.Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(export.WRITERS, ".words", write_words)
-    monkeypatch.setitem(export.READERS, ".words", read_words)
+    words = export.Format(write_words, read_words)
+    monkeypatch.setitem(export.FORMATS, ".words", words)
     problem = tm.Problem(planar3r, (0.5, 1.7, -1.7), tm.JointGoal((0.9, -1.2, -0.9)))
     smooth = {"starts": 1, "intervals": 10, "refine": None, "control": "spline"}
     solution = tm.plan(problem, **smooth)

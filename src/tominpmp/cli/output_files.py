@@ -21,7 +21,7 @@ from tominpmp.exceptions import (
     ProblemError,
     ScenarioError,
 )
-from tominpmp.files.export import WRITERS, check_options
+from tominpmp.files.export import FORMATS, check_options
 from tominpmp.files.ros import MIN_STEP
 from tominpmp.motion.samples import BILLION
 from tominpmp.solution import Solution
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 DEFAULT_MOTION = "motion.csv"
 STDOUT = "-"
-MOTION_ENDINGS = tuple(WRITERS)
+MOTION_ENDINGS = tuple(FORMATS)
 PLOT_ENDINGS = (".png", ".pdf", ".svg")
 PAGE_ENDINGS = (".html", ".htm")
 # Options that name a further file: its label in reports, its allowed endings, and the

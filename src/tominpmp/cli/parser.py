@@ -123,18 +123,17 @@ class HelpFormatter(PlainFormatter):
         indent = max(short, default=LONGEST) + 4
         lines = [f"{panel.title}:"]
         for names, text in rows:
-            label = f"  {names}".ljust(indent)
+            label = f"  {names}"
             if len(names) > LONGEST:
                 lines.append(label)
-                label = " " * indent
+                label = ""
             lines += textwrap.wrap(
-                text,
+                f"{label:<{indent}}{text}",
                 min(console.width, WIDEST) - 1,
-                initial_indent=label,
                 subsequent_indent=" " * indent,
                 break_long_words=False,
                 break_on_hyphens=False,
-            ) or [label]
+            )
         console.print("\n".join(lines), "", sep="\n", soft_wrap=True, markup=False)
 
     def render_description(

@@ -27,19 +27,6 @@ QUANTITIES = (*SHEET_COLUMNS, *kinds_of(MotionLimits, numbers=True))
 
 
 @dataclass(frozen=True)
-class Source:
-    """Source of a number.
-
-    Attributes:
-        document: The maker's document.
-        address: Address at which it is available.
-    """
-
-    document: str
-    address: str
-
-
-@dataclass(frozen=True)
 class Datasheet:
     """Published data of an arm.
 
@@ -50,14 +37,12 @@ class Datasheet:
         values: Published values of the joints in SI units, by quantity (velocity,
             effort, acceleration, jerk, effort_rate, armature, position_lower,
             position_upper).
-        sources: Source of each quantity.
     """
 
     title: str
     names: tuple[str, ...]
     joints: tuple[str, ...]
     values: Mapping[str, tuple[float, ...]]
-    sources: Mapping[str, Source]
 
     def by_joint(self, joint_names: Sequence[str]) -> dict[str, dict[str, float]]:
         """Values by quantity, and by the joint names of a robot.
@@ -90,27 +75,16 @@ def read_datasheet(path: Path) -> Datasheet:
     table = parse_toml(path.read_bytes(), path)
     table.only("title", "names", "joints", "sources", *QUANTITIES)
     joints = tuple(item.text() for item in table.need("joints").items())
-    known = {
-        key: Source(item.need("document").text(), item.need("address").text())
-        for key, item in table.need("sources").table().items()
+    values = {
+        quantity: tuple(table.get(quantity).need("values").numbers(len(joints)))
+        for quantity in QUANTITIES
+        if table.get(quantity).given
     }
-    values, sources = {}, {}
-    for quantity in QUANTITIES:
-        entry = table.get(quantity)
-        if not entry.given:
-            continue
-        entry.only("values", "source")
-        values[quantity] = tuple(entry.need("values").numbers(len(joints)))
-        source = entry.need("source")
-        if source.text() not in known:
-            source.fail(f"is not a source; there are: {', '.join(known)}")
-        sources[quantity] = known[source.text()]
     return Datasheet(
         title=table.need("title").text(),
         names=tuple(item.text() for item in table.need("names").items()),
         joints=joints,
         values=MappingProxyType(values),
-        sources=MappingProxyType(sources),
     )
 
 

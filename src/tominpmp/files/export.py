@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -73,7 +73,7 @@ def export(
         MissingDependency: If a package for bags is not installed.
     """
     instance(trajectory, Trajectory, "trajectory")
-    write = WRITERS[checked_ending(path, WRITERS, NOT_KEPT)]
+    write = FORMATS[checked_ending(path, FORMATS, NOT_KEPT)].write
     check_options(path, with_effort, message)
     samples = file_samples(trajectory, path, dt, with_effort=with_effort)
     for key, fault in _not_finite(samples):
@@ -84,7 +84,7 @@ def export(
 
 def is_message(path: str | Path) -> bool:
     """Whether the ending of a file is that of ROS messages."""
-    return Path(path).suffix.lower() in PARSERS
+    return Path(path).suffix.lower() in OF_MESSAGES
 
 
 def file_samples(
@@ -121,10 +121,9 @@ def check_options(path: str | Path, with_effort: bool, message: str | None) -> N
     choice(message, (None, *ros.MESSAGES), "message")
     for name, value in (("with_effort", with_effort), ("message", message)):
         if value and not is_message(path):
-            raise ProblemError(
-                f"{name} is for ROS messages ({', '.join(PARSERS)}), not for {path}",
-                name,
-            )
+            known = ", ".join(OF_MESSAGES)
+            fault = f"{name} is for ROS messages ({known}), not for {path}"
+            raise ProblemError(fault, name)
 
 
 def _not_finite(samples: Samples) -> Iterator[tuple[str, str]]:
@@ -175,7 +174,7 @@ def read_motion(
     Raises:
         TominpmpError: As raised by :func:`load_motion`.
     """
-    read = READERS[checked_ending(path, READERS, NOT_KEPT)]
+    read = FORMATS[checked_ending(path, FORMATS, NOT_KEPT)].read
     if interpolation is not None:
         choice(interpolation, INTERPOLATIONS, "interpolation")
     path, held = checked_path(path), is_message(path)
@@ -206,24 +205,28 @@ def _checked(samples: Samples, file: Field) -> Samples:
     return samples
 
 
-WRITERS: dict[str, Callable[..., None]] = {
-    ".csv": tables.write_csv,
-    ".npz": tables.write_npz,
-    ".yaml": ros.write_yaml,
-    ".yml": ros.write_yaml,
-    ".json": ros.write_json,
-    ".mcap": ros.write_bag,
+class Format(NamedTuple):
+    """A format of motion files.
+
+    Attributes:
+        write: Writes samples to an open file.
+        read: Makes samples of the content of a file and its path; or a message as plain
+            values.
+        message: Whether the files hold messages of ROS.
+    """
+
+    write: Callable[..., None]
+    read: Callable[[bytes, Path], Any]
+    message: bool = False
+
+
+FORMATS: dict[str, Format] = {
+    ".csv": Format(tables.write_csv, tables.read_csv),
+    ".npz": Format(tables.write_npz, tables.read_npz),
+    ".yaml": Format(ros.write_yaml, parse_yaml, message=True),
+    ".yml": Format(ros.write_yaml, parse_yaml, message=True),
+    ".json": Format(ros.write_json, ros.parse_json, message=True),
+    ".mcap": Format(ros.write_bag, ros.parse_bag, message=True),
 }
-# Endings of files with messages, and the parsers that return the messages as plain
-# values.
-PARSERS: dict[str, Callable[[bytes, Path], Any]] = {
-    ".yaml": parse_yaml,
-    ".yml": parse_yaml,
-    ".json": ros.parse_json,
-    ".mcap": ros.parse_bag,
-}
-READERS: dict[str, Callable[[bytes, Path], Any]] = {
-    ".csv": tables.read_csv,
-    ".npz": tables.read_npz,
-    **PARSERS,
-}
+# Endings of files with messages.
+OF_MESSAGES = tuple(ending for ending, kind in FORMATS.items() if kind.message)

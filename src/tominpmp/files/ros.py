@@ -429,8 +429,8 @@ TOLERANCES = (
 )
 
 
-#: A point of a message as plain values.
-Point: TypeAlias = Mapping[str, Any]
+#: Values of the fields of a point in POINT_FIELDS; empty lists for missing fields.
+Rows: TypeAlias = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -501,14 +501,15 @@ def controller_refusals(
     if not isinstance(points, list) or not points:
         return (Refusal("there are no points", "points"),)
     points = [point if isinstance(point, Mapping) else {} for point in points]
+    rows = [{k: _values(point, k) for k in POINT_FIELDS.values()} for point in points]
     return (
         *_joints(names, joint_names, partial),
         *_goal(outer, names),
         *_stamp(trajectory.get("header")),
         *_times(points),
-        *_numbers(points, names, effort_interface),
-        *_uniform(points),
-        *(() if moving_end else _end(points, names)),
+        *_numbers(rows, names, effort_interface),
+        *_uniform(rows),
+        *(() if moving_end else _end(rows[-1]["velocities"], names, len(rows) - 1)),
     )
 
 
@@ -530,7 +531,7 @@ def _joints(
             yield Refusal(reason, "joint_names", joint=name)
 
 
-def _times(points: Sequence[Point]) -> Iterator[Refusal]:
+def _times(points: Sequence[Mapping[str, Any]]) -> Iterator[Refusal]:
     """Rule: times are whole nanoseconds, increasing, and not before the start."""
     before = -1
     for index, point in enumerate(points):
@@ -549,12 +550,11 @@ def _times(points: Sequence[Point]) -> Iterator[Refusal]:
 
 
 def _numbers(
-    points: Sequence[Point], names: list[str], effort_interface: bool
+    points: Sequence[Rows], names: list[str], effort_interface: bool
 ) -> Iterator[Refusal]:
     """Rule: arrays contain one finite number for each joint, or are empty."""
     for index, point in enumerate(points):
-        for field in POINT_FIELDS.values():
-            row = _values(point, field)
+        for field, row in point.items():
             if not isinstance(row, list | tuple):
                 yield Refusal("is not a list of numbers", field, index)
             elif len(row) != len(names) and (row or field == "positions"):
@@ -565,30 +565,28 @@ def _numbers(
                     if not _is_finite(value):
                         reason = f"is {brief(value)}, expected a finite number"
                         yield Refusal(reason, field, index, name)
-        if _values(point, "effort") and not effort_interface:
+        if point["effort"] and not effort_interface:
             reason = "is refused by controllers that do not command efforts"
             yield Refusal(reason, "effort", index)
             effort_interface = True  # one refusal stands for all points
 
 
-def _uniform(points: Sequence[Point]) -> Iterator[Refusal]:
+def _uniform(points: Sequence[Rows]) -> Iterator[Refusal]:
     """Rule: all points set the same fields, else a controller interpolates linearly."""
     first = points[0]
     for index, point in enumerate(points):
-        for field in POINT_FIELDS.values():
-            present = bool(_values(point, field))
-            if present != bool(_values(first, field)):
+        for field, row in point.items():
+            if bool(row) != bool(first[field]):
                 has = "has them, the first point has not"
                 lacks = "is empty, that of the first point is not"
-                yield Refusal(has if present else lacks, field, index)
+                yield Refusal(has if row else lacks, field, index)
                 return
-    if _values(first, "accelerations") and not _values(first, "velocities"):
+    if first["accelerations"] and not first["velocities"]:
         yield Refusal("is not followed without velocities", "accelerations", 0)
 
 
-def _end(points: Sequence[Point], names: list[str]) -> Iterator[Refusal]:
-    """Rule: the motion ends at rest."""
-    row, last = _values(points[-1], "velocities"), len(points) - 1
+def _end(row: Any, names: list[str], last: int) -> Iterator[Refusal]:
+    """Rule: the motion ends at rest: the velocities of its last point are zero."""
     # What is not a list breaks another rule.
     listed = row if isinstance(row, list | tuple) else ()
     for name, value in zip(names, listed, strict=False):
@@ -597,7 +595,7 @@ def _end(points: Sequence[Point], names: list[str]) -> Iterator[Refusal]:
             yield Refusal(reason, "velocities", last, name)
 
 
-def _values(point: Point, field: str) -> Any:
+def _values(point: Mapping[str, Any], field: str) -> Any:
     """Numbers of a field of a point; empty without the field."""
     row = point.get(field)
     if isinstance(row, np.ndarray):
