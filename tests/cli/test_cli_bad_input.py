@@ -212,7 +212,9 @@ BAD = {
     "no file": ("play none.csv --robot planar3r", "there is no file none.csv"),
     # Refused by the parser.
     "no robot": ("plan --start 1", "ROBOT"),
-    "no start": ("plan planar3r --goal 1,1,1", "--start"),
+    "no start": ("plan planar3r --goal 1,1,1", "'planar3r' is not a scenario file"),
+    "folder as a robot": ("plan /", "'/' is a folder, not a scenario file (.toml)"),
+    "no folder": ("batch nowhere", "there is no folder or file nowhere"),
     "option": ("plan planar3r --sart 1,1,1", "--sart"),
     "command": ("paln planar3r", "paln"),
     "float": ("plan planar3r --start start --goal 1,1,1 --margin big", "--margin"),

@@ -19,6 +19,7 @@ from cli_samples import (
     needs_panda,
 )
 
+from tominpmp.cli.app import run as run_words
 from tominpmp.cli.report import robot_data
 from tominpmp.description.files import robot_names
 from tominpmp.exceptions import (
@@ -246,6 +247,15 @@ def test_full_standard_error_does_not_change_the_exit_code() -> None:
         streams = {"capture_output": False, "stdout": full, "stderr": full}
         assert program("robots", **streams).returncode == 74
         assert program("info", "no.urdf", **streams).returncode == 2
+
+
+def test_closed_standard_output_ends_with_exit_code_74(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Regression: a shell's ``>&-`` lost the motion, and the exit code was 0."""
+    monkeypatch.setattr(sys, "stdout", None)
+    assert run_words(["--version"]) == 74
+    assert capsys.readouterr().err == "error: standard output: Bad file descriptor\n"
 
 
 def test_library_warnings_are_printed_with_python_w_error() -> None:

@@ -138,6 +138,7 @@ def test_tour_that_cannot_be_written_is_saved_elsewhere(
     assert code == 2
     kept = re.search(r"kept in (\S+)", output)
     assert kept and tm.load_motion(kept[1]).t[-1] > 0.0
+    assert "drill" in output and "cycle  " in output  # regression: no report
 
 
 def test_failed_file_check_is_reported_after_an_interrupt(

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from motion_samples import planar_motions
 
-from tominpmp.exceptions import ProblemError, ScenarioError
+from tominpmp.exceptions import ProblemError, ScenarioError, TominpmpWarning
 from tominpmp.files.export import export, load_motion
 from tominpmp.files.writing import write_file
 from tominpmp.motion.samples import Samples
@@ -212,6 +212,18 @@ def test_read_only_file_is_not_overwritten(tmp_path: Path) -> None:
 # Reading invalid files
 
 
+@pytest.mark.parametrize("ending", [".csv", ".yaml"])
+def test_times_in_milliseconds_cause_a_warning(
+    motions: tuple[Trajectory, Trajectory], ending: str, tmp_path: Path
+) -> None:
+    """Regression: the replay of such a file took a minute, without a hint."""
+    motion = motions[0]
+    late = replace(motion, t=1e3 * motion.t, segment_ends=None)
+    path = export(late, tmp_path / f"m{ending}")
+    with pytest.warns(TominpmpWarning, match=r"1\d{3} times as .* times in seconds\?"):
+        load_motion(path)
+
+
 def changed_csv(
     motion: Trajectory, folder: Path, row: int, column: int, to: str
 ) -> Path:
@@ -243,6 +255,7 @@ def changed_csv(
         (3, 0, "0.0", "time: must increase, but is 0.055"),
         (2, 0, "1e-300", "time: must increase, but is 0.0"),
         (0, 0, "\x1b[1m", r"line 1: .* found: '\\x1b\[1m, q_joint1"),
+        (0, 0, "time;q_joint1", "with commas between them .* found: 'time;q_joint1, q"),
         (3, 0, "nan", "t: is nan in row 3: expected a finite number"),
     ],
 )

@@ -285,7 +285,7 @@ def test_empty_scene_of_a_segment_replaces_the_scene_of_the_problem(
     ("text", "key", "word"),
     [
         ("dwel = 0.1", "segments[1].dwel", "no such key"),
-        ("dwell = -0.1", "segments[1].dwell", "a finite number >= 0 [s]"),
+        ("dwell = -0.1", "segments[1].dwell", "dwell: is -0.1, expected a finite"),
         ("dwell = inf", "segments[1].dwell", "finite"),
         ('dwell = "long"', "segments[1].dwell", "number"),
         ("dwell = true", "segments[1].dwell", "number"),

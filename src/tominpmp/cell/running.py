@@ -140,6 +140,8 @@ def _scenarios_in(source: str | Path) -> list[tuple[str, Path]]:
     folder, scenarios = path.parent, list[Path]()
     if path.is_dir():
         folder, scenarios = path, sorted(path.rglob(f"*{ENDING}"))
+    elif not path.exists():
+        raise ScenarioError(f"there is no folder or file {path}", path)
     else:
         document = read_toml(path)
         content = document.table()
@@ -189,18 +191,21 @@ def run_tour(scenario: Path, args: TourOptions) -> int:
     signals = present()
     signals.writing()
     written, fault = dict[str, str](), ""
-    # A tour with all stations at the start has no motion to write; it is reported.
-    if tour.success and (args.output or args.plot or args.html):
-        whole = tour._solution()
-        written, judgement = write_files(whole, options, motion, drawn=tour)
-        fault = "" if judgement is None or judgement.ok else judgement.message
-    files = list(written.values())
-    if args.json:
-        data = {name: getattr(tour, name) for name in OF_TOURS}
-        motions = [motion.T for motion in tour.motions]
-        say(json_text(data | {"motions": motions, "files": files}))
-    else:
-        say(_tour_text(tour, files), err=options.output == STDOUT)
+    try:
+        # A tour with all stations at the start has no motion to write; it is reported.
+        if tour.success and (args.output or args.plot or args.html):
+            whole = tour._solution()
+            written, judgement = write_files(whole, options, motion, drawn=tour)
+            fault = "" if judgement is None or judgement.ok else judgement.message
+    finally:
+        # The report is useful even if the disk is full.
+        files = list(written.values())
+        if args.json:
+            data = {name: getattr(tour, name) for name in OF_TOURS}
+            motions = [motion.T for motion in tour.motions]
+            say(json_text(data | {"motions": motions, "files": files}))
+        else:
+            say(_tour_text(tour, files), err=options.output == STDOUT)
     if fault:
         complain("error", fault)
     if tour.status is Status.INTERRUPTED or signals.number is not None:

@@ -367,9 +367,10 @@ def _obstacles(args: SceneOptions, robot: Robot) -> Scene:
 def _typed_problem(name: str, args: ProblemOptions) -> Problem:
     """The problem of a command line without a scenario and a motion plan request."""
     if args.start is None:
+        kind = "a folder, not" if Path(name).is_dir() else "not"
         raise ProblemError(
             "there is no start: give --start, or a --scene and a --request; "
-            f"{name!r} is not a scenario file (.toml)",
+            f"{name!r} is {kind} a scenario file (.toml)",
             "start",
         )
     robot = load_changed_robot(name, args)

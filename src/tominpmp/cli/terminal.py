@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import os
 import re
@@ -68,6 +69,8 @@ def say(text: str, *, end: str = "\n", err: bool = False) -> None:
         OSError: If it cannot be written; names the stream as its file.
     """
     stream = sys.stderr if err else sys.stdout
+    if stream is None and not err:  # the program was started without it: >&-
+        raise OSError(errno.EBADF, os.strerror(errno.EBADF), OUTPUT)
     # Names and paths may have characters that the encoding of the stream lacks.
     encoding = getattr(stream, "encoding", None) or "utf-8"
     text = text.encode(encoding, "backslashreplace").decode(encoding)

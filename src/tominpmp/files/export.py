@@ -24,7 +24,7 @@ from tominpmp.checks import TINY, choice, flag, instance
 from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_ending, checked_path, read_bytes
 from tominpmp.description.yaml_reader import parse_yaml
-from tominpmp.exceptions import ProblemError, ScenarioError, brief
+from tominpmp.exceptions import ProblemError, ScenarioError, brief, warn_caller
 from tominpmp.files import ros, tables
 from tominpmp.files.writing import write_file
 from tominpmp.motion.samples import INTERPOLATIONS, Interpolation, Samples
@@ -34,6 +34,9 @@ from tominpmp.motion.trajectory import Trajectory
 # :mod:`~tominpmp.files.tables`, the second messages with as many values as YAML may
 # have [bytes].
 MAX_BYTES, MAX_MESSAGE = 2**28, 2**26
+# Ratios of velocities to the changes of positions for which the unit of the times is in
+# doubt: milliseconds have 1e3, microseconds 1e6, and velocities in degrees 57.
+MISMATCH = 300.0, 1e7
 # Beginning of the message on other endings.
 NOT_KEPT = "motions are not kept as"
 
@@ -189,6 +192,7 @@ def read_motion(
     return samples, content if held else None
 
 
+@np.errstate(all="ignore")  # numbers of a stranger's file may overflow
 def _checked(samples: Samples, file: Field) -> Samples:
     """Check the values of samples from a file; names and shapes are checked already."""
     for key, fault in _not_finite(samples):
@@ -201,6 +205,13 @@ def _checked(samples: Samples, file: Field) -> Samples:
         file.get("time").fail(
             f"must increase, but is {samples.t[k]} s in row {k + 1} and "
             f"{samples.t[k + 1]} s in the next"
+        )
+    way = np.abs(np.diff(samples.q, axis=0)).sum()
+    stated = (np.abs(samples.v[1:]) * np.diff(samples.t)[:, None]).sum()
+    if stated > 1.0 and MISMATCH[0] < stated / way < MISMATCH[1]:
+        warn_caller(
+            f"{file.path}: its velocities are {stated / way:.0f} times as fast as its "
+            "positions change: are its times in seconds?"
         )
     return samples
 

@@ -335,7 +335,10 @@ def read_phase(
     try:
         return kind(goal=goal, **conditions)
     except ProblemError as error:
-        _key_of(table, error.field, known).fail(str(error))
+        item = _key_of(table, error.field, known)
+        # The key says which field of the segment it is.
+        name = item.key.rpartition(".")[2]
+        item.fail(re.sub(rf"^\w+\.{re.escape(name)} ", "", str(error)))
 
 
 def _key_of(table: Field, field: str | None, keys: Collection[str]) -> Field:

@@ -168,8 +168,8 @@ def _header(header: list[str], file: Field) -> tuple[tuple[str, ...], tuple[str,
         return names, kinds
     file.fail(
         f"line 1: expected the columns time, q_<joint>, ..., v_<joint>, ..., "
-        "a_<joint>, ..., u_<joint>, ... (the last three kinds may be left out; a "
-        f"column {SEGMENT} may follow), found: "
+        "a_<joint>, ..., u_<joint>, ... with commas between them (the last three "
+        f"kinds may be left out; a column {SEGMENT} may follow), found: "
         f"{shortened(repr(', '.join(header)), 200)}"
     )
 
