@@ -169,14 +169,12 @@ def obstacle(text: str) -> Obstacle:
     known = classes(Obstacle).items()
     kinds = {k: v for k, v in known if not issubclass(v, HeightField | OcTree)}
     kind, _, rest = text.partition(":")
-    name, *items = rest.split(":")
     table = Typed({"type": kind}, key=f"--obstacle {text!r}", form=OBSTACLE_FORM)
-    if kind in kinds and (not name or "=" in name):
+    if kind in kinds and re.match(r"[^:]*=|:|$", rest):
         table.fail("it has no name")
-    _fill(table, (f"name={name}", *items), kinds)
-    if kind in kinds and "position" not in table.value:
+    read: Obstacle = _read_items(table, f"name={rest}", kinds)
+    if "position" not in table.value:
         table.fail("it lacks at")
-    read: Obstacle = from_table(table, kinds, "kind")
     return read
 
 
@@ -186,18 +184,16 @@ def constraint(text: str) -> PathConstraint:
     Raises:
         OptionsError: If the kind or a field is wrong.
     """
-    kind, *items = text.split(":")
-    kinds = classes(PathConstraint)
+    kind, _, rest = text.partition(":")
     table = Typed({"type": kind}, key=f"--constraint {text!r}", form=CONSTRAINT_FORM)
-    _fill(table, items, kinds)
-    read: PathConstraint = from_table(table, kinds, "kind")
+    read: PathConstraint = _read_items(table, rest, classes(PathConstraint))
     return read
 
 
-def _fill(table: Typed, items: Sequence[str], kinds: Mapping[str, type[Any]]) -> None:
-    """Add ``KEY=VALUE`` items of a record to its table, as in a scenario file."""
+def _read_items(table: Typed, text: str, kinds: Mapping[str, type[Any]]) -> Any:
+    """Read ``KEY=VALUE:...`` of a record as its table in a scenario file."""
     kind = table.value["type"]
-    for item in items:
+    for item in text.split(":") if text else ():
         word, _, value = item.partition("=")
         key = ABBREVIATIONS.get(word, word)
         if key in table.value:
@@ -211,6 +207,7 @@ def _fill(table: Typed, items: Sequence[str], kinds: Mapping[str, type[Any]]) ->
             table.value[key] = numbers[0] if len(numbers) == 1 else numbers
         else:
             table.value[key] = value
+    return from_table(table, kinds, "kind")
 
 
 LIMITS = tuple(item.name for item in fields(MotionLimits))

@@ -233,10 +233,6 @@ def logged(verbose: bool, console: Console) -> AbstractContextManager[None]:
 
 def _discard_output() -> None:
     """Redirect buffered output to the null device, so that Python's exit is silent."""
-    try:
-        target = sys.stdout.fileno()
-    except (OSError, ValueError, AttributeError):
-        return  # not a file: Python does not flush it at exit
-    null = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(null, target)
-    os.close(null)
+    # Python does not flush a stream that is not a file at exit.
+    with suppress(OSError, ValueError, AttributeError), open(os.devnull, "wb") as null:
+        os.dup2(null.fileno(), sys.stdout.fileno())

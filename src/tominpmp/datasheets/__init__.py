@@ -99,7 +99,7 @@ def find_datasheet(
     fitting = [
         sheet
         for sheet in datasheets()
-        if any(_contains(own, _words(name)) for own in words for name in sheet.names)
+        if any(_words(name) in own for own in words for name in sheet.names)
         and _prefixes(joint_names, sheet.joints)
     ]
     return max(fitting, key=lambda sheet: len(sheet.joints), default=None)
@@ -133,14 +133,9 @@ def published_values(
 
 
 @cache
-def _words(name: str) -> tuple[str, ...]:
-    return tuple(word for word in re.split(r"[\W_]+", name.lower()) if word)
-
-
-def _contains(words: tuple[str, ...], part: tuple[str, ...]) -> bool:
-    """Whether words occur consecutively among other words."""
-    n = len(part)
-    return any(words[i : i + n] == part for i in range(len(words) - n + 1))
+def _words(name: str) -> str:
+    """Words of a name, with a space before and after each."""
+    return re.sub(r"[\W_]+", " ", f" {name.lower()} ")
 
 
 def _prefixes(joint_names: Sequence[str], joints: Sequence[str]) -> list[str]:
