@@ -144,21 +144,9 @@ REFERENCE = re.compile(r",? see :\w+:`[^`]*`|:\w+:`~?(?:\w+\.)*(\w+)`|``(.*?)``"
 
 Record = TypeVar("Record")
 
-# Separates the metavariable of an option from its help text.
+# Precedes the help text of an option, after its metavariable: only from version 5 on
+# does Cyclopts have a field for the metavariable.
 SEPARATOR = "\x1f"
-
-
-def labelled(metavar: str, text: str) -> str:
-    """A help text preceded by the metavariable of the option, empty for a flag.
-
-    Only from version 5 on does Cyclopts have a field for the metavariable.
-    """
-    return f"{metavar}{SEPARATOR}{text}" if metavar else text
-
-
-def metavar_of(text: str) -> str:
-    """The metavariable in a text of :func:`labelled`; empty without one."""
-    return text.partition(SEPARATOR)[0] if SEPARATOR in text else ""
 
 
 def attribute_texts(kind: type[Any]) -> dict[str, tuple[str, str]]:
@@ -199,6 +187,7 @@ def options(
             item = declared[name]
             text, hint = _with_default(text, item), _hint(kind, item)
             more, completer = item.metadata, COMPLETIONS.get(name)
+            text = f"{metavar}{SEPARATOR}{text}" if metavar else text
             kind.__annotations__[name] = Annotated[
                 hint,
                 Parameter(
@@ -206,7 +195,7 @@ def options(
                     alias=more.get("alias"),
                     converter=_reader(hint, more),
                     allow_leading_hyphen=name == "output",  # - is standard output
-                    help=labelled(metavar, text),
+                    help=text,
                     group=GROUPS[more.get("panel", panel)],
                     negative=() if item.default is False else None,
                     **supported(metavar=metavar or None, completer=completer),

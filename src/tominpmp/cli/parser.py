@@ -10,7 +10,7 @@ from cyclopts import App, CycloptsError, Parameter, UnusedCliTokensError
 from cyclopts.help import PlainFormatter
 
 from tominpmp.cli.front import COMMANDS, EXAMPLES, commands
-from tominpmp.cli.option_fields import SEVERAL, labelled, metavar_of, number
+from tominpmp.cli.option_fields import SEPARATOR, SEVERAL, number
 from tominpmp.cli.terminal import BAD_INPUT, complain, error_console, say
 from tominpmp.exceptions import OptionsError, brief
 
@@ -42,7 +42,7 @@ def dispatch(words: Sequence[str]) -> int:
         several = {
             flag
             for argument in app[words[0]].assemble_argument_collection()
-            if metavar_of(argument.parameter.help or "") in SEVERAL
+            if (argument.parameter.help or "").rpartition(SEPARATOR)[0] in SEVERAL
             for flag in argument.names
         }
         words = join_lists(words, several)
@@ -115,8 +115,8 @@ class HelpFormatter(PlainFormatter):
         rows = []
         for entry in panel.entries:
             text = _unwrapped(console, options, entry.description)
-            metavar = metavar_of(text)
-            rows.append((_labels(entry, metavar), text[len(labelled(metavar, "")) :]))
+            metavar, _, text = text.rpartition(SEPARATOR)
+            rows.append((_labels(entry, metavar), text))
         if not rows:
             return
         short = [len(names) for names, _ in rows if len(names) <= LONGEST]

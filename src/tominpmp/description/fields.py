@@ -54,6 +54,8 @@ class Field:
         repeated += [f"{path} " for path in paths if "." in path]
         for beginning in repeated:
             message = message.removeprefix(beginning)
+        # A class names its field: "segment.dwell is", and a problem "margin is".
+        message = re.sub(rf"^(\w+\.)?{re.escape(names[-1])} (?=is )", "", message)
         text = f"{self.path}: {key}{message}"
         raise ScenarioError(text, self.path, self.key or None)
 

@@ -335,10 +335,7 @@ def read_phase(
     try:
         return kind(goal=goal, **conditions)
     except ProblemError as error:
-        item = _key_of(table, error.field, known)
-        # The key says which field of the segment it is.
-        name = item.key.rpartition(".")[2]
-        item.fail(re.sub(rf"^\w+\.{re.escape(name)} ", "", str(error)))
+        _key_of(table, error.field, known).fail(str(error))
 
 
 def _key_of(table: Field, field: str | None, keys: Collection[str]) -> Field:
@@ -368,18 +365,17 @@ def _texts(items: Field) -> list[str]:
     return [item.text() for item in items.items()]
 
 
-# Readers of keys that scenarios, segments and stations have.
+# Keys of scenarios, segments and stations whose values their classes check, and readers
+# of further keys.
+PLAIN = ("may_touch", "dwell", "arrival", "name")
 READERS: dict[str, Callable[[Field], Any]] = {
+    **dict.fromkeys(PLAIN, attrgetter("value")),
     "scene": _read_scene,
     "margin": Field.number,
     "self_collision": Field.flag,
     "constraints": lambda items: _read_each(items, PathConstraint, "constraint"),
     "payload": lambda item: make(Payload, item, classes(Obstacle)),
-    "may_touch": attrgetter("value"),
     "stop": Field.flag,
-    "dwell": Field.number,
-    "arrival": attrgetter("value"),
-    "name": Field.text,
     "after": _texts,
     "then": _texts,
 }
