@@ -361,13 +361,9 @@ def _key_of(table: Field, field: str | None, keys: Collection[str]) -> Field:
     return item
 
 
-def _texts(items: Field) -> list[str]:
-    return [item.text() for item in items.items()]
-
-
 # Keys of scenarios, segments and stations whose values their classes check, and readers
 # of further keys.
-PLAIN = ("may_touch", "dwell", "arrival", "name")
+PLAIN = ("may_touch", "dwell", "arrival", "name", "after", "then")
 READERS: dict[str, Callable[[Field], Any]] = {
     **dict.fromkeys(PLAIN, attrgetter("value")),
     "scene": _read_scene,
@@ -376,8 +372,6 @@ READERS: dict[str, Callable[[Field], Any]] = {
     "constraints": lambda items: _read_each(items, PathConstraint, "constraint"),
     "payload": lambda item: make(Payload, item, classes(Obstacle)),
     "stop": Field.flag,
-    "after": _texts,
-    "then": _texts,
 }
 
 
