@@ -321,7 +321,7 @@ def write_npz(path: Path, **changes: object) -> Path:
         ({"a": np.zeros((3, 1))}, r"a has shape \(3, 1\), expected \(3, 2\)"),
         ({"t": np.zeros(3)}, "time: must increase"),
         ({"t": np.zeros((3, 1))}, "t has shape"),
-        ({"u": np.array([["x", "y"]] * 3)}, "u: does not hold numbers"),
+        ({"u": np.array([["x", "y"]] * 3)}, "u is .*, expected 2 numbers, one for"),
         ({"q": np.full((3, 2), np.inf)}, "row 1, at 0 s, joint 'a'"),
         ({"joint_names": np.array(["a", "a"])}, "all of them different"),
         ({"joint_names": np.zeros(2)}, "not a list of names"),
