@@ -32,15 +32,13 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, TypeAlias
 
-import numpy as np
-
 from tominpmp.arrays import Record, record
 from tominpmp.checks import flag, instance, names, number
 from tominpmp.description.fields import Field
 from tominpmp.description.paths import checked_path
 from tominpmp.description.tree import warn_of
 from tominpmp.description.yaml_reader import read_yaml
-from tominpmp.exceptions import JointNotFound, ScenarioError, brief
+from tominpmp.exceptions import JointNotFound, ProblemError, ScenarioError, brief
 from tominpmp.files.records import blaming, keys_in_brief
 from tominpmp.motion_limits import (
     EffortCurve,
@@ -350,14 +348,11 @@ def read_curve(item: Field) -> EffortCurve:
         ScenarioError: If it has none of these forms.
     """
     table = item.table()
-    for key, (make, keys) in CURVES.items():
-        if key in table:
-            item.only(*keys)
-            values = (item.need(name) for name in keys)
-            numbers = [value.number("a positive number", above=0.0) for value in values]
-            with blaming(item):
-                return make(*numbers)
-    item.only("speed", "effort")
-    rows = [np.array(item.need(name).numbers()) for name in ("speed", "effort")]
-    with blaming(item):
-        return EffortCurve(*rows)
+    forms = (form for key, form in CURVES.items() if key in table)
+    make, keys = next(forms, (EffortCurve, ("speed", "effort")))
+    item.only(*keys)
+    values = [item.need(name).value for name in keys]
+    try:
+        return make(*values)
+    except ProblemError as error:
+        item.get(error.field or "").fail(str(error))
