@@ -234,9 +234,8 @@ def make(kind: type[T], table: Field, kinds: Mapping[str, Any], *beside: str) ->
     table.only(*known, *beside)
     values = {k: v for k, v in table.table().items() if k not in beside}
     for name, field in known.items():
-        needed = field.default is MISSING and field.default_factory is MISSING
-        if needed and name not in values:
-            table.get(name).fail("is missing")
+        if field.default is MISSING and field.default_factory is MISSING:
+            table.need(name)
     arguments = {
         name: _value(item, known[name], kinds) for name, item in values.items()
     }
