@@ -603,6 +603,15 @@ joint_limits:
             r"there is no file .*no\.yaml",
         ),
         (
+            (
+                "[goal]",
+                "[motion_limits.effort_curves]\n"
+                "joint1 = {stall = -5, no_load_speed = 3}\n[goal]",
+            ),
+            "motion_limits.effort_curves.joint1.stall",
+            r"is -5, expected a finite number >= 0 \[N m or N\]",
+        ),
+        (
             ("[goal]", "[motion_limits.effort_curves]\njoint1 = {speed = [0]}\n[goal]"),
             "motion_limits.effort_curves.joint1.effort",
             "is missing",
@@ -620,7 +629,8 @@ def test_message_about_a_wrong_scenario_names_file_and_key(
     if key is not None:
         assert caught.value.path == path
         assert str(caught.value).startswith(f"{path}: {key}: ")
-        assert f": {key}: {key}: " not in str(caught.value)
+        for repeated in (f": {key}: {key}: ", f": {key}: {key} is "):
+            assert repeated not in str(caught.value)
 
 
 def test_locked_joints_may_be_named_where_they_are_locked(tmp_path: Path) -> None:
