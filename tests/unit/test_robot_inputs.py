@@ -20,6 +20,7 @@ import tominpmp as tm
 from tominpmp.description.from_pinocchio import _triangles
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.kinematics import RobotKinematics
+from tominpmp.viz.surfaces import robot_bodies
 
 UNALIGNED = np.array([0.0, 0.6, 0.8])
 
@@ -144,6 +145,13 @@ def test_curved_shapes_are_inside_their_meshes(size: float) -> None:
         assert mesh.is_watertight and volume < mesh.volume < 1.007 * volume
         heights = np.einsum("kj,kj->k", mesh.face_normals, mesh.triangles[:, 0])
         assert np.all(points @ mesh.face_normals.T <= heights + 1e-9 * size)
+
+
+def test_all_shapes_of_a_pinocchio_model_are_drawn(model: pin.Model) -> None:
+    arm, given = tm.load_robot(model, geometry=shapes(model)), shapes(model)
+    drawn = [abs(body.surface.volume) for body in robot_bodies(arm)]
+    volumes = [abs(item.geometry.computeVolume()) for item in given.geometryObjects]
+    np.testing.assert_allclose(sorted(drawn), sorted(volumes), rtol=0.02)
 
 
 def test_limits_of_a_pinocchio_model_are_read(model: pin.Model) -> None:

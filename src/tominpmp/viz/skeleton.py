@@ -129,11 +129,10 @@ def last_frame(robot: Robot) -> str:
 
 
 def _tip(robot: Robot, joint: int) -> int:
-    """Index of the last body that a joint carries, or of its first frame."""
+    """Index of the last body that a joint carries."""
     frames = robot.model.frames
     own = [i for i, frame in enumerate(frames) if frame.parentJoint == joint]
-    bodies = [i for i in own if frames[i].type == pin.FrameType.BODY]
-    return (bodies or own[:1])[-1]
+    return max(i for i in own if frames[i].type == pin.FrameType.BODY)
 
 
 def skeleton(robot: Robot, q: Array, frame: str) -> Skeleton:

@@ -31,8 +31,9 @@ from tominpmp.scene.grids import HeightField, OcTree
 from tominpmp.scene.meshes import Mesh
 from tominpmp.scene.obstacles import Obstacle
 
-# Facets around an axis: an inscribed 40-gon is 0.3 % of the radius off a circle.
-AROUND = 40
+# Facets around an axis: an inscribed 40-gon is 0.3 % of the radius off a circle; and
+# around the path of a frame.
+AROUND, FACETS = 40, 8
 
 # Colour of uncoloured surfaces that are joined with coloured ones.
 LIGHT = (230, 230, 230, 255)
@@ -80,21 +81,18 @@ def cylinder(radius: float, length: float) -> Trimesh:
     return _turned(trimesh.creation.cylinder, radius, length, sections=AROUND)
 
 
-def cone(radius: float, length: float) -> Trimesh:
-    """Cone along z with its apex up; the origin is halfway between base and apex."""
-    mesh = _turned(trimesh.creation.cone, radius, length, sections=AROUND)
-    mesh.apply_translation([0.0, 0.0, -length / 2])
-    return mesh
-
-
-def tube(points: Array, radius: float, around: int = 8) -> Trimesh:
-    """A tube along a polyline.
+def path_tube(points: Array, radius: float, size: float) -> Trimesh | None:
+    """A tube along the path of a frame; None if the frame does not move.
 
     Args:
-        points: Points of the line, shape (m, 3) [m]; consecutive points differ.
-        radius: Radius [m].
-        around: Number of facets around it.
+        points: Points of the path, which may rest, shape (m, 3) [m].
+        radius: Radius as a share of the size.
+        size: Size of the scene [m].
     """
+    apart = np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-6 * size
+    points = points[np.concatenate([[True], apart])]
+    if len(points) < 2:
+        return None
     chords = np.diff(points, axis=0)
     chords /= np.linalg.norm(chords, axis=1, keepdims=True)
     before, after = np.vstack([chords[:1], chords]), np.vstack([chords, chords[-1:]])
@@ -110,28 +108,15 @@ def tube(points: Array, radius: float, around: int = 8) -> Trimesh:
             rest = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
         side = rest / np.linalg.norm(rest)
         frames[i] = side, np.cross(direction, side)
-    angle = np.linspace(0.0, 2.0 * np.pi, around, endpoint=False)
-    circle = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    angle = np.linspace(0.0, 2.0 * np.pi, FACETS, endpoint=False)
+    circle = radius * size * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     rings = points[:, None] + circle @ frames
-    index = np.arange(rings[..., 0].size).reshape(-1, around)
+    index = np.arange(rings[..., 0].size).reshape(-1, FACETS)
     after = np.roll(index, -1, axis=1)
     # Two triangles for each facet between a ring and the next one.
     a, b, c, d = index[:-1], after[:-1], after[1:], index[1:]
     faces = np.stack([a, b, c, a, c, d], axis=-1)
     return Trimesh(rings.reshape(-1, 3), faces.reshape(-1, 3), process=False)
-
-
-def path_tube(points: Array, radius: float, size: float) -> Trimesh | None:
-    """A tube along the path of a frame; None if the frame does not move.
-
-    Args:
-        points: Points of the path, which may rest, shape (m, 3) [m].
-        radius: Radius as a share of the size.
-        size: Size of the scene [m].
-    """
-    apart = np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-6 * size
-    points = points[np.concatenate([[True], apart])]
-    return tube(points, radius * size) if len(points) > 1 else None
 
 
 def obstacle_surface(obstacle: Obstacle) -> Trimesh:
@@ -148,8 +133,7 @@ def obstacle_surface(obstacle: Obstacle) -> Trimesh:
         places = zip(*obstacle.boxes, strict=True)
         cubes = [trimesh.creation.box(size, transform(at)) for at, size in places]
         return cast("Trimesh", concatenate(cubes))
-    solid = obstacle_shape(obstacle)
-    return SOLIDS[type(solid).__name__](solid)
+    return native_surface(obstacle_shape(obstacle))
 
 
 def _prisms(corners: Array) -> Trimesh:
@@ -250,24 +234,18 @@ SOLIDS: dict[str, Callable[[Any], Trimesh]] = {
     "Sphere": lambda shape: sphere(shape.radius),
     "Capsule": lambda shape: capsule(shape.radius, 2.0 * shape.halfLength),
     "Cylinder": lambda shape: cylinder(shape.radius, 2.0 * shape.halfLength),
-    "Cone": lambda shape: cone(shape.radius, 2.0 * shape.halfLength),
-    "Ellipsoid": lambda shape: sphere(1.0).apply_scale(shape.radii),
 }
 
 
-def native_surface(geometry: Any) -> Trimesh | None:
-    """Surface of a geometry of Coal in its axes; None for one of another kind.
+def native_surface(geometry: Any) -> Trimesh:
+    """Surface of a geometry of Coal in its axes.
 
-    Half-spaces and planes, which are unbounded, have no surface here.
+    Descriptions of robots contain no other shapes than obstacles do: cones, ellipsoids
+    and convex bodies of models and MJCF files are meshes in them.
     """
-    kind = type(geometry).__name__
-    if kind in SOLIDS:
-        return SOLIDS[kind](geometry)
     if is_mesh(geometry):
         return Trimesh(*mesh_arrays(geometry), process=False)
-    if kind.startswith("Convex"):
-        return cast("Trimesh", trimesh.convex.convex_hull(geometry.points()))
-    return None
+    return SOLIDS[type(geometry).__name__](geometry)
 
 
 @dataclass(frozen=True, eq=False)
@@ -324,20 +302,17 @@ def geometry_bodies(
     """
     bodies = []
     for item in model.geometryObjects:
-        surface = _body_surface(item)
-        if surface is None:
-            continue
         red, green, blue, opacity = map(float, item.meshColor)
         shown = color or (red, green, blue, opacity)
         joint, place = int(item.parentJoint), np.array(item.placement.homogeneous)
-        bodies.append(Body(item.name, joint, place, surface, shown))
+        bodies.append(Body(item.name, joint, place, _body_surface(item), shown))
     return bodies
 
 
-def _body_surface(item: pin.GeometryObject) -> Trimesh | None:
+def _body_surface(item: pin.GeometryObject) -> Trimesh:
     """Surface of a geometry object, with the colours in its file unless overridden."""
     surface = native_surface(item.geometry)
-    if surface is None or item.overrideMaterial or not is_mesh(item.geometry):
+    if item.overrideMaterial or not is_mesh(item.geometry):
         return surface
     colored = _colored_mesh(item.meshPath)
     if colored is None:
