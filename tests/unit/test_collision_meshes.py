@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import pickle
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +17,7 @@ from scipy.spatial import ConvexHull
 import tominpmp as tm
 from tominpmp.collision import decomposition, decomposition_cache
 from tominpmp.collision.checker import CollisionChecker
-from tominpmp.collision.decomposition import (
-    MOST_PIECES,
-    ConvexPieces,
-    Measure,
-    decompose,
-)
+from tominpmp.collision.decomposition import MOST_PIECES, Measure, decompose
 from tominpmp.description.model import mesh_arrays, triangle_mesh
 from tominpmp.exceptions import SceneError
 from tominpmp.robot.robot import Robot, load_robot
@@ -70,21 +66,21 @@ def depth_in(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
     return np.asarray(np.max(points @ equations[:, :3].T + equations[:, 3], axis=1))
 
 
-def outward(mesh: Any, pieces: ConvexPieces) -> float:
+def outward(mesh: Any, pieces: Sequence[np.ndarray]) -> float:
     """How far pieces protrude from their mesh, on samples of their surfaces."""
     vertices, corners = mesh_arrays(mesh)
     measure = Measure(mesh, vertices[corners])
-    parts = [measure.part(piece) for piece in pieces.corners]
+    parts = [measure.part(piece) for piece in pieces]
     return max(part.excess for part in parts if part is not None)
 
 
-def inward(mesh: Any, pieces: ConvexPieces, rng: np.random.Generator) -> float:
+def inward(mesh: Any, pieces: Sequence[np.ndarray], rng: np.random.Generator) -> float:
     """How far a mesh protrudes from its pieces, at its corners and surface samples."""
     vertices, corners = mesh_arrays(mesh)
     weights = rng.dirichlet(np.ones(3), size=len(corners))
     points = np.einsum("kc,kci->ki", weights, vertices[corners])
     every = np.concatenate([vertices[np.unique(corners)], points])
-    return float(np.min([depth_in(c, every) for c in pieces.corners], axis=0).max())
+    return float(np.min([depth_in(c, every) for c in pieces], axis=0).max())
 
 
 # Convex pieces
@@ -93,8 +89,7 @@ def inward(mesh: Any, pieces: ConvexPieces, rng: np.random.Generator) -> float:
 def test_convex_mesh_is_one_piece(rng: np.random.Generator) -> None:
     mesh = triangle_mesh(CORNERS, CUBE)
     found = decompose(mesh)
-    assert found is not None
-    assert len(found.corners) == 1
+    assert len(found) == 1
     assert outward(mesh, found) < 1e-3
     assert inward(mesh, found, rng) < 1e-9
 
@@ -103,18 +98,17 @@ def test_l_shaped_bar_is_decomposed_into_its_legs(rng: np.random.Generator) -> N
     vertices, triangles = angle_iron()
     mesh = triangle_mesh(vertices, triangles)
     found = decompose(mesh)
-    assert found is not None
-    assert 2 <= len(found.corners) <= 4
+    assert 2 <= len(found) <= 4
     assert outward(mesh, found) < 3e-3
-    volume = sum(ConvexHull(corners).volume for corners in found.corners)
+    volume = sum(ConvexHull(corners).volume for corners in found)
     assert volume == pytest.approx((0.3 + 0.25) * 0.05 * 0.4, rel=0.2)
     # The pieces contain the bar, but not the space between its legs.
     inside = rng.uniform(size=(300, 3)) * [0.3, 0.05, 0.4]
     inside = np.concatenate([inside, inside[:, [1, 0, 2]]])
-    beyond = np.min([depth_in(c, inside) for c in found.corners], axis=0)
+    beyond = np.min([depth_in(c, inside) for c in found], axis=0)
     assert beyond.max() < 1e-9
     between = np.array([[0.15, 0.15, 0.2], [0.2, 0.1, 0.1]])
-    assert np.min([depth_in(c, between) for c in found.corners]) > 0.02
+    assert np.min([depth_in(c, between) for c in found]) > 0.02
 
 
 @pytest.mark.parametrize("size", [(0.5, 0.4, 0.3), (0.7, 0.4, 0.2), (0.4, 0.3, 0.3)])
@@ -133,10 +127,9 @@ def test_pieces_of_an_open_box_leave_its_inside_free(
     triangles = [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]
     vertices = np.concatenate([CORNERS * size, inner])
     found = decompose(triangle_mesh(vertices, np.array(triangles)))
-    assert found is not None
-    assert len(found.corners) <= MOST_PIECES
+    assert len(found) <= MOST_PIECES
     middle = 0.5 * np.array([size])
-    assert np.min([depth_in(c, middle) for c in found.corners]) > 0.0
+    assert np.min([depth_in(c, middle) for c in found]) > 0.0
 
 
 def test_decomposition_checks_the_time_limit_before_each_hull(
@@ -159,13 +152,12 @@ def test_decomposition_checks_the_time_limit_before_each_hull(
         decomposition, "check", lambda: hulls_since_check.__setitem__(0, 0)
     )
     found = decompose(triangle_mesh(*angle_iron()))
-    assert found is not None
-    assert len(found.corners) > 1
+    assert len(found) > 1
 
 
 def test_flat_mesh_has_no_pieces() -> None:
     square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]])
-    assert decompose(triangle_mesh(square, np.array([[0, 1, 2], [0, 2, 3]]))) is None
+    assert decompose(triangle_mesh(square, np.array([[0, 1, 2], [0, 2, 3]]))) == []
 
 
 def mesh_of(arm: Robot, name: str) -> coal.BVHModelBase:
@@ -180,9 +172,8 @@ def test_pieces_of_a_ur5_forearm_protrude_less_than_its_hull(
 ) -> None:
     """The hull of the forearm of a UR5 protrudes by 37 mm."""
     mesh = mesh_of(load_robot("ur5", limits="urdf"), "forearm_link_0")
-    found = decomposition_cache.pieces_of(mesh)
-    assert found is not None
-    assert 2 <= len(found.corners) <= MOST_PIECES
+    found = [hull.points() for hull in decomposition_cache.pieces_of(mesh)]
+    assert 2 <= len(found) <= MOST_PIECES
     assert outward(mesh, found) < 0.012
     assert inward(mesh, found, rng) < 1e-9
 
@@ -214,9 +205,8 @@ def test_link_geometry_convex_uses_the_pieces_of_the_mesh(
     assert found["convex"].distances(q).min() == pytest.approx(0.08, abs=1e-6)
     assert found["convex"].distances(q, 0.01).min() >= 0.01
     mesh = mesh_of(arm, "l1_0")
-    pieces = decomposition_cache.pieces_of(mesh)
-    assert pieces is not None
-    assert len(pieces.corners) == len(found["convex"].pairs)
+    pieces = [hull.points() for hull in decomposition_cache.pieces_of(mesh)]
+    assert len(pieces) == len(found["convex"].pairs)
     assert {link for link, _ in found["convex"].pairs} == {"l1"}
     assert inward(mesh, pieces, rng) < 1e-9
     assert outward(mesh, pieces) < 3e-3
@@ -265,11 +255,9 @@ def test_pieces_are_read_from_the_cache(
 
     monkeypatch.setattr(decomposition_cache.decomposition, "decompose", unexpected)
     again = decomposition_cache.pieces_of(triangle_mesh(*angle_iron()))
-    assert first is not None
-    assert again is not None
-    assert len(again.corners) == len(first.corners)
-    for one, other in zip(first.corners, again.corners, strict=True):
-        np.testing.assert_array_equal(one, other)
+    assert len(first) > 1
+    for one, other in zip(first, again, strict=True):
+        np.testing.assert_array_equal(one.points(), other.points())
     with pytest.raises(AssertionError, match="cut again"):
         decomposition_cache.pieces_of(triangle_mesh(*angle_iron(0.31)))
 
@@ -289,11 +277,11 @@ def test_unreadable_cache_file_is_replaced(
     mesh = triangle_mesh(*angle_iron())
     cached_file(mesh, own_cache).write_bytes(content)
     with caplog.at_level(logging.WARNING):
-        assert decomposition_cache.pieces_of(mesh) is not None
+        assert decomposition_cache.pieces_of(mesh)
     assert "cannot be read" in caplog.text
     decomposition_cache._known_pieces.cache_clear()
     caplog.clear()
-    assert decomposition_cache.pieces_of(mesh) is not None
+    assert decomposition_cache.pieces_of(mesh)
     assert not caplog.text
 
 
@@ -301,9 +289,8 @@ def test_cached_pieces_of_nan_are_computed_anew(own_cache: Path) -> None:
     mesh = triangle_mesh(*angle_iron())
     path = cached_file(mesh, own_cache)
     np.savez(path, points=np.full((4, 3), np.nan), counts=[4], deviation=[0.0, 0.0])
-    found = decomposition_cache.pieces_of(mesh)
-    assert found is not None
-    assert all(np.all(np.isfinite(corners)) for corners in found.corners)
+    found = [hull.points() for hull in decomposition_cache.pieces_of(mesh)]
+    assert all(np.all(np.isfinite(corners)) for corners in found)
 
 
 def test_unwritable_cache_folder_keeps_pieces_in_memory(

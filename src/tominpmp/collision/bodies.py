@@ -45,10 +45,8 @@ def _pieces(shape: Any, geometry: Geometry, name: str) -> list[Any]:
     """Shapes that represent a shape; meshes as the geometry requires."""
     if geometry == "mesh" or not is_mesh(shape):
         return [shape]
-    pieces = pieces_of(shape, name) if geometry == "convex" else None
-    if pieces is None or len(pieces.corners) == 1:
-        return [convex_hull(shape)]
-    return list(pieces.hulls)
+    pieces = pieces_of(shape, name) if geometry == "convex" else ()
+    return list(pieces) or [convex_hull(shape)]
 
 
 def scene_bodies(scene: Scene, first: int) -> list[Body]:

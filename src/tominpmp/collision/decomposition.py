@@ -12,7 +12,6 @@ many corners.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import coal
@@ -20,7 +19,6 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from tominpmp.arrays import Array
-from tominpmp.collision.shapes import hull_of
 from tominpmp.description.model import mesh_arrays
 from tominpmp.stopping import check
 
@@ -41,22 +39,6 @@ TOUCHING = 2e-4
 
 
 @dataclass(frozen=True, eq=False)
-class ConvexPieces:
-    """Convex pieces of a mesh.
-
-    Attributes:
-        corners: Corners of each piece [m], shapes (k, 3).
-    """
-
-    corners: tuple[Array, ...]
-
-    @cached_property
-    def hulls(self) -> tuple[Any, ...]:
-        """The pieces for Coal, built once, as building one takes milliseconds."""
-        return tuple(map(hull_of, self.corners))
-
-
-@dataclass(frozen=True, eq=False)
 class _Part:
     """A part of a mesh: triangles (k, 3, 3), their hull, and its protrusion [m]."""
 
@@ -65,13 +47,17 @@ class _Part:
     excess: float
 
 
-def decompose(mesh: Any) -> ConvexPieces | None:
-    """Cut a mesh of Coal into convex pieces; None if the mesh is flat."""
+def decompose(mesh: Any) -> list[Array]:
+    """Cut a mesh of Coal into convex pieces.
+
+    Returns:
+        Corners of each piece [m], shapes (k, 3); empty if the mesh is flat.
+    """
     vertices, corners = mesh_arrays(mesh)
     measure = Measure(mesh, vertices[corners])
     whole = measure.part(vertices[corners])
     if whole is None:
-        return None
+        return []
     found = [whole]
     steps = [found]
     while len(found) < MOST_PIECES and _worst(found) > CLOSE_PIECES:
@@ -81,7 +67,7 @@ def decompose(mesh: Any) -> ConvexPieces | None:
         steps.append(found)
     enough = max(CLOSE_PIECES, NEARLY * min(map(_worst, steps)))
     best = next(parts for parts in steps if _worst(parts) <= enough)
-    return ConvexPieces(tuple(item.hull.points[item.hull.vertices] for item in best))
+    return [item.hull.points[item.hull.vertices] for item in best]
 
 
 def _worst(parts: list[_Part]) -> float:

@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from tominpmp.arrays import Array
 from tominpmp.collision import decomposition
-from tominpmp.collision.decomposition import ConvexPieces
+from tominpmp.collision.shapes import hull_of
 from tominpmp.exceptions import brief
 from tominpmp.stopping import Stop
 
@@ -57,11 +58,11 @@ class Content:
     name: str = field(compare=False)
 
 
-def pieces_of(mesh: Any, name: str = "") -> ConvexPieces | None:
+def pieces_of(mesh: Any, name: str = "") -> tuple[Any, ...]:
     """Convex pieces of a mesh of Coal, from the cache if it was decomposed before.
 
     Returns:
-        The pieces; None if the mesh is flat.
+        The pieces, for Coal; empty if the mesh is flat, or close to its hull.
     """
     content = hashlib.sha256(f"tominpmp pieces {VERSION}".encode())
     content.update(np.ascontiguousarray(mesh.vertices(), np.float64).tobytes())
@@ -73,17 +74,20 @@ def pieces_of(mesh: Any, name: str = "") -> ConvexPieces | None:
 
 # Cached in memory, too: a mesh that cannot be stored on disk is decomposed only once.
 @lru_cache(maxsize=256)
-def _known_pieces(content: Content, folder: Path) -> ConvexPieces | None:
+def _known_pieces(content: Content, folder: Path) -> tuple[Any, ...]:
     path = folder / f"{content.key}.npz"
-    found = _read(path)
-    if found is not None:
-        return found
+    corners = _read(path) or _decomposed(content, path)
+    return tuple(map(hull_of, corners)) if len(corners) > 1 else ()
+
+
+def _decomposed(content: Content, path: Path) -> list[Array]:
+    """Corners of the pieces of a mesh, written to a file; empty if it is flat."""
     what = f"the mesh of {brief(content.name)}" if content.name else "a mesh"
     logger.info(
         "%s (%d triangles) is cut into convex pieces, once: they are kept in %s",
         what,
         content.mesh.num_tris,
-        folder,
+        path.parent,
     )
     begin = time.perf_counter()
     try:
@@ -95,19 +99,18 @@ def _known_pieces(content: Content, folder: Path) -> ConvexPieces | None:
             f"planning time, or fewer than its {content.mesh.num_tris} triangles"
         )
         raise
-    if pieces is not None:
-        seconds = time.perf_counter() - begin
-        count = len(pieces.corners)
+    if pieces:
+        seconds, count = time.perf_counter() - begin, len(pieces)
         logger.info("%s became %d convex pieces in %.1f s", what, count, seconds)
         _write(path, pieces)
     return pieces
 
 
-def _read(path: Path) -> ConvexPieces | None:
-    """Pieces of a mesh from a file; None if the file is missing or damaged."""
+def _read(path: Path) -> list[Array]:
+    """Corners of pieces from a file; empty if the file is missing or damaged."""
     try:
         if not path.is_file() or path.stat().st_size > MAX_BYTES:
-            return None
+            return []
         with zipfile.ZipFile(path) as archive:
             if sum(item.file_size for item in archive.infolist()) > MAX_BYTES:
                 raise ValueError(f"it is larger than {MAX_BYTES} bytes")
@@ -117,11 +120,11 @@ def _read(path: Path) -> ConvexPieces | None:
         points, counts = content["points"], content["counts"]
     except Exception as error:  # a damaged file may raise any exception
         logger.warning("the cached pieces %s cannot be read: %s", path, brief(error))
-        return None
+        return []
     if bytes(checksum.tobytes()) != _checksum(*content.values()):
         logger.warning("the cached pieces %s are invalid", path)
-        return None
-    return ConvexPieces(tuple(np.split(points, np.cumsum(counts)[:-1])))
+        return []
+    return np.split(points, np.cumsum(counts)[:-1])
 
 
 def _checksum(*parts: Any) -> bytes:
@@ -133,10 +136,10 @@ def _checksum(*parts: Any) -> bytes:
     return digest.digest()
 
 
-def _write(path: Path, pieces: ConvexPieces) -> None:
+def _write(path: Path, pieces: list[Array]) -> None:
     """Write a file atomically; a failure is logged and ignored."""
-    points = np.concatenate(pieces.corners).astype(np.float64)
-    counts = np.array([len(piece) for piece in pieces.corners])
+    points = np.concatenate(pieces).astype(np.float64)
+    counts = np.array([len(piece) for piece in pieces])
     content = dict[str, Any](points=points, counts=counts)
     content["checksum"] = np.frombuffer(_checksum(*content.values()), np.uint8)
     try:

@@ -166,10 +166,8 @@ def outline(shape: Any) -> tuple[Array, float]:
         return np.array(shape.points(), dtype=np.float64), 0.0
     if isinstance(shape, coal.BVHModelBase):
         return np.array(shape.vertices(), dtype=np.float64), 0.0
-    shape.computeLocalAABB()
-    box = shape.aabb_local
-    corners = product(*zip(box.min_, box.max_, strict=True))
-    return np.array(list(corners)), 0.0
+    corners = np.array([*product((-1.0, 1.0), repeat=3)])  # of a box
+    return corners * np.asarray(shape.halfSide).ravel(), 0.0
 
 
 def _drum(radius: float, half: float) -> Array:
