@@ -84,12 +84,9 @@ def _turning_time(
     problem: Problem, frame: str, angle: float, reach: ReachInTime, longest: float
 ) -> float:
     """Largest time in which the joints cannot turn a frame by an angle [s]."""
-    robot, model = problem.robot, problem.robot.model
-    revolute = np.zeros(model.nv)
-    for joint in model.supports[model.frames[robot.frame_id(frame)].parentJoint]:
-        item = model.joints[joint]
-        if joint > 0 and not str(item.shortname()).startswith("JointModelP"):
-            revolute[item.idx_v] = 1.0
+    robot, placements = problem.robot, JointPlacements(problem.robot.model)
+    carrier = robot.model.frames[robot.frame_id(frame)].parentJoint
+    revolute = placements.moves[carrier] & np.any(placements.turn[1:], axis=1)
     share = np.abs(robot.expand_tangent(np.eye(robot.n))) @ revolute
     turning = share > 0.0
     shares = share[turning]

@@ -181,9 +181,7 @@ def _torque_drive(
     robot = problem.robot
     if robot.n != 1 or robot.expansion_matrix is not None or robot.kinematic:
         return None
-    effort = np.concatenate(effort_bounds(problem))
-    if not np.all(np.isfinite(effort)):
-        return None
+    weakest, strongest = effort_bounds(problem)
     top, acceleration, jerk, rate = (float(most[0]) for most in tightest.values())
     mass, mean, wave = _inertia_and_weight(robot)
     dry, viscous = float(robot.friction[0]), float(robot.damping[0])
@@ -216,7 +214,7 @@ def _torque_drive(
         fastest = min(jerk, (rate + load_rate) / mass)
         return replace(item, ramp=Ramp(most, fastest)) if smooth_ends else item
 
-    ahead, back = law(1.0, float(effort[1])), law(-1.0, -float(effort[0]))
+    ahead, back = law(1.0, float(strongest[0])), law(-1.0, -float(weakest[0]))
     return Drive(
         (smooth(ahead), smooth(back.reflected)),
         (smooth(back), smooth(ahead.reflected)),

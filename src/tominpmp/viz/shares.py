@@ -64,9 +64,8 @@ def shares_of_limits(
     if times is None:
         times = times_with_jumps(trajectory, INSTANTS)
     state = trajectory(times, hold=True)
-    limits = problem.robot.limits
-    finite = np.isfinite(limits.velocity) & (limits.velocity > 0.0)
-    speed = np.where(finite, state.v / np.where(finite, limits.velocity, 1.0), 0.0)
+    # Limits of speed are positive; a joint without one has an infinite limit.
+    speed = state.v / problem.robot.limits.velocity
     middle, half = effort_range(problem.robot, problem.motion_limits)
     driven = np.isfinite(half) & (half > 0.0)
     middle, half = np.where(driven, middle, 0.0), np.where(driven, half, 1.0)
