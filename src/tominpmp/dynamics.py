@@ -312,34 +312,28 @@ class RobotDynamics:
         Returns:
             f, f_x and f_u.
         """
+        robot, (model, data) = self.robot, self.robot._model_and_data
         n, m = self.n, x.shape[0]
         q, v = x[:, :n], x[:, n:]
-        acceleration, (by_q, by_v, by_u) = self._acceleration_slopes(q, v, u)
         f_x = np.zeros((m, 2 * n, 2 * n))
         f_u = np.zeros((m, 2 * n, n))
         f_x[:, :n, n:] = np.eye(n)
-        f_x[:, n:, :n], f_x[:, n:, n:], f_u[:, n:] = by_q, by_v, by_u
-        return ForwardJacobians(np.concatenate([v, acceleration], axis=1), f_x, f_u)
-
-    def _acceleration_slopes(self, q: Array, v: Array, u: Array) -> tuple[Array, Array]:
-        """Accelerations, and their derivatives by q, v and u, shape (3, m, n, n)."""
-        robot, (model, data) = self.robot, self.robot._model_and_data
+        by_q, by_v, by_u = f_x[:, n:, :n], f_x[:, n:, n:], f_u[:, n:]  # to be filled
         if robot.expansion_matrix is not None or robot.kinematic:
-            acceleration = self._acceleration(q, v, u)
-            parts = self.inverse_jacobians(q, v, acceleration)
-            by_u = np.linalg.inv(parts.tau_a)
-            slopes = -by_u @ parts.tau_q, -by_u @ parts.tau_v, by_u
-            return acceleration, np.array(slopes)
-        acceleration, by = np.empty_like(q), np.empty((3, *q.shape, self.n))
-        derivatives, force = pin.computeABADerivatives, u - robot.damping * v
-        for i, row in enumerate(zip(q, v, force, strict=True)):
-            derivatives(model, data, *row)
-            acceleration[i] = data.ddq
-            by[0, i], by[1, i], by[2, i] = data.ddq_dq, data.ddq_dv, data.Minv
-        by[2] = _from_upper(by[2])
-        # The friction is a torque -D v: its derivative passes through the inverse mass.
-        by[1] -= by[2] * robot.damping
-        return acceleration, by
+            a = self._acceleration(q, v, u)
+            parts = self.inverse_jacobians(q, v, a)
+            by_u[:] = np.linalg.inv(parts.tau_a)
+            by_q[:], by_v[:] = -by_u @ parts.tau_q, -by_u @ parts.tau_v
+        else:
+            a, force = np.empty_like(q), u - robot.damping * v
+            for i, row in enumerate(zip(q, v, force, strict=True)):
+                pin.computeABADerivatives(model, data, *row)
+                a[i], by_q[i], by_v[i] = data.ddq, data.ddq_dq, data.ddq_dv
+                by_u[i] = data.Minv
+            by_u[:] = _from_upper(by_u)
+            # The friction is a torque -D v, which accelerates by the inverse mass.
+            by_v -= by_u * robot.damping
+        return ForwardJacobians(np.concatenate([v, a], axis=1), f_x, f_u)
 
 
 class DoubleIntegrator(RobotDynamics):
