@@ -143,8 +143,7 @@ class SemanticDescription(Record):
             fits = group.joints and {*names} <= {*group.joints}
             return 1.0 / len(group.joints) if fits else 0.0
 
-        states: dict[str, dict[str, float]]
-        states = {name: {} for _, name in self.states_of_groups}
+        states = {name: dict[str, float]() for _, name in self.states_of_groups}
         for key in sorted(self.states_of_groups, key=preference):
             states[key[1]] |= self.states_of_groups[key]
         return replace(self, group_states=states)

@@ -242,12 +242,22 @@ class _UrdfReader:
             RobotLoadError: As raised by :func:`read_urdf`.
         """
         root, context = self.root, self.context
-        source = BytesIO(tostring(self._copy()))
+        if root.tag != "robot":
+            context.fail(f"is not a URDF file: its root is <{root.tag}>, not <robot>")
+        if root.find("link") is None:
+            context.fail("is not a URDF file: it has no <link>")
+        self.remarks[UNREAD] += _misspellings(root, "robot")
+        name = root.get("name", "").strip() or context.path.stem
+        copy = Element("robot", name=name)
+        for where, link in self._named("link").items():
+            self._add_shapes(self._add(copy, link, where), link, where)
+        for where, joint in self._named("joint").items():
+            self._add(copy, joint, where)
         # The import takes a second, and is needed only to read a file.
         import yourdfpy
 
         only_text = {"build_scene_graph": False, "load_meshes": False}
-        robot = yourdfpy.URDF.load(source, **only_text).robot
+        robot = yourdfpy.URDF.load(BytesIO(tostring(copy)), **only_text).robot
         gravity = None
         own = root.find("tominpmp[@gravity]")
         if own is not None:
@@ -265,29 +275,6 @@ class _UrdfReader:
         return description
 
     # -- copy for yourdfpy -------------------------------------------------------------
-
-    def _copy(self) -> Element:
-        """Copy the elements that are read: shapes have their kinds as names.
-
-        Capsules become cylinders.
-
-        Raises:
-            RobotLoadError: If it is not a URDF file, an element or attribute is
-                missing, a number is invalid, or a name is repeated.
-        """
-        root, context = self.root, self.context
-        if root.tag != "robot":
-            context.fail(f"is not a URDF file: its root is <{root.tag}>, not <robot>")
-        if root.find("link") is None:
-            context.fail("is not a URDF file: it has no <link>")
-        self.remarks[UNREAD] += _misspellings(root, "robot")
-        name = root.get("name", "").strip() or context.path.stem
-        robot = Element("robot", name=name)
-        for where, link in self._named("link").items():
-            self._add_shapes(self._add(robot, link, where), link, where)
-        for where, joint in self._named("joint").items():
-            self._add(robot, joint, where)
-        return robot
 
     def _named(self, tag: str) -> dict[str, Element]:
         """Links or joints by their names in messages; names must be unique."""
@@ -336,7 +323,10 @@ class _UrdfReader:
         return copy
 
     def _add_shapes(self, parent: Element, link: Element, where: str) -> None:
-        """Add the collision and visual shapes of a link, each with its kind as name."""
+        """Add the collision and visual shapes of a link, each with its kind as name.
+
+        Capsules become cylinders.
+        """
         capsules = {c.get("name") for c in link.findall("collision_checking/capsule")}
         for tag in ("collision", "visual"):
             for number, item in enumerate(link.findall(tag), 1):
