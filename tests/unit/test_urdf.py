@@ -301,7 +301,7 @@ def test_locked_mimic_joint_must_agree_with_its_leader(tmp_path: Path) -> None:
 
 
 def test_cycle_of_mimic_joints_is_rejected(tmp_path: Path) -> None:
-    with pytest.raises(RobotLoadError, match="j1 follows itself"):
+    with pytest.raises(RobotLoadError, match=r"\.urdf: joint j1 follows itself"):
         linkage(tmp_path, '<mimic joint="j2"/>', '<mimic joint="j1"/>')
 
 

@@ -31,7 +31,6 @@ from tominpmp.description.tree import JointDescription, Mimic, UrdfDescription
 from tominpmp.exceptions import (
     OptionsError,
     ProblemError,
-    RobotLoadError,
     brief,
     fail_to_load,
     warn_caller,
@@ -78,7 +77,7 @@ class Linkage:
         locked = {k: v for k, v in positions.items() if k not in mimics}
         followers: dict[str, Mimic] = {}
         for name in mimics:
-            mimic = _resolve_chain(name, mimics)
+            mimic = _resolve_chain(name, mimics, description.path)
             if mimic.leader in names and mimic.leader not in locked:
                 followers[name] = mimic
             else:
@@ -136,7 +135,7 @@ def _check_positions(
         }
 
 
-def _resolve_chain(name: str, mimics: Mapping[str, Mimic]) -> Mimic:
+def _resolve_chain(name: str, mimics: Mapping[str, Mimic], path: Path) -> Mimic:
     """Express a mimic joint by the leader at the end of its chain."""
     multiplier, offset, joint = 1.0, 0.0, name
     for _ in range(len(mimics) + 1):
@@ -146,7 +145,7 @@ def _resolve_chain(name: str, mimics: Mapping[str, Mimic]) -> Mimic:
         offset += multiplier * mimic.offset
         multiplier *= mimic.multiplier
         joint = mimic.leader
-    raise RobotLoadError(f"joint {name} follows itself: mimic joints form a cycle")
+    fail_to_load(path, f"joint {name} follows itself: mimic joints form a cycle")
 
 
 #: One value for all joints, one per joint in their order, or some by joint name.
