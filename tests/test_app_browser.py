@@ -102,16 +102,16 @@ def drag(page: object, handle: str, position: list[float]) -> None:
     )
 
 
-def outcome_of(page: object, number: int) -> Outcome:
-    """The last outcome, which is for this request or a later one."""
+def outcome_of(page: object) -> Outcome:
+    """The last outcome of the present request."""
     controller = page.controller  # type: ignore[attr-defined]
     deadline = time.monotonic() + PATIENCE
     while time.monotonic() < deadline:
         last = controller.outcome
-        if last is not None and last.number >= number and not controller.busy:
+        if last is not None and not controller.busy:
             return last
         time.sleep(0.05)
-    raise AssertionError(f"no outcome for request {number}: {controller.outcome}")
+    raise AssertionError(f"no last outcome of the request: {controller.outcome}")
 
 
 def test_port_in_use_is_named_in_the_error(page: object) -> None:
@@ -143,13 +143,13 @@ def test_page_opens_at_any_free_port_of_an_ipv6_address() -> None:
 
 
 def test_dragged_goal_leads_to_a_new_verified_motion(page: object) -> None:
-    first = outcome_of(page, 1)
+    first = outcome_of(page)
     assert verified(first)
     controller = page.controller  # type: ignore[attr-defined]
     position, _ = controller.request.pose(controller.request.q_goal)
     aim = position + np.array([0.2, 0.3, 0.0])
     drag(page, "q_goal", aim.tolist())
-    second = outcome_of(page, first.number + 1)
+    second = outcome_of(page)
     assert verified(second)
     assert second.shown is not None
     np.testing.assert_allclose(second.shown.path[-1], aim, atol=5e-3)
@@ -157,15 +157,15 @@ def test_dragged_goal_leads_to_a_new_verified_motion(page: object) -> None:
 
 def test_obstacle_dragged_onto_the_start_is_reported(page: object) -> None:
     controller = page.controller  # type: ignore[attr-defined]
-    number = outcome_of(page, 1).number
+    outcome_of(page)
     start, _ = controller.request.pose(controller.request.q_start)
     home = controller.request.items[0].position
     drag(page, "item_O", start.tolist())
-    refused = outcome_of(page, number + 1)
+    refused = outcome_of(page)
     assert not verified(refused)
     assert "start" in refused.message
     drag(page, "item_O", list(home))
-    assert verified(outcome_of(page, refused.number + 1))
+    assert verified(outcome_of(page))
 
 
 def test_unreadable_uploaded_file_is_rejected_with_a_reason(page: object) -> None:
@@ -184,26 +184,26 @@ def test_new_via_point_is_on_the_shown_path(page: object) -> None:
     """Regression: the via point was put between start and goal, on the Panda's page
     into its post.
     """
-    first = outcome_of(page, 1)
+    first = outcome_of(page)
     assert first.shown is not None
     path, controller = first.shown.path, page.controller  # type: ignore[attr-defined]
     middle = path[len(path) // 2]
     page.panel._add_point()  # type: ignore[attr-defined]
     np.testing.assert_allclose(controller.request.via, [middle], atol=1e-3)
-    found = outcome_of(page, first.number + 1)
+    found = outcome_of(page)
     assert verified(found)
     page.panel._add_point()  # type: ignore[attr-defined]
     assert np.linalg.norm(controller.request.via[1] - path[-1]) < np.linalg.norm(
         middle - path[-1]
     )
     controller.change(via=())
-    outcome_of(page, found.number + 2)
+    outcome_of(page)
 
 
 def test_slider_has_the_time_in_seconds(
     page: object, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    shown, readout = outcome_of(page, 1).shown, page.readout  # type: ignore[attr-defined]
+    shown, readout = outcome_of(page).shown, page.readout  # type: ignore[attr-defined]
     assert shown is not None
     assert readout._slider.max == pytest.approx(shown.T, abs=1e-3)
     monkeypatch.setattr(readout, "_pause", lambda: None)
@@ -311,10 +311,10 @@ def test_choosing_a_robot_resets_limits_and_curves(
     with opened("planar3r") as page:
         panel, readout = page.panel, page.readout  # type: ignore[attr-defined]
         controller = page.controller  # type: ignore[attr-defined]
-        outcome_of(page, 1)
+        outcome_of(page)
         panel._bounded.value, panel._acceleration.value = True, 40.0
         panel._change_limits()
-        assert outcome_of(page, 2).request.acceleration == 40.0
+        assert outcome_of(page).request.acceleration == 40.0
         monkeypatch.setattr(controller._planning, "plan", lambda *_: None)
         page.choose(replace(known("planar3r"), kinematic=True))  # type: ignore[attr-defined]
         assert panel._acceleration.value == controller.request.acceleration == 15.0
@@ -431,7 +431,7 @@ def test_browser_shows_the_new_motion_after_a_drag(
     flags = [f for f in test_browser.FLAGS if not f.startswith("--host-resolver")]
     monkeypatch.setattr(test_browser, "FLAGS", (*flags, rules))
     with opened("planar3r") as page, contextlib.closing(Browser(tmp_path)) as browser:
-        before = outcome_of(page, 1)
+        before = outcome_of(page)
         assert before.shown is not None
         view = browser.open(page.address)  # type: ignore[attr-defined]
 
@@ -449,7 +449,7 @@ def test_browser_shows_the_new_motion_after_a_drag(
             page.controller.request.q_goal  # type: ignore[attr-defined]
         )
         drag(page, "q_goal", (position - np.array([0.2, 0.0, 0.0])).tolist())
-        after = outcome_of(page, before.number + 1)
+        after = outcome_of(page)
         assert after.shown is not None
         assert f"{after.shown.T:.3f}" != f"{before.shown.T:.3f}"
         shown = headline(f"{after.shown.T:.3f} s")
@@ -458,7 +458,7 @@ def test_browser_shows_the_new_motion_after_a_drag(
         # Without the dynamics, the bars show accelerations, not torques.
         view.evaluate(f"({SWITCH})('Kinematic')")
         assert "\nacceleration\n" in headline("\nacceleration\n")
-        assert verified(outcome_of(page, after.number + 1))
+        assert verified(outcome_of(page))
         request, panel = page.controller.request, page.panel  # type: ignore[attr-defined]
         assert request.robot.kinematic and request.acceleration == 15.0
         assert panel._bounded.value and panel._acceleration.visible

@@ -281,12 +281,13 @@ def shown(**changes: object) -> ShownMotion:
         "torque": -share,
         "path": np.zeros((241, 3)),
         "active": (BindingLimit("speed of arm_joint1", 0.5, 0.7),),
+        "solution": b"",
     }
     return ShownMotion(**(values | changes))  # type: ignore[arg-type]
 
 
 def outcome(found: ShownMotion | None, message: str = "it was found") -> Outcome:
-    return Outcome(1, PLANAR, message, found)
+    return Outcome(PLANAR, message, found)
 
 
 def test_headline_shows_duration_verification_and_lower_bound() -> None:

@@ -48,12 +48,12 @@ def session() -> Session:
 
 @pytest.fixture(scope="module")
 def first(session: Session) -> list[Outcome]:
-    return list(session.outcomes(1, PLANAR, never))
+    return list(session.outcomes(PLANAR, never))
 
 
 @pytest.fixture(scope="module")
 def second(session: Session, first: list[Outcome]) -> list[Outcome]:
-    return list(session.outcomes(2, NEAR, never))
+    return list(session.outcomes(NEAR, never))
 
 
 def test_verified_motion_comes_first_and_its_active_limits_second(
@@ -78,7 +78,7 @@ def test_next_request_is_planned_from_a_warm_start_and_afresh(
     first: list[Outcome], second: list[Outcome]
 ) -> None:
     assert [outcome.final for outcome in second] == [False, False, True]
-    assert all(outcome.number == 2 for outcome in second)
+    assert all(outcome.request == NEAR for outcome in second)
     begun, ended = first[-1].shown, second[-1].shown
     assert begun is not None
     assert ended is not None
@@ -89,7 +89,7 @@ def test_next_request_is_planned_from_a_warm_start_and_afresh(
 
 def test_motion_with_a_via_point_passes_it_and_has_active_limits() -> None:
     past = replace(PLANAR, via=((3.5, 2.5, 0.0),))
-    outcomes = list(Session().outcomes(1, past, never))
+    outcomes = list(Session().outcomes(past, never))
     assert [verified(outcome) for outcome in outcomes] == [True, True]
     shown = outcomes[-1].shown
     assert shown is not None
@@ -104,7 +104,7 @@ def test_session_switches_between_kinematic_and_dynamic_robot() -> None:
     for kinematic in (True, False):
         robot = replace(PLANAR.robot, kinematic=kinematic)
         request = replace(PLANAR, robot=robot, acceleration=15.0)
-        *_, last = session.outcomes(1, request, never)
+        *_, last = session.outcomes(request, never)
         assert verified(last), last.message
         kinds.append(last.shown.control)
     assert kinds == ["acceleration", "torque"]
@@ -118,7 +118,7 @@ def test_superseded_request_yields_no_outcome(session: Session, second: object) 
         looks.append(1)
         return len(looks) > 2
 
-    assert list(session.outcomes(3, PLANAR, superseded)) == []
+    assert list(session.outcomes(PLANAR, superseded)) == []
     assert len(looks) == 3
     assert session.solution is before
 
@@ -128,7 +128,7 @@ def test_invalid_request_is_reported_and_the_last_motion_stays(
 ) -> None:
     before = session.solution
     refused = replace(PLANAR, effort_scale=1e9)
-    outcomes = list(session.outcomes(4, refused, never))
+    outcomes = list(session.outcomes(refused, never))
     assert [verified(outcome) for outcome in outcomes] == [False]
     assert "effort_scale" in outcomes[0].message
     assert session.solution is before
@@ -140,7 +140,7 @@ def test_export_writes_the_motion_and_checks_the_file(
     with pytest.raises(ProblemError, match="no motion to export"):
         controller.export(".csv", 0.01)
     take = recorder(controller).on_outcome
-    for outcome in (*second, Outcome(3, NEAR, "no motion for this")):
+    for outcome in (*second, Outcome(NEAR, "no motion for this")):
         take(outcome)
     name, content, remark = controller.export(".csv", 0.01)
     assert name == "planar3r_motion.csv"
@@ -152,27 +152,27 @@ class ScriptedSession:
     """A session that yields three outcomes for every request, without planning."""
 
     def __init__(self, jobs: Jobs) -> None:
-        self.jobs, self.seen = jobs, list[tuple[int, int]]()
+        self.jobs, self.seen = jobs, list[tuple[Request, int]]()
 
     def outcomes(
-        self, number: int, request: Request, superseded: Callable[[], bool]
+        self, request: Request, superseded: Callable[[], bool]
     ) -> Iterator[Outcome]:
         for step in range(3):
-            self.seen.append((number, step))
-            if number == 1:
-                self.jobs.put((2, request))
-            yield Outcome(number, request, "found", None, step == 2)
+            self.seen.append((request, step))
+            if request == PLANAR:
+                self.jobs.put(NEAR)
+            yield Outcome(request, "found", None, step == 2)
         self.jobs.put(None)
 
 
 def test_worker_drops_a_superseded_request_after_its_first_motion() -> None:
     jobs: Jobs = SimpleQueue()
     script, answers = ScriptedSession(jobs), list[Outcome]()
-    for number in (0, 1):
-        jobs.put((number, PLANAR))
+    for request in (NEAR, PLANAR):
+        jobs.put(request)
     work(script, jobs, answers.append)  # type: ignore[arg-type]
-    assert script.seen == [(1, 0), (2, 0), (2, 1), (2, 2)]
-    assert [outcome.number for outcome in answers] == [1, 2, 2, 2]
+    assert script.seen == [(PLANAR, 0), (NEAR, 0), (NEAR, 1), (NEAR, 2)]
+    assert [outcome.request for outcome in answers] == [PLANAR, NEAR, NEAR, NEAR]
 
 
 class Recorder:
@@ -180,10 +180,10 @@ class Recorder:
 
     def __init__(self, on_outcome: Callable[[Outcome], None]) -> None:
         self.on_outcome = on_outcome
-        self.requests: list[tuple[int, Request]] = []
+        self.requests: list[Request] = []
 
-    def plan(self, number: int, request: Request) -> None:
-        self.requests.append((number, request))
+    def plan(self, request: Request) -> None:
+        self.requests.append(request)
 
     def close(self) -> None:
         pass
@@ -212,9 +212,8 @@ def test_changed_request_is_planned_and_a_repeated_one_is_not(
     controller.change(q_goal=NEAR.q_goal)
     controller.change(q_goal=NEAR.q_goal)
     controller.change(effort_scale=0.5)
-    requests = recorder(controller).requests
-    assert [number for number, _ in requests] == [1, 2, 3]
-    assert requests[-1][1] == replace(NEAR, effort_scale=0.5)
+    changed = replace(NEAR, effort_scale=0.5)
+    assert recorder(controller).requests == [PLANAR, NEAR, changed]
 
 
 def test_planning_is_busy_until_the_last_outcome_of_the_last_request(
@@ -223,23 +222,23 @@ def test_planning_is_busy_until_the_last_outcome_of_the_last_request(
     controller.plan(PLANAR)
     controller.change(q_goal=NEAR.q_goal)
     take = recorder(controller).on_outcome
-    for outcome in (Outcome(1, PLANAR, "old"), Outcome(2, NEAR, "new", final=False)):
+    for outcome in (Outcome(PLANAR, "old"), Outcome(NEAR, "new", final=False)):
         take(outcome)
         assert controller.busy
-    take(Outcome(2, NEAR, "newer"))
+    take(Outcome(NEAR, "newer"))
     assert not controller.busy
 
 
 def test_motion_of_the_former_robot_is_not_exported(
-    controller: Controller, received: list[Outcome]
+    controller: Controller, received: list[Outcome], first: list[Outcome]
 ) -> None:
     """Regression: after a plan without a motion, the former robot's was exported."""
     controller.plan(PLANAR)
     take = recorder(controller).on_outcome
-    take(Outcome(1, PLANAR, "found", final=False, solution=b"motion"))
+    take(first[0])
     controller.choose(replace(PLANAR.robot, kinematic=True))
-    take(Outcome(1, PLANAR, "late", solution=b"motion"))
-    assert [outcome.message for outcome in received] == ["found"]
+    take(first[1])
+    assert received == first[:1]
     assert controller.outcome is None
     with pytest.raises(ProblemError, match="no motion to export"):
         controller.export(".csv")
@@ -249,8 +248,8 @@ def test_dragged_goal_is_planned_by_inverse_kinematics(controller: Controller) -
     position, quaternion = controller.request.pose(PLANAR.q_goal)
     aim = position + np.array([0.0, 0.2, 0.0])
     assert controller.drag("q_goal", aim, quaternion) == 0.0
-    ((_, requests),) = recorder(controller).requests
-    found, _ = controller.request.pose(requests.q_goal)
+    (request,) = recorder(controller).requests
+    found, _ = controller.request.pose(request.q_goal)
     np.testing.assert_allclose(found, aim, atol=1e-3)
     assert controller.drag("q_goal", [99.0, 0.0, 0.0], quaternion) > 50.0
 
@@ -274,15 +273,15 @@ def test_crashed_worker_process_is_replaced_and_plans() -> None:
 
     worker = Worker(take)
     try:
-        worker.plan(1, PLANAR)
+        worker.plan(PLANAR)
         os.kill(worker._process.pid, signal.SIGKILL)
         assert final.wait(300.0)
         assert not verified(outcomes[-1])
         assert "ended unexpectedly" in outcomes[-1].message
         final.clear()
-        worker.plan(2, NEAR)
+        worker.plan(NEAR)
         assert final.wait(600.0)
-        assert outcomes[-1].number == 2
+        assert outcomes[-1].request == NEAR
         assert verified(outcomes[-1])
     finally:
         worker.close()

@@ -71,22 +71,19 @@ class Controller:
         self.shown: ShownMotion | None = None
         self._lock = threading.RLock()
         self._on_outcome = on_outcome
-        self._number = 0  # of the last request
-        self._solution = b""
         self._planning = planning(self._take)
 
     @property
     def busy(self) -> bool:
         """Whether an outcome of the present request is still to come."""
         last = self.outcome
-        return last is None or last.number < self._number or not last.final
+        return last is None or last.request != self.request or not last.final
 
     def plan(self, request: Request) -> None:
         """Plan a request, which becomes the present one."""
         with self._lock:
             self.request = request
-            self._number += 1
-            self._planning.plan(self._number, request)
+            self._planning.plan(request)
 
     def change(self, **changes: Any) -> None:
         """Change fields of the request, and plan it if it differs.
@@ -109,7 +106,7 @@ class Controller:
         request = first_request(choice)
         with self._lock:
             # The motion of another robot is neither shown nor exported.
-            self.outcome, self.shown, self._solution = None, None, b""
+            self.outcome = self.shown = None
             self.plan(request)
 
     def drag(self, end: str, position: Any, quaternion: Any) -> float:
@@ -150,9 +147,10 @@ class Controller:
         Raises:
             TominpmpError: If there is no motion, or the file cannot be written.
         """
-        if not self._solution:
+        shown = self.shown
+        if shown is None:
             raise ProblemError("there is no motion to export yet", "solution")
-        solution = pickle.loads(self._solution)
+        solution = pickle.loads(shown.solution)
         name = f"{plain_name(solution.problem.robot.name)}_motion{ending}"
         with tempfile.TemporaryDirectory(prefix="tominpmp-") as folder:
             path = Path(folder) / name
@@ -169,5 +167,4 @@ class Controller:
             if outcome.request.robot != self.request.robot:
                 return
             self.outcome, self.shown = outcome, outcome.shown or self.shown
-            self._solution = outcome.solution or self._solution
         self._on_outcome(outcome)

@@ -64,6 +64,7 @@ class ShownMotion(Shares):
         bound: Lower bound of T; None if it is not known.
         seconds: Time that planning took [s].
         active: Its active limits, the most important first.
+        solution: The pickled solution, which is read only to export the motion.
         optimality: Message of its certificate; empty without a certificate.
     """
 
@@ -73,6 +74,7 @@ class ShownMotion(Shares):
     bound: LowerBound | None
     seconds: float
     active: tuple[BindingLimit, ...]
+    solution: bytes
     optimality: str = ""
 
     @property
@@ -90,20 +92,16 @@ class Outcome(Record):
     """The result of planning a request.
 
     Attributes:
-        number: Number of the request.
         request: The request.
         message: Message of the solution, or of an error.
         shown: The motion for display; None without a motion.
         final: Whether this is the last outcome of the request.
-        solution: The pickled solution, which is read only to export the motion.
     """
 
-    number: int
     request: Request
     message: str
     shown: ShownMotion | None = None
     final: bool = True
-    solution: bytes = b""
 
 
 class Superseded(Exception):
@@ -121,7 +119,7 @@ class Session:
         self.solution: Solution | None = None
 
     def outcomes(
-        self, number: int, request: Request, superseded: Callable[[], bool]
+        self, request: Request, superseded: Callable[[], bool]
     ) -> Iterator[Outcome]:
         """Plan, and yield each outcome as soon as it is found.
 
@@ -129,7 +127,6 @@ class Session:
         certificate; after a warm start a cold start looks for a faster motion.
 
         Args:
-            number: Number of the request, for its outcomes.
             request: The request.
             superseded: Whether a newer request has come, which ends the planning.
         """
@@ -138,16 +135,13 @@ class Session:
             if superseded():
                 raise Superseded
 
-        with quiet():
+        with quiet(), suppress(Superseded):
             try:
                 for solution, certified, final in self._solutions(request, check):
                     shown = _shown(solution, request.frame, certified)
-                    saved, message = pickle.dumps(solution), solution.message
-                    yield Outcome(number, request, message, shown, final, saved)
-            except Superseded:
-                return
+                    yield Outcome(request, solution.message, shown, final)
             except TominpmpError as error:
-                yield Outcome(number, request, str(error))
+                yield Outcome(request, str(error))
 
     def _solutions(
         self, request: Request, check: Callable[..., None]
@@ -231,6 +225,7 @@ def _shown(solution: Solution, frame: str, certified: bool) -> ShownMotion:
         bound=solution.lower_bound,
         seconds=solution.planning_time,
         active=tuple(active[:MOST_ACTIVE]),
+        solution=pickle.dumps(solution),
         optimality=message,
     )
 

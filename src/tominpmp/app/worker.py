@@ -1,8 +1,8 @@
 """A process that plans, so that the page stays responsive.
 
-Numbers and requests are sent to it, outcomes come back. It receives while it plans: of
-several requests only the newest is planned. The process is started by loky, which does
-not run the caller's main module a second time.
+Requests are sent to it, outcomes come back. It receives while it plans: of several
+requests only the newest is planned. The process is started by loky, which does not run
+the caller's main module a second time.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from tominpmp.app.request import Request
 # Least time of a plan before a newer request ends it [s]: quick plans complete, so that
 # motions appear while a handle is dragged.
 GRACE = 0.8
-# Numbers and requests; None marks the end.
-Jobs = SimpleQueue[tuple[int, Request] | None]
+# Requests; None marks the end.
+Jobs = SimpleQueue[Request | None]
 
 
 def work(session: Session, jobs: Jobs, answer: Callable[[Outcome], None]) -> None:
     """Plan the newest of the requests, one after the other, until the end mark."""
-    while (job := jobs.get()) is not None:
+    while (request := jobs.get()) is not None:
         if not jobs.empty():
             continue
         begun = time.monotonic()
@@ -37,7 +37,7 @@ def work(session: Session, jobs: Jobs, answer: Callable[[Outcome], None]) -> Non
         def superseded(begun: float = begun) -> bool:
             return not jobs.empty() and time.monotonic() - begun > GRACE
 
-        for outcome in session.outcomes(*job, superseded):
+        for outcome in session.outcomes(request, superseded):
             answer(outcome)
             if not jobs.empty():
                 # A motion was shown; further outcomes of this request are outdated.
@@ -71,7 +71,7 @@ class Worker:
 
     def __init__(self, on_outcome: Callable[[Outcome], None]) -> None:
         self._on_outcome = on_outcome
-        self._last: tuple[int, Request] | None = None
+        self._last: Request | None = None
         self._lock = threading.Lock()
         self._closing = False
         self._start()
@@ -86,26 +86,23 @@ class Worker:
         self._listener = threading.Thread(target=self._listen, args=ends, daemon=True)
         self._listener.start()
 
-    def plan(self, number: int, request: Request) -> None:
+    def plan(self, request: Request) -> None:
         """Plan a request; earlier requests become outdated."""
         with self._lock:
             if not self._process.is_alive() and not self._closing:
                 # The process has crashed; a new one plans this request.
                 self._start()
-            self._last = number, request
+            self._last = request
             # If the process has just ended, the listener reports it.
             with suppress(OSError):
-                self._connection.send(self._last)
+                self._connection.send(request)
 
     def close(self) -> None:
-        """End the planning process."""
-        self._closing = True
-        with self._lock, suppress(OSError):
-            self._connection.send(None)  # the end mark
-        self._process.join(2.0)
-        if self._process.is_alive():
-            self._process.terminate()
-            self._process.join()
+        """End the planning process, which has nothing to put away."""
+        with self._lock:
+            self._closing = True
+        self._process.terminate()
+        self._process.join()
         self._listener.join(2.0)
 
     def _listen(self, process: Any, connection: Any) -> None:
@@ -119,6 +116,6 @@ class Worker:
                     "the planning process has ended unexpectedly (code "
                     f"{process.exitcode}); the next change starts another one"
                 )
-                self._on_outcome(Outcome(*self._last, message))
+                self._on_outcome(Outcome(self._last, message))
         finally:
             connection.close()
