@@ -22,8 +22,9 @@ from scipy.spatial.transform import Rotation
 
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.cell.farthest_points import spread_out
-from tominpmp.cell.tours.legs import JointTimes, LegTable, carrying
-from tominpmp.cell.tours.station import TourTask
+from tominpmp.cell.tours.legs import JointTimes, LegTable, Place, carrying
+from tominpmp.cell.tours.station import TourTask, label_of
+from tominpmp.exceptions import ProblemError
 from tominpmp.goals.base import Goal
 from tominpmp.goals.frames import FrameTarget, frame_target
 from tominpmp.goals.joints import nearest_turns
@@ -243,8 +244,10 @@ class Configurations:
             count: Largest number of configurations kept of a station.
 
         Returns:
-            Configurations by station, shape (k, n) each; k is zero if no
-            configuration was found.
+            Configurations by station, shape (k, n) each.
+
+        Raises:
+            ProblemError: If a station has no configuration, with its name.
         """
         pools: list[Array] = [np.zeros((0, self.problem.robot.n)) for _ in self.goals]
         searched = []
@@ -261,7 +264,10 @@ class Configurations:
         self._from_starts(pools, searched, STARTS)
         empty = [g for g in searched if not len(pools[g])]
         self._from_starts(pools, empty, MORE_STARTS)
-        return [self.spread(rows, count) for rows in pools]
+        for g, pool in enumerate(pools):
+            if not len(pool):
+                raise self._unreached(g)
+        return [self.spread(pool, count) for pool in pools]
 
     def _from_starts(self, pools: list[Array], which: list[int], count: int) -> None:
         """Add new, free solutions from random starts to the pools of stations."""
@@ -300,9 +306,7 @@ class Configurations:
         chosen = spread_out(scaled, int(np.argmin(nearest)), count, np.inf)
         return np.asarray(rows[np.sort(chosen)])
 
-    def refined(
-        self, table: LegTable, places: Sequence[tuple[int, int]]
-    ) -> list[Array]:
+    def refined(self, table: LegTable, places: Sequence[Place]) -> list[Array]:
         """Improve the configurations of a tour in a given order.
 
         Args:
@@ -365,13 +369,15 @@ class Configurations:
         random = here + radius * self.rng.uniform(-1.0, 1.0, (TRIALS, here.size))
         return np.concatenate([here + steps, random])
 
-    def unreached(self, g: int) -> str:
-        """The reason why no configuration was found for a station, in a clause."""
+    def _unreached(self, g: int) -> ProblemError:
+        """Error for a station that no configuration was found for, with the reason."""
         station, problem = self.stations[g], self.leaving.get(g, self.problem)
         goal = station.goal if station.stop else passed(station.goal)
         system = ProblemFunctions.of(problem._altered(goal=goal.alternatives[0]))
         reason = str(unreachable(system, np.random.default_rng(0)))
-        return reason.removeprefix("goal: ")
+        load = " with its payload" if station.payload else ""
+        text = f"cannot be reached{load}: {reason.removeprefix('goal: ')}"
+        return ProblemError(f"{label_of(g + 1, station.name)} {text}", f"stations[{g}]")
 
 
 def _keeps(problem: Problem, q: Array) -> bool:

@@ -13,7 +13,7 @@ is optimal, and no planning is needed.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TypeAlias
@@ -21,12 +21,12 @@ from typing import TypeAlias
 import numpy as np
 
 from tominpmp.arrays import Array, IntArray
+from tominpmp.bounds.joints import tightest_limits
 from tominpmp.cell.tours.station import Rules, Station, label_of
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.joints import JointGoal
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 from tominpmp.planner.conclusion import without_search
 from tominpmp.planner.planning import plan
@@ -37,8 +37,6 @@ from tominpmp.solution import Solution
 from tominpmp.status import Status
 from tominpmp.stopping import Stop, check, seconds_left
 
-# Differences of configurations that are computed at once, to bound the memory.
-CHUNK = 2_000_000
 # Displacement below which a leg has zero length [rad or m], and difference below which
 # instants are equal, as a share of the duration.
 ZERO_LENGTH = 1e-9
@@ -68,10 +66,8 @@ class JointTimes:
     @classmethod
     def of(cls, problem: Problem) -> JointTimes:
         """Take the limits of a problem."""
-        names = problem.robot.joint_names
-        limits = problem.motion_limits or MotionLimits()
-        rates = (limits.by_joint(name, names) for name in ("acceleration", "jerk"))
-        return cls(problem.robot.limits.velocity, *rates)
+        most = tightest_limits(problem)
+        return cls(most["v"], most["a"], most["j"])
 
     @property
     def weights(self) -> Array:
@@ -100,26 +96,6 @@ class JointTimes:
         """
         times = self.of_joints(np.abs(b - a), resting)
         return np.asarray(np.max(times, axis=-1, initial=0.0))
-
-    def matrix(self, a: Array, b: Array, resting: Resting = 2) -> Array:
-        """Least times from each configuration of a set to each of another set.
-
-        Args:
-            a: Configurations, shape (k, n) [rad or m].
-            b: Configurations, shape (m, n) [rad or m].
-            resting: Number of ends, of the two, at which the arm is at rest; for all
-                of them, or shape (k, m).
-
-        Returns:
-            Times [s], shape (k, m).
-        """
-        out = np.empty((len(a), len(b)))
-        resting = np.broadcast_to(resting, out.shape)
-        rows = max(1, CHUNK // max(1, b.size))
-        for begin in range(0, len(a), rows):
-            chunk = slice(begin, begin + rows)
-            out[chunk] = self.between(a[chunk, None], b[None], resting[chunk])
-        return out
 
     def of_joints(self, distance: Array, resting: Resting = 2) -> Array:
         """Least times [s] of joints for distances [rad or m], shape (..., n) both."""
@@ -155,16 +131,19 @@ def _with_jerk(distance: Array, v: Array, a: Array, jerk: Array) -> Array:
     return np.where(distance > 0.0, np.where(cruises, distance / v + ramp, peaked), 0.0)
 
 
-# A leg: node and configuration of its begin, node and configuration of its end.
-Leg = tuple[int, int, int, int]
+# A node of a tour, and the index of one of its configurations.
+Place = tuple[int, int]
+# A leg: the places where it begins and ends.
+Leg = tuple[Place, Place]
 
 
 @dataclass(eq=False)
 class LegTable:
     """Times of legs between the nodes of a tour.
 
-    Nodes are the start (0), the stations (1 to n) and, if it is given, the end (n + 1);
-    each has one or more configurations. Times that are not known are estimated.
+    Nodes are the start (0), the stations (1 to n) and, if it is given, the end (n + 1):
+    start and end have one configuration, stations one or more. Times that are not known
+    are estimated.
 
     Attributes:
         nodes: Configurations of each node, shape (k, n) each.
@@ -184,25 +163,25 @@ class LegTable:
 
     def rows(self, leg: Leg) -> tuple[Array, Array]:
         """Configurations that a leg begins and ends at, shape (n,) each."""
-        i, a, j, b = leg
+        (i, a), (j, b) = leg
         return self.nodes[i][a], self.nodes[j][b]
 
     def resting(self, i: int, j: int) -> int:
         """Number of nodes, of the two, at which the arm is at rest."""
-        return int(self.rests[i]) + int(self.rests[j])
+        return self.rests[i] + self.rests[j]
 
     def block(self, i: int, j: int) -> Array:
         """Times from each configuration of a node to each of another, shape (k, m)."""
-        nodes, resting = self.nodes, self.resting(i, j)
-        times = self.factor * self.times.matrix(nodes[i], nodes[j], resting)
-        for (begin, a, end, b), seconds in self.known.items():
+        begins, ends = self.nodes[i][:, None], self.nodes[j]
+        times = self.factor * self.times.between(begins, ends, self.resting(i, j))
+        for ((begin, a), (end, b)), seconds in self.known.items():
             if (begin, end) == (i, j):
                 times[a, b] = seconds
         return times
 
     def time(self, leg: Leg) -> float:
         """Time of a leg, known or estimated [s]."""
-        i, a, j, b = leg
+        (i, a), (j, b) = leg
         return float(self.block(i, j)[a, b])
 
     def calibrate(self) -> None:
@@ -221,19 +200,19 @@ class LegTable:
 
     def fixed(self, chosen: Sequence[int]) -> Array:
         """Times between the nodes with one configuration each, shape (nodes, nodes)."""
-        rows = zip(self.nodes, chosen, strict=True)
-        q = np.stack([rows_of[c] for rows_of, c in rows])
+        q = np.stack([self.nodes[k][c] for k, c in enumerate(chosen)])
         rests = np.array(self.rests, dtype=int)
-        out = self.factor * self.times.matrix(q, q, rests[:, None] + rests)
-        for (i, a, j, b), seconds in self.known.items():
+        # Row by row, to bound the memory.
+        rows = zip(q, rests, strict=True)
+        each = [self.times.between(here, q, rest + rests) for here, rest in rows]
+        out = self.factor * np.array(each)
+        for ((i, a), (j, b)), seconds in self.known.items():
             if (a, b) == (chosen[i], chosen[j]):
                 out[i, j] = seconds
         np.fill_diagonal(out, 0.0)
         return out
 
-    def best_configurations(
-        self, order: Sequence[int]
-    ) -> tuple[float, list[tuple[int, int]]]:
+    def best_configurations(self, order: Sequence[int]) -> tuple[float, list[Place]]:
         """Best configurations for nodes in a given order, by dynamic programming.
 
         Args:
@@ -369,29 +348,28 @@ class Legs:
             return 0.0
         if leg not in self.motions:
             check()
-            (begin, _, end, _), goal = leg, JointGoal(q_end, wrap=False)
-            self.motions[leg] = self._solved(
-                lambda: self._setting(begin, end).with_ends(q_start, goal), begin, end
-            )
+            (begin, _), (end, _) = leg
+            self.motions[leg] = self.motion((begin, end), (q_start, q_end))
         solution = self.motions[leg]
         return np.inf if solution is None else solution.T
 
-    def _solved(
-        self, make_problem: Callable[[], Problem], begin: int, end: int
-    ) -> Solution | None:
+    def motion(self, nodes: Sequence[int], q: Sequence[Array]) -> Solution | None:
         """The direct motion, or a motion planned in the remaining time.
 
         Args:
-            make_problem: Makes the problem; its errors are noted.
-            begin: Node where the motion begins.
-            end: Node where it ends.
+            nodes: Nodes, the arm being at rest at the first and the last of them only.
+            q: Configurations there, shape (n,) each; at the nodes in between the motion
+                may meet the goals at other configurations.
+
+        Returns:
+            The motion; None if none is found, with the reason among the errors.
         """
-        first, last = self.stations[begin], self.stations[end]
-        here = label_of(begin, first.name) if first else "the start"
-        there = label_of(end, last.name) if last else "the end"
+        first, last = self.stations[nodes[0]], self.stations[nodes[-1]]
+        here = label_of(nodes[0], first.name) if first else "the start"
+        there = label_of(nodes[-1], last.name) if last else "the end"
         where = f"from {here} to {there}: "
         try:
-            problem = make_problem()
+            problem = self._problem(nodes, q)
             solution = self._direct(problem)
             if solution is not None:
                 return solution
@@ -410,6 +388,27 @@ class Legs:
             return None
         return solution
 
+    def _problem(self, nodes: Sequence[int], q: Sequence[Array]) -> Problem:
+        """The problem of a motion, see :meth:`motion`; of segments between its nodes.
+
+        Raises:
+            ProblemError: If the motion cannot begin or end there.
+        """
+        end = JointGoal(q[-1], wrap=False)
+        if len(nodes) == 2:
+            return self._setting(*nodes).with_ends(q[0], end)
+        passed = filter(None, (self.stations[node] for node in nodes[1:-1]))
+        goals = [*(station.goal for station in passed), end]
+        segments = [
+            Segment(
+                goal,
+                payload=self._load(begin),
+                may_touch=self._setting(begin, end).may_touch,
+            )
+            for goal, (begin, end) in zip(goals, pairwise(nodes), strict=True)
+        ]
+        return replace(self.problem, q_start=q[0], goal=end, segments=segments)
+
     def _direct(self, problem: Problem) -> Solution | None:
         """The direct motion; None if no motion is direct, or if its replay fails."""
         started = time.perf_counter()
@@ -420,28 +419,3 @@ class Legs:
             return None
         reason = "limits of speed and acceleration"
         return without_search(problem, self.options, motion, DIRECT, reason, started)
-
-    def passing(self, nodes: Sequence[int], q: Sequence[Array]) -> Solution | None:
-        """Plan legs without stops between them; None if no motion is found.
-
-        Args:
-            nodes: Nodes, the arm being at rest at the first and the last of them only.
-            q: Configurations there, shape (n,) each; at the nodes in between the motion
-                may meet the goals at other configurations.
-        """
-        passed = filter(None, (self.stations[node] for node in nodes[1:-1]))
-        goals = [*(s.goal for s in passed), JointGoal(q[-1], wrap=False)]
-
-        def make_problem() -> Problem:
-            segments = [
-                Segment(
-                    goal,
-                    payload=self._load(begin),
-                    may_touch=self._setting(begin, end).may_touch,
-                )
-                for goal, (begin, end) in zip(goals, pairwise(nodes), strict=True)
-            ]
-            begin, end = q[0], goals[-1]
-            return replace(self.problem, q_start=begin, goal=end, segments=segments)
-
-        return self._solved(make_problem, nodes[0], nodes[-1])

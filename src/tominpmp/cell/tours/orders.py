@@ -19,7 +19,7 @@ from itertools import pairwise, permutations
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray
-from tominpmp.cell.tours.legs import LegTable
+from tominpmp.cell.tours.legs import LegTable, Place
 from tominpmp.cell.tours.station import Rules
 from tominpmp.stopping import check
 
@@ -42,9 +42,8 @@ STEPS, WARM, FEW_STEPS = 60, 0.1, 10
 # from scratch begins with.
 ROUNDS, FEW = 12, 8
 
-# Nodes of a tour in their order, each with the index of one of its configurations;
-# empty if no order is allowed.
-Route = list[tuple[int, int]]
+# Places of a tour in their order; empty if no order is allowed.
+Route = list[Place]
 
 
 def best_order(table: LegTable, rng: np.random.Generator, before: Route) -> Route:
@@ -70,11 +69,10 @@ def exact_order(
     Returns:
         Time of all legs [s], infinite if no order is allowed, and the route.
     """
-    n, ends = len(sizes), rules.ends
-    # An open end is a node that every station reaches in zero time.
-    last, full = block(1, n + 1).shape[1] if ends else 1, (1 << n + 2) - 1
-    # Configurations of all nodes stand one after the other.
-    edges = np.cumsum([0, len(block(0, 1)), *sizes, last]).tolist()
+    n, ends, full = len(sizes), rules.ends, (1 << len(sizes) + 2) - 1
+    # Configurations of all nodes stand one after the other; an open end is a node that
+    # every station reaches in zero time.
+    edges = np.cumsum([0, 1, *sizes, 1]).tolist()
     block_of = [slice(a, b) for a, b in pairwise(edges)]
     node = np.repeat(np.arange(len(block_of)), np.diff(edges))
     # Sets of nodes are bit masks: here the nodes that have to precede each node.
@@ -116,7 +114,7 @@ def exact_order(
 
 
 def search_order(
-    table: LegTable, rng: np.random.Generator, before: Sequence[tuple[int, int]] = ()
+    table: LegTable, rng: np.random.Generator, before: Sequence[Place] = ()
 ) -> tuple[float, Route]:
     """Find a good order of stations, with their configurations.
 

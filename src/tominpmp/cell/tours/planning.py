@@ -21,7 +21,7 @@ from tominpmp.arrays import Array
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.bounds.result import LowerBound
 from tominpmp.cell.tours.configurations import Configurations
-from tominpmp.cell.tours.legs import DIRECT, JointTimes, Leg, Legs, LegTable
+from tominpmp.cell.tours.legs import DIRECT, JointTimes, Legs, LegTable
 from tominpmp.cell.tours.lower_bound import tour_bound
 from tominpmp.cell.tours.orders import Route, best_order
 from tominpmp.cell.tours.station import (
@@ -109,15 +109,6 @@ class TourSearch:
         times = JointTimes.of(problem)
         self.configurations = Configurations(task, self.rng)
         by_station = self.configurations.search(count)
-        for number, rows in enumerate(by_station):
-            if not len(rows):
-                label = label_of(number + 1, stations[number].name)
-                load = " with its payload" if stations[number].payload else ""
-                reason = self.configurations.unreached(number)
-                raise ProblemError(
-                    f"{label} cannot be reached{load}: {reason}",
-                    f"stations[{number}]",
-                )
         if not exact:
             times = replace(times, acceleration=_accelerations(problem, by_station))
         end = np.asarray(problem.goal.configuration)
@@ -141,7 +132,7 @@ class TourSearch:
             while route:
                 complete = self._plan_legs(route)
                 # Legs without a stop at both ends keep their estimates.
-                length = sum(self.table.time(leg) for leg in _legs(route))
+                length = sum(map(self.table.time, pairwise(route)))
                 if length < least:
                     least, best = length, route
                 number += 1
@@ -176,8 +167,9 @@ class TourSearch:
         If so, no other order is better by these estimates.
         """
         table, off = self.table, 0.0
-        for leg in _legs(route):
-            if leg not in table.known and table.resting(leg[0], leg[2]) == 2:
+        for leg in pairwise(route):
+            (begin, _), (end, _) = leg
+            if leg not in table.known and table.resting(begin, end) == 2:
                 before = table.time(leg)
                 table.known[leg] = self.legs.seconds(leg)
                 off = max(off, abs(table.known[leg] - before))
@@ -211,12 +203,12 @@ class TourSearch:
             places = [*range(first + 1, last + 1)]
             stretch = slice(first, last + 1)
             if len(places) > 1:
-                passing = legs.passing(nodes[stretch], q[stretch])
+                passing = legs.motion(nodes[stretch], q[stretch])
                 if passing is not None:
                     motions.append((passing, places))
                     continue
             for place in places:
-                leg = (*route[place - 1], *route[place])
+                leg = route[place - 1], route[place]
                 if np.isinf(legs.seconds(leg)):
                     return None
                 motions.append((legs.motions.get(leg), [place]))
@@ -257,7 +249,7 @@ class TourSearch:
                 visit(k, motion.trajectory(part.arrival).q, halt)
             halts.append(halt)  # the arm rests after the last segment
         subject = "A tour" if status is Status.CONVERGED else f"{status.value} A tour"
-        count = "1 station" if len(visits) == 1 else f"{len(visits)} stations"
+        count = f"{len(visits)} station{'s' * (len(visits) != 1)}"
         return Tour(
             task.problem,
             task.stations,
@@ -280,10 +272,6 @@ class TourSearch:
         text = f"{status.value} No tour was found: {reason}."
         planned = legs.planned
         return Tour(task.problem, task.stations, status, text, legs_planned=planned)
-
-
-def _legs(route: Route) -> list[Leg]:
-    return [(*a, *b) for a, b in pairwise(route)]
 
 
 def _status(stop: BaseException) -> Status:

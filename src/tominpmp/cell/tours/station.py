@@ -6,7 +6,6 @@ import itertools
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from graphlib import CycleError, TopologicalSorter
 from typing import Annotated, Any, TypeAlias, TypeVar
 
@@ -164,7 +163,7 @@ def _named(number: int, name: Any, item: Any) -> Station:
         raise ProblemError(f"{where}: {text}", error.field) from error
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Rules:
     """Rules for the order of the nodes of a tour.
 
@@ -172,15 +171,15 @@ class Rules:
 
     Attributes:
         count: Number of stations.
-        before: Pairs of stations (earlier, later).
-        then: By station, the stations of which one comes directly after it; a station
-            that is not a key may be followed by any other.
+        needs: By node, the nodes that precede it directly or through others.
+        follows: Whether a node may come directly after another, shape (count + 2, count
+            + 2).
         ends: Whether the tour has an end of its own, after the last station.
     """
 
     count: int
-    before: frozenset[tuple[int, int]]
-    then: Mapping[int, frozenset[int]]
+    needs: tuple[frozenset[int], ...]
+    follows: BoolArray
     ends: bool = True
 
     @classmethod
@@ -201,61 +200,46 @@ class Rules:
             ProblemError: If a name is unknown, or no order is possible at all.
         """
         index = {station.name: i for i, station in enumerate(stations, 1)}
-        pairs = {(index[a], index[s.name]) for s in stations for a in s.after}
         expected = 'pairs of names of stations, as [("drill", "tap")]'
         ordered = checked_pairs(precedence, "precedence", expected)
         for name in itertools.chain.from_iterable(ordered):
             if name not in index:
                 why = unknown("station", name, list(index))
                 raise ProblemError(f"precedence: {why}", "precedence")
-        pairs |= {(index[earlier], index[later]) for earlier, later in ordered}
-        then = {
-            index[station.name]: frozenset(index[name] for name in station.then)
-            for station in stations
-            if station.then
-        }
-        pairs |= {(i, min(others)) for i, others in then.items() if len(others) == 1}
-        rules = cls(len(stations), frozenset(pairs), then, ends)
+        count = len(stations)
+        before: dict[int, set[int]] = {0: set()}
+        before |= {k: {0} for k in range(1, count + 1)}
+        before[count + 1] = {*before}
+        follows = np.ones((count + 2, count + 2), dtype=bool)
+        for k, station in enumerate(stations, 1):
+            before[k].update(index[name] for name in station.after)
+            then = {index[name] for name in station.then}
+            if then:
+                follows[k] = False
+                follows[k, [*then]] = True
+            if len(then) == 1:
+                before[min(then)].add(k)
+        for earlier, later in ordered:
+            before[index[later]].add(index[earlier])
+        needs = dict[int, frozenset[int]]()
         try:
-            _ = rules.needs
+            for k in TopologicalSorter(before).static_order():
+                needs[k] = frozenset(before[k].union(*(needs[i] for i in before[k])))
         except CycleError as error:
             names = [stations[k - 1].name for k in error.args[1]]
             cycle = brief(" before ".join(names), 300)
             raise ProblemError(
                 f"precedence has a cycle: {cycle}", "precedence"
             ) from None
-        return rules
-
-    @cached_property
-    def needs(self) -> tuple[frozenset[int], ...]:
-        """By node, the nodes that precede it directly or through others."""
-        direct: dict[int, set[int]] = {0: set()}
-        direct |= {k: {0} for k in range(1, self.count + 1)}
-        direct[self.count + 1] = {*direct}
-        for earlier, later in self.before:
-            direct[later].add(earlier)
-        closure = dict[int, frozenset[int]]()
-        for k in TopologicalSorter(direct).static_order():
-            closure[k] = frozenset(direct[k].union(*(closure[i] for i in direct[k])))
-        return tuple(closure[k] for k in direct)
+        return cls(count, tuple(needs[k] for k in before), follows, ends)
 
     def along(self, start: T, stations: Iterable[T], end: T) -> list[T]:
         """Items of start, stations and end; that of the end is left out without one."""
         return [start, *stations, *([end] if self.ends else [])]
 
-    @cached_property
-    def follows(self) -> BoolArray:
-        """Whether a node may come directly after another, (count + 2, count + 2)."""
-        follows = np.ones((self.count + 2, self.count + 2), dtype=bool)
-        for station, others in self.then.items():
-            follows[station] = False
-            follows[station, [*others]] = True
-        return follows
-
     def allow(self, order: Sequence[int]) -> bool:
         """Whether an order of all stations keeps the rules."""
-        place = {station: k for k, station in enumerate(order)}
-        kept = all(place[i] < place[j] for i, j in self.before)
+        kept = all(self.needs[k] <= {0, *order[:i]} for i, k in enumerate(order))
         return kept and bool(np.all(self.follows[order, [*order[1:], self.count + 1]]))
 
 
