@@ -7,7 +7,7 @@ The caller chooses the backend by its name or by ``joblib.parallel_config``: "lo
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from functools import partial
 from importlib import import_module
 from typing import Any, TypeVar
@@ -87,21 +87,18 @@ class Executor:
                 yield number, item[1]
 
         while True:
-            with self._running(handed_out(), self.workers) as results:
-                try:
-                    for number, result in results:
-                        yield under_way.pop(number)[0], result
-                    return
-                except BrokenProcessPool:
-                    pass
+            running = self._running(handed_out(), self.workers)
+            with running as results, suppress(BrokenProcessPool):
+                for number, result in results:
+                    yield under_way.pop(number)[0], result
+                return
             for number in sorted(under_way):
-                label, item = under_way.pop(number)
+                (label, item), result = under_way.pop(number), None
                 # joblib would run a single worker in this process.
-                with self._running([(number, item)], 2) as alone:
-                    try:
-                        yield label, next(alone)[1]
-                    except BrokenProcessPool:
-                        yield label, None
+                alone = self._running([(number, item)], 2)
+                with alone as results, suppress(BrokenProcessPool):
+                    _, result = next(results)
+                yield label, result
 
 
 def _chosen(name: str | None, workers: int | None) -> tuple[Any, int]:
