@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import tominpmp as tm
+from tominpmp.cell.batch import Progress
 
 START = (0.5, 1.7, -1.7)
 OBSTACLE = tm.Scene([tm.Sphere("O", radius=0.3, position=(4.2, 2.4, 0.0))])
@@ -40,6 +41,12 @@ def problems(count: int, seed: int) -> Iterator[tuple[str, tm.Problem]]:
         number += 1
 
 
+def show(state: Progress) -> None:
+    """Print the progress after each twenty problems."""
+    if state.done % 20 == 0:
+        print(f"{state.done} done, {state.found} with a motion, {state.seconds:.0f} s")
+
+
 def main() -> int:
     """Plan, and print a summary of the results."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -58,6 +65,7 @@ def main() -> int:
         intervals=20,
         starts=1,
         max_planning_time=30.0,
+        progress=show,
     ):
         found += outcome.success
         if not outcome.success:

@@ -11,6 +11,7 @@ import pinocchio as pin
 import pytest
 
 import tominpmp as tm
+from tominpmp.cell.placement import Moves
 from tominpmp.kinematics import RobotKinematics
 
 START = (0.5, 1.7, -1.7)
@@ -79,6 +80,37 @@ def test_base_is_not_placed_where_a_task_has_no_motion() -> None:
         robot(), tasks()[:1], bounds=far, most_plans=4, **QUICK
     )
     assert found.T <= found.T_before
+
+
+def test_placement_where_a_motion_has_no_sensitivities_is_not_the_last_trial(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Regression: the search was lost where the linear program of a motion failed."""
+    usual, calls = Moves.gradient, []
+
+    def gradient(moves: Moves, *where: Any) -> Any:
+        calls.append(moves)
+        if len(calls) == 2:
+            raise tm.ProblemError("trajectory of 1 s has no multipliers", "trajectory")
+        return usual(moves, *where)
+
+    monkeypatch.setattr(Moves, "gradient", gradient)
+    near = {"x": (-0.3, 0.3)}
+    found = tm.improve_placement(
+        robot(), tasks()[:1], bounds=near, most_plans=3, **QUICK
+    )
+    known = [np.isfinite(trial.T) for trial in found.trials]
+    assert known == [True, False, True] and found.T < found.T_before
+
+
+def test_search_ends_where_no_time_is_left() -> None:
+    """Regression: the same placement was tried until the plans ran out."""
+    start = RobotKinematics(robot()).placement(np.array(START), "tip").translation
+    goal = tm.PositionGoal("tip", start + np.array([0.0, 0.15, 0.0]))
+    task = tm.Problem(robot(), START, goal)
+    bounds = {"y": (-1.0, 0.0)}
+    found = tm.improve_placement(robot(), [task], bounds=bounds, moves="goals", **QUICK)
+    assert found.T == 0.0 and found.plans == 2
 
 
 @pytest.mark.parametrize(

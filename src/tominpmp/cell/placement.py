@@ -149,7 +149,8 @@ class Trial(Record):
 
     Attributes:
         values: The coordinates, shape (k,) [m or rad].
-        T: Sum of the weighted durations of the tasks [s]; infinite if a task failed.
+        T: Sum of the weighted durations of the tasks [s]; infinite if a task has no
+            motion there, or no sensitivities.
         plans: Number of plans made up to this trial, its own included.
     """
 
@@ -310,8 +311,8 @@ class _Search:
     def run(self, low: Array, high: Array, most_plans: int) -> ImprovedPlacement:
         """Descend until the predicted reduction, the trust region or plans run out."""
         span, n = high - low, low.size
-        solutions = self._motions(np.zeros(n), [None] * len(self.tasks))
-        best, gradient = self._noted(np.zeros(n), solutions)
+        cold = [None] * len(self.tasks)
+        best, gradient, solutions = self._tried(np.zeros(n), cold)
         radius, hessian = FIRST_RADIUS, np.zeros((n, n))
         # Updates with negative curvature are skipped; the first update sets the scale.
         model = BFGS(exception_strategy="skip_update", init_scale="auto")
@@ -320,15 +321,14 @@ class _Search:
             x, reach = best.values, radius * span
             box = np.maximum(low, x - reach), np.minimum(high, x + reach)
             place, predicted = _step(x, gradient, hessian, *box)
-            if predicted < LEAST_REDUCTION * best.T:
+            if predicted <= LEAST_REDUCTION * best.T:
                 break
             try:
-                found = self._motions(place, solutions)
+                trial, slope, found = self._tried(place, solutions)
             except TominpmpError:
                 self.trials.append(Trial(frozen_array(place), math.inf, self.plans))
                 radius *= SHRINK
                 continue
-            trial, slope = self._noted(place, found)
             model.update(place - x, slope - gradient)
             hessian = model.get_matrix()
             if trial.T >= best.T:
@@ -348,18 +348,25 @@ class _Search:
             solutions=tuple(solutions),
         )
 
-    def _motions(self, x: Array, starts: Sequence[Solution | None]) -> list[Solution]:
-        """Plan all tasks at a placement.
+    def _tried(
+        self, x: Array, starts: Sequence[Solution | None]
+    ) -> tuple[Trial, Array, list[Solution]]:
+        """Plan all tasks at a placement, and note the trial.
 
         Args:
             x: The coordinates, shape (k,) [m or rad].
             starts: Warm starts of the plans, by task; None for a cold start.
 
+        Returns:
+            The trial; the derivative of its T by the coordinates, shape (k,) [s/m or
+            s/rad]; and the motions of the tasks.
+
         Raises:
-            TominpmpError: If a task is impossible there, or has no motion.
+            TominpmpError: If a task is impossible there, or has no motion, or its
+                motion has no sensitivities.
         """
         count, placed = len(self.tasks), self.moves.mover(x)
-        problems, solutions = list[Problem](), list[Solution]()
+        problems, solutions, slopes = list[Problem](), list[Solution](), list[Array]()
         for number, task in enumerate(self.tasks):
             with _of_task(number, count):
                 problems.append(placed(task))
@@ -372,20 +379,11 @@ class _Search:
                 if not solution.success:
                     found = f"no motion at the initial placement: {solution.message}"
                     raise ProblemError(found)
+                slopes.append(self.moves.gradient(solution.sensitivities, x))
             solutions.append(solution)
-        return solutions
-
-    def _noted(self, x: Array, solutions: Sequence[Solution]) -> tuple[Trial, Array]:
-        """The trial of the motions at a placement, which is noted, and its gradient.
-
-        Returns:
-            The trial; and the derivative of its T by the coordinates, shape (k,)
-            [s/m or s/rad].
-        """
         T = float(self.weights @ np.array([item.T for item in solutions]))
-        slopes = [self.moves.gradient(item.sensitivities, x) for item in solutions]
         self.trials.append(Trial(frozen_array(x), T, self.plans))
-        return self.trials[-1], self.weights @ np.array(slopes)
+        return self.trials[-1], self.weights @ np.array(slopes), solutions
 
 
 def _step(
