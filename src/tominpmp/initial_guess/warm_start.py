@@ -52,7 +52,6 @@ class WarmStart(Guess):
 
     Attributes:
         motion: The former motion, slowed down if it was far too fast for the limits.
-        trajectory: The same motion without its inverse dynamics: faster to evaluate.
         entry: Time of the motion at which the guess begins [s].
         begins: Times of the motion at which the segments begin [s], shape (k,).
         bend: Curve of time added to the positions, a cubic polynomial on each segment,
@@ -61,7 +60,6 @@ class WarmStart(Guess):
     """
 
     motion: Trajectory
-    trajectory: Trajectory
     entry: float
     begins: Array
     bend: CubicHermiteSpline | None
@@ -71,14 +69,14 @@ class WarmStart(Guess):
         """Configurations at times, shape (k, n)."""
         k = np.searchsorted(self.inner_ends, times)
         since = times - np.concatenate([[0.0], self.inner_ends])[k]
-        there = np.clip(self.begins[k] + since, 0.0, self.trajectory.duration)
+        there = np.clip(self.begins[k] + since, 0.0, self.motion.duration)
         added = 0.0 if self.bend is None else self.bend(times)
-        return np.asarray(np.clip(self.trajectory(there).q + added, *self.limits))
+        return np.asarray(np.clip(self.motion(there, 0) + added, *self.limits))
 
     @property
     def continuous(self) -> bool:
         """Whether its accelerations count as continuous: those of degrees 3 and 5."""
-        return self.motion.inverse_dynamics is not None and self.trajectory.degree > 2
+        return self.motion.inverse_dynamics is not None and self.motion.degree > 2
 
     def whole(self, system: ProblemFunctions) -> Trajectory | None:
         """The former motion; None if the guess was bent, or begins at a later entry.
@@ -90,12 +88,12 @@ class WarmStart(Guess):
             return None
         if self.motion.inverse_dynamics is None:
             return self.motion
-        return self.trajectory.with_torques(system.motor_dynamics.inverse)
+        return self.motion.with_torques(system.motor_dynamics.inverse)
 
     @property
     def nodes(self) -> Array:
         """Times of the nodes after the entry [s]."""
-        t = self.trajectory.t - self.entry
+        t = self.motion.t - self.entry
         later = t[t > 1e-9 * self.duration]
         return np.concatenate([[0.0], later])
 
@@ -123,7 +121,7 @@ class WarmStart(Guess):
         number of intervals, as a coarser grid would lose its refinement, or if its
         accelerations jump at them. Other motions are interpolated on the usual grid.
         """
-        same = self.trajectory.degree == degree
+        same = self.motion.degree == degree
         fine = degree == QUADRATIC or self.nodes.size > intervals
         nodes = self.grid(intervals) if same and fine else None
         shares = interval_shares(kind, intervals, sudden=system.sudden)
@@ -145,8 +143,8 @@ class WarmStart(Guess):
         transcription = CollocationTranscription(system, np.diff(nodes)[:, None] / T, T)
         if self.bend is not None:
             return transcription, transcription.start(self.position, T, np.array([T]))
-        there = np.clip(self.entry + nodes, 0.0, self.trajectory.duration)
-        x = np.hstack([self.position(nodes), self.trajectory(there).v])
+        there = np.clip(self.entry + nodes, 0.0, self.motion.duration)
+        x = np.hstack([self.position(nodes), self.motion(there).v])
         u = self._net_torque(system, 0.5 * (nodes[1:] + nodes[:-1]))
         return transcription, transcription.pack(x, u, np.array([T]))
 
@@ -178,13 +176,12 @@ def warm_start(system: ProblemFunctions, motion: Trajectory | Samples) -> WarmSt
     """
     trajectory = _slowed_down(system, former_motion(system.problem, motion))
     problem, limits = system.problem, system.problem.robot.limits
-    plain = replace(trajectory, inverse_dynamics=None)
     begins, arrivals, _ = np.array(spans_of(trajectory, problem.segments)).T
-    entry = begins[0] = _entry(system, plain, arrivals[0])
+    entry = begins[0] = _entry(system, trajectory, arrivals[0])
     # A segment whose goal is met from its beginning has zero duration.
     durations = np.maximum(arrivals - begins, LEAST_DURATION)
     ends = np.cumsum(durations)
-    former = plain(np.append(entry, arrivals))
+    former = trajectory(np.append(entry, arrivals))
     goals = [part.final_configuration for part in system.segments]
     speeds = [part.final_velocity for part in system.segments]
     p = _missing([problem.q_start, *goals], former.q)
@@ -200,7 +197,6 @@ def warm_start(system: ProblemFunctions, motion: Trajectory | Samples) -> WarmSt
         inner_ends=ends[:-1],
         solved=bool(np.all(np.abs(p) <= 1e-9)),
         motion=trajectory,
-        trajectory=plain,
         entry=entry,
         begins=begins,
         bend=None if same else CubicHermiteSpline(np.append(0.0, ends), p, s),
@@ -240,8 +236,7 @@ def _slowed_down(system: ProblemFunctions, motion: Trajectory) -> Trajectory:
     interval would move the arm elsewhere at another pace.
     """
     inverse, a, ends = motion.inverse_dynamics, motion.a, motion.segment_ends
-    plain = replace(motion, inverse_dynamics=None)
-    state, factor = plain(np.linspace(0.0, motion.duration, SAMPLES)), 1.0
+    state, factor = motion(np.linspace(0.0, motion.duration, SAMPLES)), 1.0
     values = {"v": state.v, "a": state.a}
     for item in joint_limits(system.problem.robot, system.motion_limits):
         if item.kind.quantity in values:
