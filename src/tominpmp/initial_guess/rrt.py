@@ -13,10 +13,10 @@ Distances in the trees approximate times: slow joints have a larger weight.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import takewhile
+from itertools import cycle, takewhile
 
 import numpy as np
 
@@ -53,9 +53,6 @@ NEAR = 0.3
 # paths than more tries do.
 TRIES, FAILED = 4, 3
 
-#: Yields for configurations, shape (m, n), one after the other whether each is free.
-FreeCheck = Callable[[Array], Iterator[bool]]
-
 
 class _BudgetSpent(Exception):
     """Raised once the collision checks of a path are used up."""
@@ -79,25 +76,24 @@ class PathSearches:
 
 def is_free(system: ProblemFunctions, q: Array) -> bool:
     """Whether configurations, shape (n,) or (m, n), keep the required clearance."""
-    return all(_check_of(system)(np.atleast_2d(q)))
+    return all(_each_free(system, np.atleast_2d(q)))
 
 
-def _check_of(system: ProblemFunctions) -> FreeCheck:
-    """The collision check of a problem, for configurations of shape (m, n)."""
+def _each_free(system: ProblemFunctions, q: Array) -> Iterator[bool]:
+    """Yield for configurations, shape (m, n), one after the other whether each is free.
+
+    Convex pieces need not be checked, nor be known, if the convex hulls of the links of
+    a single arm are clear.
+    """
     checker = system.problem.checker
-
-    def pieces(q: Array) -> Iterator[bool]:
-        clearance = system.clearance
-        if clearance is None:
-            return (True for _ in q)
-        return clearance.checker.each_free(q, clearance.margin)
-
-    def hulls(q: Array) -> Iterator[bool]:
-        # Convex pieces need not be checked if the convex hulls of the links are clear.
-        for row in q:
-            yield checker.hulls_clear(row, PADDING) or next(pieces(row[None]))
-
-    return hulls if system.clearance_rows is not None and checker.single_arm else pieces
+    hulls = system.clearance_rows is not None and checker.single_arm
+    for rows in q[:, None] if hulls else [q]:
+        if hulls and checker.hulls_clear(rows[0], PADDING):
+            yield True
+        elif (clearance := system.clearance) is None:
+            yield from [True] * len(rows)
+        else:
+            yield from clearance.checker.each_free(rows, clearance.margin)
 
 
 def sample_paths(
@@ -130,10 +126,10 @@ def sample_paths(
     paths = list(known)
     searches.found |= bool(paths)
     ends = [q for q in ends if is_free(system, q)]
-    failures = number = 0
-    while ends and failures < TRIES + len(ends):
-        end = ends[number % len(ends)]
-        number += 1
+    failures = 0
+    for end in cycle(ends):
+        if failures >= TRIES + len(ends):
+            break
         seed = int(rng.integers(1, 2**31))
         path = sample_path(system, end, seed, searches)
         failures += FAILED if path is None else 1
@@ -215,7 +211,7 @@ class _Space:
         self._radian = scale / self.unit
         # One joint has no way but the straight line: a few checks show what is in it.
         self.budget = checks if system.n > 1 else checks // 100
-        self._check = _check_of(system)
+        self._system = system
 
     def each_free(self, points: Array) -> Iterator[bool]:
         """Yield for each point, shape (m, n), whether it is free.
@@ -225,7 +221,7 @@ class _Space:
             Stop: If it is time to stop.
         """
         check()
-        for free in self._check(points * self.unit):
+        for free in _each_free(self._system, points * self.unit):
             self.budget -= 1
             if self.budget < 0:
                 raise _BudgetSpent
@@ -406,9 +402,7 @@ def _shortened(space: _Space, path: Array, rng: np.random.Generator) -> Array:
             at = np.sort(rng.uniform(0.0, s[-1], 2))
             joint = int(rng.integers(2 * n))
             begin, end = np.searchsorted(s, at)
-            if begin == end:
-                continue
-            inner = path[begin:end]
+            inner = path[begin:end]  # without these corners nothing is gained
             ends = np.stack([np.interp(at, s, column) for column in path.T], axis=1)
             former = np.concatenate([ends[:1], inner, ends[1:]])
             shorter = ends
@@ -453,7 +447,7 @@ def alike(system: ProblemFunctions, one: Array, other: Array) -> bool:
     between = [
         (one + share * (other - one)) * system.step_scale for share in (0.5, 0.25, 0.75)
     ]
-    return all(_check_of(system)(np.concatenate(between)))
+    return all(_each_free(system, np.concatenate(between)))
 
 
 def _resampled(corners: Array) -> Array:
