@@ -113,8 +113,6 @@ class RoundedPath:
         for k in range(1, self.s.size - 1):
             radius = float(self.radii[k])
             inside = np.abs(s - self.s[k]) < radius
-            if radius <= 0.0 or not np.any(inside):
-                continue
             jump = slopes[k] - slopes[k - 1]
             u = ((s[inside] - self.s[k]) / radius)[:, None]
             lag = 3.0 / 16.0 + u * (0.5 + u * (0.375 - u * u / 16.0))
@@ -131,6 +129,4 @@ class RoundedPath:
         inner = slice(1, -1)
         corners = self.s[inner, None] + self.radii[inner, None] * u
         s = np.sort(np.concatenate([whole, np.clip(corners, 0.0, 1.0).ravel()]))
-        apart = np.diff(s, append=2.0) > SHORTEST
-        apart[-1] = True
-        return np.asarray(s[apart])
+        return np.asarray(s[np.diff(s, append=2.0) > SHORTEST])

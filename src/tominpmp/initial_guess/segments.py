@@ -68,16 +68,16 @@ def segmented_guesses(
         q, v = system.problem.q_start, system.problem.v_start
         for place in range(len(system.parts)):
             single, guesses = from_state(place, tuple(q), tuple(v))
-            first = [*itertools.islice(guesses.since(0), number + 1)]
-            if not first:
+            guess = next(guesses.since(number), None)
+            if guess is None:
                 if number:
                     return
                 where = f"segment {place + 1} of {len(system.parts)}: "
                 ahead = _constraints_after(system, place)
                 raise unreachable(single, request.rng, ahead, where)
-            pieces.append(first[-1])
+            pieces.append(guess)
             final = single.problem.goal.configuration
-            q = first[-1].q[-1] if final is None else final
+            q = guess.q[-1] if final is None else final
             v = end_velocity(single, q)
         yield _joined(pieces)
 

@@ -171,8 +171,7 @@ def _integrate(
         if not reachable[0]:
             return None
         # The controllable set is an interval from rest: the first failure ends it.
-        reached = reachable.size if reachable.all() else int(np.argmin(reachable))
-        last = reached - 1
+        last = int(np.argmin(np.append(reachable, False))) - 1
         controllable[i] = _refine(last, table[i], brake, target, step)
     x = np.zeros(count)
     for i in range(count - 1):
@@ -181,7 +180,7 @@ def _integrate(
         target = x[i] + step * float(np.interp(x[i], table[i], upper[i]))
         push = -0.5 * upper[i + 1]
         beyond = table[i + 1] + 2.0 * step * push > target
-        last = (int(np.argmax(beyond)) if beyond.any() else beyond.size) - 1
+        last = int(np.argmax(np.append(beyond, True))) - 1
         if last >= 0:
             ahead = _refine(last, table[i + 1], push, target, step)
             x[i + 1] = min(controllable[i + 1], ahead)

@@ -86,18 +86,6 @@ def factorisation(program: LinearProgram, fragile: bool) -> Any:
     return STAGED if staged and _staged_works() else piqp.KKTSolver.sparse_ldlt
 
 
-def _with_sorted_columns(matrix: sp.csc_matrix) -> sp.csc_matrix:
-    """A matrix with the entries of each column in the order of rows.
-
-    Products of sparse matrices have unsorted entries, with which PIQP would write
-    outside its memory.
-
-    Args:
-        matrix: The matrix, by columns.
-    """
-    return matrix if matrix.has_sorted_indices else matrix.sorted_indices()
-
-
 def equation_scale(equations: sp.csc_matrix) -> Array:
     """Factors that scale the largest coefficient of each equation to 1, shape (m,).
 
@@ -169,12 +157,14 @@ class PiqpSolver(LpSolver):
         settings, fragile = self._solver.settings, self._stages_fail or equal.any()
         settings.kkt_solver = factorisation(program, fragile)
         settings.eps_duality_gap_abs = program.accuracy
+        # Products of sparse matrices have unsorted entries, with which PIQP would write
+        # outside its memory.
         self._solver.setup(
-            _with_sorted_columns(program.curved),
+            program.curved.sorted_indices(),
             program.cost,
-            _with_sorted_columns(equations),
+            equations.sorted_indices(),
             self._scale * program.row_lower[equal],
-            _with_sorted_columns(others),
+            others.sorted_indices(),
             np.maximum(program.row_lower[~equal], -NO_BOUND),
             np.minimum(program.row_upper[~equal], NO_BOUND),
             np.maximum(program.lower, -NO_BOUND),

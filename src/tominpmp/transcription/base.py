@@ -124,9 +124,8 @@ class Rows:
 
     def violation(self, values: Array) -> Array:
         """Violation of each row, >= 0, shape (m,)."""
-        excess, below = values - self.upper, self.lower - values
-        np.maximum(excess, below, out=excess)
-        return np.maximum(excess, 0.0, out=excess)
+        excess = np.maximum(values - self.upper, self.lower - values)
+        return np.maximum(excess, 0.0)
 
     def largest_violation(self, values: Array) -> float:
         """Largest violation of any row; 0 without rows."""

@@ -77,7 +77,6 @@ class ControlPointMap(NamedTuple):
             acceleration, shape (M n, m).
         bend: Coordinates per product of the spans, shape (M n,).
         spans: Derivatives of the spans by the durations, shape (2, m).
-        one_to_one: Whether no two coordinates share an unknown.
         moving: Coordinates that change with the durations, shape (M n,).
     """
 
@@ -86,7 +85,6 @@ class ControlPointMap(NamedTuple):
     slopes: Array
     bend: Array
     spans: Array
-    one_to_one: bool
     moving: BoolArray
 
     def fixed(self, eta: Array) -> Array:
@@ -180,12 +178,9 @@ class BSplineTranscription(Transcription[SplineMotion]):
             slopes[M - last :] = -v_end[:, None] * back
         columns = self._n * column[:, None] + np.arange(self._n)
         columns = np.where(column[:, None] >= 0, columns, -1).ravel()
-        free, moved = int(column.max()) + 1, np.count_nonzero(column >= 0)
         by_eta, bends = slopes.reshape(-1, self._m), bend.ravel()
         moving = np.any(by_eta, axis=1) | (bends != 0.0)
-        return ControlPointMap(
-            columns, offset.ravel(), by_eta, bends, spans, moved == free, moving
-        )
+        return ControlPointMap(columns, offset.ravel(), by_eta, bends, spans, moving)
 
     def by_unknowns(
         self,
@@ -214,8 +209,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
             np.concatenate(columns, axis=1),
             self.size,
         )
-        if not mapping.one_to_one:
-            matrix.sum_duplicates()
+        matrix.sum_duplicates()  # coordinates may share an unknown
         return matrix
 
     def of_joints(

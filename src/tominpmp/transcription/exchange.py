@@ -140,17 +140,17 @@ class Inspection:
             at, states = block.states(motion)
             middle_v = of.states(motion, at.middles, 1).v
             constraint, count = constraint.corrected(states, middle_v, self.tolerance)
-        new = self._violated()
-        if new.size and isinstance(constraint, PathConstraint) and constraint.window:
+        new, fixed = self._violated(), block.fixed
+        if not new.size:
+            return replace(block, constraint=constraint), count
+        if isinstance(constraint, PathConstraint) and constraint.window:
             times = new.times(motion.h) + of.delays[new.interval]
-            return replace(block, constraint=constraint.with_times(times)), times.size
-        block = replace(block, constraint=constraint)
-        if new.size:
-            if isinstance(constraint, MotorLimit):
-                constraint = constraint.joined(block.assumed(motion, new))
-            fixed = block.fixed.joined(new)
-            block = replace(block, constraint=constraint, fixed=fixed)
-        return block, count + new.size
+            constraint = constraint.with_times(times)
+        else:
+            fixed = fixed.joined(new)
+        if isinstance(constraint, MotorLimit):
+            constraint = constraint.joined(block.assumed(motion, new))
+        return replace(block, constraint=constraint, fixed=fixed), count + new.size
 
     def _violated(self) -> Instants:
         """Instants between the rows at which the constraint is violated."""
@@ -250,8 +250,6 @@ class Inspection:
         if isinstance(constraint, PathConstraint) and constraint.window is not None:
             holds = constraint.window.contains(states.t)[:, None]
             values = np.where(holds, values, np.clip(values, lower, upper))
-        if np.all(np.isinf(lower)):
-            return np.asarray(values - upper)
         return np.maximum(values - upper, lower - values)
 
     def violated_jumps(self) -> Instants:
@@ -329,10 +327,7 @@ def most_instants(values: int) -> int:
 
 def _worst(near: IntArray, violation: Array, parts: int, most: int) -> IntArray:
     """The instants with the largest violations, at most ``most`` after refinement."""
-    count = max(most // parts, 1)
-    if near.size <= count:
-        return near
-    largest = np.max(violation[near], axis=1)
+    largest, count = np.max(violation[near], axis=1), max(most // parts, 1)
     return np.sort(near[np.argsort(-largest, kind="stable")[:count]])
 
 
@@ -376,13 +371,12 @@ def with_rows_at(
     h = of.motion(z).h
     own = times_of_rows(program, z)
     for index, block in enumerate(blocks):
-        if not isinstance(block, SampledRows) or block.name not in own:
-            continue
-        added = times.get(block.name, np.zeros(0))
-        away = np.abs(added[:, None] - own[block.name])
-        apart = np.min(away, axis=1, initial=np.inf)
-        more = np.unique(added[apart > SAME_TIME * float(h.sum())])
-        at = Instants.at_times(more, h, of.delays)
-        at = at if block.within is None else at.within(*block.within)
-        blocks[index] = replace(block, fixed=block.fixed.joined(at))
+        if isinstance(block, SampledRows) and block.name in own.keys() & times.keys():
+            added = times[block.name]
+            away = np.abs(added[:, None] - own[block.name])
+            apart = np.min(away, axis=1, initial=np.inf)
+            more = np.unique(added[apart > SAME_TIME * float(h.sum())])
+            at = Instants.at_times(more, h, of.delays)
+            at = at if block.within is None else at.within(*block.within)
+            blocks[index] = replace(block, fixed=block.fixed.joined(at))
     return replace(program, blocks=tuple(blocks))

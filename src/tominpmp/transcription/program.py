@@ -256,8 +256,6 @@ class NonlinearProgram:
     def step_bounds(self, z: Array, radius: float) -> StepBounds:
         """Box of the trust region, within the bounds of the unknowns."""
         bounds = self.transcription.step_bounds(z, radius)
-        if self.least_duration == 0.0:
-            return bounds
         lower = bounds.lower.copy()
         lower[-1] = min(max(lower[-1], self.least_duration - z[-1]), 0.0)
         return bounds._replace(lower=lower)
