@@ -414,17 +414,13 @@ def sampled_guesses(
     ``enough`` [s], it is not compared with others.
     """
     paths = sample_paths(system, ends, request.rng, request.searches, known=known)
-    guesses: Iterator[Guess]
     guesses = (along(system, path, SAMPLED, clear=True) for path in paths)
-    first = next(guesses, None)
-    if first is None:
-        return
-    if first.timed and first.duration <= enough:
-        yield first
-    else:
-        guesses = itertools.chain([first], guesses)
-    while batch := list(itertools.islice(guesses, BATCH)):
+    batch = list(itertools.islice(guesses, 1))
+    if not all(guess.timed and guess.duration <= enough for guess in batch):
+        batch += itertools.islice(guesses, BATCH - 1)
+    while batch:
         yield from sorted(batch, key=lambda guess: (not guess.timed, guess.duration))
+        batch = list(itertools.islice(guesses, BATCH))
 
 
 def bumps(
@@ -447,16 +443,14 @@ def bumps(
         Guesses, without end.
     """
     order = range(system.n) if from_base else range(system.n)[::-1]
-    for arcs in range(len(ARCS)):
-        for joint in order:
-            for height in (-HEIGHT, HEIGHT):
-                heights = np.zeros((len(ARCS), system.n))
-                heights[arcs, joint] = height
-                yield bumped(system, guess, heights)
-    while True:
-        for spread in SPREADS:
-            heights = rng.normal(size=(len(ARCS), system.n))
-            yield bumped(system, guess, spread * np.array(ARCS)[:, None] * heights)
+    every = range(len(ARCS)), order, (-HEIGHT, HEIGHT)
+    for arcs, joint, height in itertools.product(*every):
+        heights = np.zeros((len(ARCS), system.n))
+        heights[arcs, joint] = height
+        yield bumped(system, guess, heights)
+    for spread in itertools.cycle(SPREADS):
+        heights = rng.normal(size=(len(ARCS), system.n))
+        yield bumped(system, guess, spread * np.array(ARCS)[:, None] * heights)
 
 
 def bumped(system: ProblemFunctions, guess: Guess, heights: Array) -> Guess:

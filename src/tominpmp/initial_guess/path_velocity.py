@@ -183,9 +183,7 @@ def _passage(
     place = len(q) - 1
     passage = [place]
     for before in reversed(reached[:-1]):
-        for other in (place - 1, place, place + 1):
-            if 0 <= other < len(q) and before[other]:
-                place = other
-                break
+        nearby = (place - 1, place, place + 1)
+        place = next(k for k in nearby if 0 <= k < len(q) and before[k])
         passage.append(place)
     return np.array(passage[::-1], dtype=np.int64)
