@@ -137,6 +137,16 @@ def test_interrupted_certification_does_not_count_as_converged(
     assert found.status is status
 
 
+def test_certification_that_keeps_only_a_slower_motion_does_not_count_as_converged(
+    free, monkeypatch
+):
+    """Regression: the certificate had failed, and the motion was called optimal."""
+    kept = replace(slower(free, 1.1), status=tm.Status.NUMERICAL_FAILURE)
+    monkeypatch.setattr(optimality.CertifiedDescent, "run", lambda *_: kept)
+    *_, found = results_of_last_stage(free, slower(free))
+    assert found.status is tm.Status.STALLED
+
+
 def test_last_stage_examines_motions_of_segments(free):
     """A motion that is slowed down is improved, or its message has the
     predicted gain.

@@ -80,11 +80,9 @@ def certified(state: PlanState) -> Schedule[None]:
 
     system = ProblemFunctions.of(problem.alternative_of(best.trajectory))
     settled = yield Work(system, make, self_collision_rows=best.clearance_rows)
-    if settled is None or settled.duration > best.duration:
+    if converged and (settled is None or settled.duration > best.duration):
         # A certificate that was cut short, or failed, does not certify the motion.
-        lost = settled is None and converged
-        status = state.cut_short or Status.STALLED if lost else best.status
-        state.amend(best, status=status)
+        state.amend(best, status=state.cut_short or Status.STALLED)
 
 
 def tolerance_of(options: Options) -> float:
