@@ -39,12 +39,6 @@ def resolve_options(problem: Problem, options: Options) -> Options:
     _check_combinations(problem, options)
     if method == "auto":
         method = "collocation" if robot.passive_joints else "inverse"
-    if method == "inverse" and robot.passive_joints:
-        raise OptionsError(
-            "method 'inverse' needs a motor at every joint, and "
-            f"{', '.join(robot.passive_joints)} has none; take 'collocation'",
-            "method",
-        )
     control = _resolve_control(problem, options, method)
     lp_solver = options.lp_solver
     if lp_solver == "auto":
@@ -119,14 +113,15 @@ def _check_combinations(problem: Problem, options: Options) -> None:
     """
     robot, period, weight = problem.robot, options.control_period, options.energy_weight
     inverse, followed = ("auto", "inverse"), ("auto", "grid", None)
+    if robot.passive_joints:
+        passive = ", ".join(robot.passive_joints)
+        _check_values(
+            options,
+            f"{passive} has no motor to follow given accelerations, or samples",
+            control_period=(None,),
+            method=("auto", "collocation", *SHOOTING),
+        )
     if period is not None:
-        if robot.passive_joints:
-            raise OptionsError(
-                f"control_period is {period:g} s, and {', '.join(robot.passive_joints)}"
-                " has no motor: no controller makes it follow samples; expected None "
-                "for this robot",
-                "control_period",
-            )
         reason = f"control_period is {period:g} s, without switches between ticks"
         _check_values(options, reason, refine=followed)
     if problem.segments:
