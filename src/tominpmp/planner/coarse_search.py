@@ -385,9 +385,7 @@ class CoarseSearch:
             yield from self.solve_coarse(further)
 
     def probes(
-        self,
-        guesses: Iterable[Guess],
-        patience: float = np.inf,
+        self, guesses: Iterable[Guess], patience: float = np.inf
     ) -> Schedule[None]:
         """Descend from further guesses, and finish each motion that predicts a gain.
 
@@ -396,9 +394,7 @@ class CoarseSearch:
             patience: Stop rule: number of consecutive guesses without a gain.
         """
         failures = 0
-        for guess in guesses:
-            if not self.untried(guess):
-                continue
+        for guess in filter(self.untried, guesses):
             slow = self._is_too_slow(guess)
             rough = None if slow else (yield from self.solve_coarse(guess))
             failures, before = failures + 1, self.state.best_duration

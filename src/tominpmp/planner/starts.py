@@ -39,14 +39,7 @@ from tominpmp.planner.torque_starts import (
     torque_starts,
     torques_may_lead,
 )
-from tominpmp.planner.work import (
-    NUMERICAL,
-    Schedule,
-    Work,
-    run,
-    single,
-    use_fallback,
-)
+from tominpmp.planner.work import NUMERICAL, Schedule, Work, run, single, use_fallback
 from tominpmp.problem.problem import Problem
 from tominpmp.solvers.loop import Loop, first_of
 from tominpmp.status import STOPPED, IterationRecord, Status
@@ -316,10 +309,7 @@ Result = tuple[Candidate | None, list[Exception], list[IterationRecord]]
 
 @on_one_thread
 def descend_in_process(
-    system: ProblemFunctions,
-    options: Options,
-    end_time: float,
-    guess: Guess,
+    system: ProblemFunctions, options: Options, end_time: float, guess: Guess
 ) -> Result:
     """Descend from a guess in a worker process.
 

@@ -143,10 +143,7 @@ def _rows_within_reach(
 
 
 def _elastic_columns(
-    state: Iterate,
-    chosen: IntArray,
-    violation: Array,
-    slack_groups: IntArray,
+    state: Iterate, chosen: IntArray, violation: Array, slack_groups: IntArray
 ) -> sp.csc_matrix:
     """Coefficients of the elastic variables in the chosen rows."""
     rows, here = state.rows, state.values[chosen]

@@ -31,12 +31,7 @@ from tominpmp.motion.measures import ENERGIES, EnergyKind
 from tominpmp.options import Options
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.solvers.objective import Model, Objective
-from tominpmp.transcription.base import (
-    Linearization,
-    Motion,
-    Transcription,
-    Variation,
-)
+from tominpmp.transcription.base import Linearization, Motion, Transcription, Variation
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
