@@ -515,14 +515,23 @@ def test_errors_name_the_wrong_element(
         tm.load_robot(changed(*pairs))
 
 
+URDF_OF_ONE_BODY = """
+<robot name="a"><link name="base"/><link name="l"><inertial>
+  <origin xyz="0 0 0" rpy="0.3 0.2 1.1"/><mass value="1e6"/>
+  <inertia ixx="1e5" ixy="0" ixz="0" iyy="2e5" iyz="0" izz="2.5e5"/>
+</inertial></link><joint name="j" type="revolute"><parent link="base"/>
+<child link="l"/><limit lower="-1" upper="1" effort="1e6" velocity="1"/></joint></robot>
+"""
+
+
 def test_heavy_bodies_with_turned_axes_are_read() -> None:
     """Regression: rounding made their inertias asymmetric, which Pinocchio refuses."""
     heavy = 'mass="1e6" quat="0.3 0.2 0.1 0.8"'
     moments = "1e5 2e5 2.5e5"
     pairs = ('mass="2"', heavy), ("0.02 0.02 0.004", moments)
-    inertia = tm.load_robot(changed(*pairs)).model.inertias[1].inertia
-    found = np.linalg.eigvalsh(inertia)
-    np.testing.assert_allclose(found, np.fromstring(moments, sep=" "))
+    for text in (changed(*pairs), URDF_OF_ONE_BODY):
+        found = np.linalg.eigvalsh(tm.load_robot(text).model.inertias[1].inertia)
+        np.testing.assert_allclose(found, np.fromstring(moments, sep=" "))
 
 
 def test_reference_poses_of_meshes_match_mujoco(tmp_path: Path) -> None:

@@ -296,13 +296,11 @@ class _MjcfReader:
             if shape is not None and geom.group[0] < SHOWN_GROUPS:
                 seen.append(shape)
         axes = _placement(own.ipos, own.iquat).rotation
-        # Rounding makes the product of a heavy body too asymmetric for Pinocchio.
-        lower = np.tril(axes * own.inertia @ axes.T)
         return LinkDescription(
             self.bodies[body],
             float(own.mass[0]) or None,
             own.ipos,
-            lower + np.tril(lower, -1).T,
+            axes * own.inertia @ axes.T,
             tuple(solids),
             tuple(seen),
         )

@@ -93,7 +93,9 @@ def _inertia(link: LinkDescription) -> pin.Inertia:
     """Inertia of a link, even if it is impossible: that is checked later."""
     inertia = pin.Inertia.Zero()
     inertia.mass = link.mass or 0.0
-    inertia.lever, inertia.inertia = link.com, link.inertia
+    # Rounding makes the product of a heavy body too asymmetric for Pinocchio.
+    lower = np.tril(link.inertia)
+    inertia.lever, inertia.inertia = link.com, lower + np.tril(lower, -1).T
     return inertia
 
 
