@@ -47,19 +47,25 @@ def test_exported_file_has_the_ends_of_segments(solution, tmp_path, ending, dt):
         assert tm.verify(problem, samples).ok
 
 
-def test_recorded_end_of_a_segment_is_kept():
+@pytest.mark.parametrize(
+    ("end", "q_end", "v_row", "v_end"),
+    [(1.01, 1.0, -0.1, 0.2), (1.0104, 1.0 + 5e-7, 0.1, 0.0)],
+    ids=["the row before is near the goal", "the goal is nearer before the end"],
+)
+def test_recorded_end_of_a_segment_is_kept(end, q_end, v_row, v_end):
     """At the row before that end, the motion is near the goal, but first moves away
-    from it. A search for the minimum of the distance would end there.
+    from it: a search for the minimum of the distance would end there. Or the motion
+    passes the goal slowly, and is nearest to it up to rounding before the end.
     """
     robot = make_arm(slide(2.0), effort=10.0)
     segments = [tm.Segment(tm.JointGoal([goal])) for goal in (1.0, 0.5)]
     problem = tm.Problem(robot, [0.0], segments=segments)
-    q = np.array([[0.0], [0.9995], [1.0], [0.5]])
-    v = np.array([[0.0], [-0.1], [0.2], [0.0]])
+    q = np.array([[0.0], [0.9995], [q_end], [0.5]])
+    v = np.array([[0.0], [v_row], [v_end], [0.0]])
     t, none, ends = (
-        np.array([0.0, 1.0, 1.01, 2.0]),
+        np.array([0.0, 1.0, end, 2.0]),
         np.full_like(q, np.nan),
-        [1.01, 2.0],
+        [end, 2.0],
     )
     samples = tm.Samples(robot.joint_names, t, q, v, none, none, segment_ends=ends)
     motion = join(samples, robot).trajectory

@@ -247,8 +247,11 @@ def _first_met(
     Args:
         residuals: Function that evaluates the residual of the goal at times.
         times: Times in order, shape (k,) [s].
-        nearest: Whether only the least residual of all times counts.
+        nearest: Whether only the least residual of all times counts; the last time,
+            at which a file says that the segment ends, counts if the goal is met there.
     """
+    if nearest and next(residuals(times[-1:])) <= MET:
+        return float(times[-1])
     best, least = 0, np.inf
     for k, residual in enumerate(residuals(times)):
         nearer = residual < least
