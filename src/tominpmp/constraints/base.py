@@ -110,17 +110,15 @@ class Constraint(ABC):
             too), or 3 for rates between pairs of instants.
         field: "q", "v", "a", "j" or "u" if it bounds positions, velocities,
             accelerations, jerks or torques joint by joint; empty otherwise.
-        shared: Whether one elastic variable of a linear program relaxes all values;
-            otherwise each instant has an elastic variable.
         moving: Whether the values depend explicitly on time.
         gradual: Whether values far below their bounds may be left out of a linear
-            program, as a step cannot bring them near the bounds.
+            program, as a step cannot bring them near the bounds. Each instant has an
+            elastic variable then; otherwise one elastic variable relaxes all values.
         curable: Whether a slower motion along the same path violates it less.
     """
 
     order: int = 0
     field: str = ""
-    shared: bool = True
     moving: bool = False
     gradual: bool = False
     curable: bool = False

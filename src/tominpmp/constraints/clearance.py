@@ -44,7 +44,6 @@ class ClearanceConstraint(Constraint):
     padding: Converted[float | Array, Array] = default(0.0)
 
     name = "clearance"
-    shared = False
     gradual = True
 
     def __post_init__(self) -> None:

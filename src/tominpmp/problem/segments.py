@@ -337,13 +337,6 @@ def _section(motion: Trajectory, number: int, begin: float, end: float) -> Traje
     if last < motion.t.size - 1 and inverse is not None:
         before = motion(np.nextafter(motion.t[last], 0.0)).a
         u[-1] = inverse(motion.q[last][None], motion.v[last][None], before[None])[0]
-    return Trajectory(
-        motion.joint_names,
-        motion.t[rows] - begin,
-        motion.q[rows],
-        motion.v[rows],
-        u,
-        a=a,
-        inverse_dynamics=inverse,
-        holding=motion.holding,
-    )
+    t, q, v = motion.t[rows] - begin, motion.q[rows], motion.v[rows]
+    alone = replace(motion, segment_ends=None, segment_dynamics=())
+    return replace(alone, t=t, q=q, v=v, u=u, a=a, inverse_dynamics=inverse)

@@ -66,9 +66,9 @@ class SampledRows:
         rows, count = self.bounds[0].shape
         if by_component and rows > 1:
             return np.tile(np.arange(count), rows)
-        if self.constraint.shared:
-            return np.zeros(rows * count, dtype=np.int64)
-        return np.repeat(np.arange(rows), count)
+        if self.constraint.gradual:
+            return np.repeat(np.arange(rows), count)
+        return np.zeros(rows * count, dtype=np.int64)
 
     @property
     def kinks(self) -> Array:
