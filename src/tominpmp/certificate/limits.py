@@ -44,8 +44,6 @@ MIDDLE = len(SHARES) // 2
 # interval by the first share of its limit, and is above the second share of the limit.
 PEAK = 1e-3
 NEAR = 0.97
-# A torque that is lower in the middle by less than this share follows its limit.
-FLAT = 1e-2
 # A position has a row inside an interval if its slack is below the first number [rad,
 # or shares of the reach] and it turns back by more than the second; at nodes if its
 # slack is below the third, the radius of the trust region.
@@ -370,35 +368,21 @@ def _kept(part: GridMotion, item: JointLimit | MotorLimit, excess: Array) -> Boo
     if isinstance(item, JointLimit) and item.field == "v":
         chosen = interior_maxima(excess, NEAR - 1.0, PEAK)
         if profile == "ramps":
-            chosen[:, MIDDLE] |= _may_peak(part, item, excess) & ~chosen.any(axis=1)
+            # An acceleration that is raised at the beginning of an interval and lowered
+            # at its end leaves the speeds at both ends unchanged, but not in between.
+            chosen[:, MIDDLE] |= ~chosen.any(axis=1)
         chosen[:, -1] = True
         return chosen
-    if of_torques:
-        # Where a torque follows its limit, the middle has a row in addition to the
-        # ends: it does not change like the mean of the ends.
-        excess = excess.copy()
-        excess[:, MIDDLE] += FLAT
     smooth = profile != "torques" and item.field != "a"
     chosen = interior_maxima(excess, NEAR - 1.0, PEAK) & smooth
-    if of_torques and profile == "torques":
+    if of_torques:
+        # The torque in the middle does not change like the mean of the ends.
         chosen[:, MIDDLE] = True
-    else:
+    if not of_torques or profile != "torques":
         chosen[:, 0] = chosen[-1, -1] = True
         # With ramps, the end of an interval equals the beginning of the next interval.
         chosen[:, -1] |= profile != "ramps"
     return chosen
-
-
-def _may_peak(part: GridMotion, item: JointLimit, excess: Array) -> BoolArray:
-    """Whether a changed speed may have its maximum inside an interval, shape (N, p).
-
-    An acceleration that is raised at the beginning of an interval and lowered at its
-    end leaves the speeds at both ends unchanged, but not the speed in between; for
-    joints with a small inertia this change is large.
-    """
-    strongest = (2.0 * part.system.effort_half / part.inertia[0])[item.of_joints]
-    h = part.changes.h[slice(*part.span), None]
-    return np.asarray(h * strongest / 8.0 > -excess[:, MIDDLE] * item.scale)
 
 
 def _slopes(part: GridMotion, item: JointLimit | MotorLimit) -> Iterator[LimitRows]:
