@@ -25,11 +25,11 @@ import scipy.sparse as sp
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.constraints.base import Partials, States
 from tominpmp.motion.measures import accelerations_continue
+from tominpmp.motion.samples import subdivided
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.curve import rows_of_table
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.verification.replay import subdivided
 
 # Profiles by the quantity that is constant on an interval: the acceleration, its slope,
 # or the torque.

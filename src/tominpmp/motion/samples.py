@@ -154,3 +154,21 @@ def multiples(ticks: Array | IntArray, period: float) -> Array:
     if whole > 0 and whole / BILLION == period:
         return np.asarray(ticks * float(whole) / BILLION)
     return np.asarray(ticks * period, dtype=np.float64)
+
+
+def subdivided(nodes: Array, time_step: float) -> Array:
+    """Subdivide the intervals between nodes into equal parts.
+
+    Args:
+        nodes: Times of the nodes [s], increasing, shape (N + 1,).
+        time_step: Largest time between two of the resulting times [s].
+
+    Returns:
+        The nodes and the times between them [s].
+    """
+    counts = np.maximum(np.ceil(np.diff(nodes) / time_step - 1e-9), 1.0)
+    times = [
+        np.linspace(begin, end, int(count), endpoint=False)
+        for begin, end, count in zip(nodes[:-1], nodes[1:], counts, strict=True)
+    ]
+    return np.concatenate([*times, nodes[-1:]])

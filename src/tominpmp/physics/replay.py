@@ -9,10 +9,10 @@ import numpy as np
 from tominpmp.arrays import Array, Record
 from tominpmp.checks import choice, positive
 from tominpmp.exceptions import ProblemError
+from tominpmp.motion.samples import subdivided
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.physics.mujoco_arm import MujocoArm
 from tominpmp.problem.problem import Problem
-from tominpmp.verification.replay import subdivided
 
 # Default step of the simulator [s].
 STEP = 2e-4

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from tominpmp.arrays import Array
+from tominpmp.motion.samples import subdivided
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import Segment, segments_of
@@ -108,10 +109,6 @@ def _cubic(part: Trajectory) -> Trajectory:
     """A motion as a cubic spline of positions and velocities: exact up to degree 3."""
     if part.degree < 5:
         return replace(part, a=None)
-    fine = [
-        np.linspace(a, b, 2 + int((b - a) / FINE))[:-1]
-        for a, b in zip(part.t[:-1], part.t[1:], strict=True)
-    ]
-    t = np.concatenate([*fine, part.t[-1:]])
-    state = part(t)
-    return replace(part, t=t, q=state.q, v=state.v, u=state.u, a=None)
+    t = subdivided(part.t, FINE)
+    q, v, _, u = part(t)
+    return replace(part, t=t, q=q, v=v, u=u, a=None)

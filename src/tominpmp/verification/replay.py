@@ -22,6 +22,7 @@ from scipy.integrate import ODEintWarning, OdeSolver, odeint
 
 from tominpmp.arrays import Array, FrozenArray, Record
 from tominpmp.checks import choice
+from tominpmp.motion.samples import subdivided
 from tominpmp.motion.trajectory import Trajectory, torque_breaks
 from tominpmp.robot.robot import Robot
 from tominpmp.stopping import check
@@ -139,24 +140,6 @@ def _row_step(duration: float) -> float:
         duration: Duration of the motion [s].
     """
     return max(min(TIME_STEP, duration / FEWEST_ROWS), duration / MOST_ROWS)
-
-
-def subdivided(nodes: Array, time_step: float) -> Array:
-    """Subdivide the intervals between nodes into equal parts.
-
-    Args:
-        nodes: Times of the nodes [s], increasing, shape (N + 1,).
-        time_step: Largest time between two of the resulting times [s].
-
-    Returns:
-        The nodes and the times between them [s].
-    """
-    counts = np.maximum(np.ceil(np.diff(nodes) / time_step - 1e-9), 1.0)
-    times = [
-        np.linspace(begin, end, int(count), endpoint=False)
-        for begin, end, count in zip(nodes[:-1], nodes[1:], counts, strict=True)
-    ]
-    return np.concatenate([*times, nodes[-1:]])
 
 
 class _GivenUp(Exception):

@@ -271,12 +271,9 @@ def _first_met(
 def _with_nodes(motion: Trajectory, times: Array) -> Trajectory:
     """The motion with additional nodes at times [s]."""
     t = np.unique(np.concatenate([motion.t, times]))
-    node = np.searchsorted(motion.t, t, side="right") - 1
-    state, a = motion(t), motion.a
-    if a is not None:
-        a = state.a if motion.degree == 5 else a[node[:-1]]
-    u = np.vstack([state.u[:-1], motion.u[-1:]])
-    return replace(motion, t=t, q=state.q, v=state.v, u=u, a=a)
+    q, v, a, u = motion(t)
+    rows = {2: a[:-1], 5: a}  # for each interval, or for each node
+    return replace(motion, t=t, q=q, v=v, u=u, a=rows.get(motion.degree))
 
 
 def goal_misses(
