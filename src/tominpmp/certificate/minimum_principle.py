@@ -57,7 +57,6 @@ from tominpmp.options import FEWEST_PERIODS
 from tominpmp.problem.joint_limits import need_smooth
 from tominpmp.problem.problem import Problem
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.verification.replay import Replay
 from tominpmp.verification.stages import checked_in_segments
 from tominpmp.verification.verification import Verification, verify
 
@@ -91,9 +90,8 @@ def certify(
         problem: The problem that the motion solves.
         trajectory: The motion; samples, for example from a file, are joined into a
             motion first.
-        verification: Verification of the motion; None to replay it here. Costates are
-            integrated along the replay, and a motion that fails the verification is not
-            certified.
+        verification: Verification of the motion; None to replay it here. A motion that
+            fails the verification is not certified.
         tolerance: Largest predicted gain of small changes, as a share of the duration.
         control_period: Period of the controller clock of the motion [s], on which no
             motion is faster by less than a period: the share of the duration that
@@ -224,7 +222,7 @@ def _certificate(
     error: float | None = None
     first = dual.costates[:1]
     if not motion.sections:
-        integrated = _integrated(motion, dual, verification.replay)
+        integrated = _integrated(motion, dual)
         if not need_smooth(motion.system.problem.robot, limits):
             error = _disagreement(dual, integrated)
         first = integrated[:1]
@@ -311,7 +309,7 @@ def clock_share(trajectory: Trajectory, period: float) -> float:
 # -- costates by the adjoint equation --------------------------------------------------
 
 
-def _integrated(motion: GridMotion, dual: DualSolution, replay: Replay) -> Array:
+def _integrated(motion: GridMotion, dual: DualSolution) -> Array:
     """Integrate the adjoint equation backwards over each interval.
 
     The integration of each interval starts with the costate of the linear program at
@@ -321,8 +319,6 @@ def _integrated(motion: GridMotion, dual: DualSolution, replay: Replay) -> Array
     Args:
         motion: The motion.
         dual: Costates just before the nodes, and multipliers of the motion.
-        replay: Replay of the torques, along whose states the equation is integrated if
-            it is complete; otherwise along the states of the plan.
 
     Returns:
         Costates just after the start and just before the nodes 1 to N - 1, shape
@@ -331,11 +327,8 @@ def _integrated(motion: GridMotion, dual: DualSolution, replay: Replay) -> Array
     # Steps end at the positions at which costates may jump.
     n, changes = motion.changes.n, motion.changes
     shares = (np.arange(PLACES) + 0.5) / PLACES
-    times, q, v, a, _ = motion.states(motion.instants(*shares.tolist()))
+    _, q, v, a, _ = motion.states(motion.instants(*shares.tolist()))
     u = motion.system.dynamics.inverse(q, v, a)  # torques minus dry friction
-    if replay.complete:
-        q = np.stack([np.interp(times, replay.t, x) for x in replay.q.T], axis=1)
-        v = np.stack([np.interp(times, replay.t, x) for x in replay.v.T], axis=1)
     x = np.concatenate([q, v], axis=1)
     slope = motion.system.dynamics.forward_jacobians(x, u).f_x
     steps = _transitions(slope, np.repeat(changes.h / PLACES, PLACES))
