@@ -116,12 +116,11 @@ from tominpmp.files.records import (
 )
 from tominpmp.files.writing import toml_text, write_bytes
 from tominpmp.goals.base import Goal
-from tominpmp.goals.joints import JointGoal
+from tominpmp.goals.joints import JointGoal, joint_vector
 from tominpmp.motion_limits import MotionLimits, classes_of_limits
 from tominpmp.options import Options
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import Segment
-from tominpmp.problem.state_checks import joint_vector
 from tominpmp.robot.payload import Payload
 from tominpmp.robot.robot import DEFAULT_GRAVITY, Robot
 from tominpmp.scene.obstacles import Obstacle
@@ -278,7 +277,7 @@ def row(
         robot: The robot.
         known: Values of the joints that are not named.
         quantity: Quantity of the values, as of
-            :func:`~tominpmp.problem.state_checks.joint_vector`.
+            :func:`~tominpmp.goals.joints.joint_vector`.
 
     Raises:
         ScenarioError: If there are too many or too few, or a joint is unknown.

@@ -36,12 +36,47 @@ from tominpmp.checks import (
     whole,
     wrong,
 )
-from tominpmp.exceptions import ProblemError
+from tominpmp.exceptions import ProblemError, brief
 from tominpmp.goals.base import Goal, joint_row, robot_of
 from tominpmp.goals.place import Place, joint_labels
 from tominpmp.goals.turns import MOST_WAYS, TURN, equivalent_positions
 from tominpmp.kinematics import RobotKinematics, endless_joints, prismatic_joints
 from tominpmp.robot.robot import Robot
+
+
+def joint_vector(
+    robot: Robot, value: object, name: str, quantity: str = "position"
+) -> Array:
+    """Check a caller's joint vector, and bring it into the order of the joints.
+
+    Args:
+        robot: The robot.
+        value: Numbers in the order of the joints, or values by joint name. Locked
+            joints may be named, with the value at which they are locked; velocities
+            and accelerations of joints that are not named are zero, those of all
+            joints for None.
+        name: Name of the values in messages.
+        quantity: "position", "velocity" or "acceleration".
+
+    Raises:
+        ProblemError: If the value is not a number for each joint, or not finite.
+    """
+    joints = robot.joint_names
+    rests, at = quantity != "position", robot.locked_joints
+    named = {} if rests and value is None else by_joint(value, quantity)
+    if named is not None:
+        others, missing = (dict.fromkeys(at, 0.0), 0.0) if rests else (at, None)
+        value = in_order(named, joints, name, others=others, missing=missing)
+    content = f"{len(joints)} numbers, one for each of: {', '.join(joints)}"
+    if isinstance(value, str) and robot.srdf is not None:
+        content += f"; robot.group_state({brief(value)}) has those of a group state"
+    numbers = array(value, name, (None,), content)
+    one_per_joint(numbers, name, joints)
+    for joint, number in zip(joints, numbers, strict=True):
+        if not np.isfinite(number):
+            message = f"{name}: joint {joint!r} is {number}, expected a finite number"
+            raise ProblemError(message, name)
+    return numbers
 
 
 def _checked_wrap(value: object, name: str) -> bool | tuple[str, ...]:
@@ -235,19 +270,18 @@ class JointGoal(GoalOnJoints):
         """The goal with its numbers in the order of the robot."""
         if self.joints is None:
             return self
-        locked = instance(robot, Robot, "robot").locked_joints
-        known, rest = robot.joint_names, dict[str, float]()
+        known = instance(robot, Robot, "robot").joint_names
+        rest = dict[str, float]()
         if before is not None:
             before = array(before, "before", (len(known),), JOINTS)
             rest = dict(zip(known, before.tolist(), strict=True))
         places = dict(zip(self.joints, self.q.tolist(), strict=True))
-        q = in_order({**rest, **places}, known, "goal.q", others=locked)
-        if self.v is None:
-            return JointGoal(q, wrap=self.wrap)
-        one_per_joint(self.v, "goal.v", self.joints)
-        speeds = dict(zip(self.joints, self.v.tolist(), strict=True))
-        still = dict.fromkeys(locked, 0.0)
-        v = in_order(speeds, known, "goal.v", others=still, missing=0.0)
+        q = joint_vector(robot, {**rest, **places}, "goal.q")
+        v = None
+        if self.v is not None:
+            one_per_joint(self.v, "goal.v", self.joints)
+            speeds = dict(zip(self.joints, self.v.tolist(), strict=True))
+            v = joint_vector(robot, speeds, "goal.v", "velocity")
         return JointGoal(q, v, wrap=self.wrap)
 
     @property

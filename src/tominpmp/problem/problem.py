@@ -20,6 +20,7 @@ from tominpmp.description.joint_table import example_values
 from tominpmp.description.model import sticks
 from tominpmp.exceptions import ProblemError, brief, naming, warn_caller
 from tominpmp.goals.base import Goal
+from tominpmp.goals.joints import joint_vector
 from tominpmp.goals.sets import passed, restricted
 from tominpmp.goals.turns import MOST_WAYS
 from tominpmp.kinematics import RobotKinematics, units_of
@@ -37,7 +38,7 @@ from tominpmp.problem.segments import (
     checked_segments,
     known_names,
 )
-from tominpmp.problem.state_checks import StateChecks, joint_vector, onto_limits
+from tominpmp.problem.state_checks import StateChecks, onto_limits
 from tominpmp.robot.robot import Robot, datasheet_hint
 from tominpmp.scene.scene import Scene, SceneLike, as_scene
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray
-from tominpmp.checks import array, by_joint, in_order, one_per_joint
 from tominpmp.collision.checker import CollisionChecker, enclosure
 from tominpmp.collision.query import ROUNDING
 from tominpmp.constraints.base import USABLE
@@ -17,7 +16,7 @@ from tominpmp.constraints.path import PathConstraint
 from tominpmp.description.inertials import singular_directions
 from tominpmp.description.joint_table import example_values
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.exceptions import ProblemError, brief
+from tominpmp.exceptions import ProblemError
 from tominpmp.goals.base import Goal
 from tominpmp.goals.sets import restricted
 from tominpmp.kinematics import RobotKinematics, units_of
@@ -352,38 +351,3 @@ def onto_limits(
             raise ProblemError(beyond + (IN_RADIANS if degrees else ""), field)
         snapped.append(f"{beyond}, by {excess[i]:.1e}, and was set to the limit")
     return np.asarray(clipped), snapped
-
-
-def joint_vector(
-    robot: Robot, value: object, name: str, quantity: str = "position"
-) -> Array:
-    """Check a caller's joint vector, and bring it into the order of the joints.
-
-    Args:
-        robot: The robot.
-        value: Numbers in the order of the joints, or values by joint name. Locked
-            joints may be named, with the value at which they are locked; velocities
-            and accelerations of joints that are not named are zero, those of all
-            joints for None.
-        name: Name of the values in messages.
-        quantity: "position", "velocity" or "acceleration".
-
-    Raises:
-        ProblemError: If the value is not a number for each joint, or not finite.
-    """
-    joints = robot.joint_names
-    rests, at = quantity != "position", robot.locked_joints
-    named = {} if rests and value is None else by_joint(value, quantity)
-    if named is not None:
-        others, missing = (dict.fromkeys(at, 0.0), 0.0) if rests else (at, None)
-        value = in_order(named, joints, name, others=others, missing=missing)
-    content = f"{len(joints)} numbers, one for each of: {', '.join(joints)}"
-    if isinstance(value, str) and robot.srdf is not None:
-        content += f"; robot.group_state({brief(value)}) has those of a group state"
-    numbers = array(value, name, (None,), content)
-    one_per_joint(numbers, name, joints)
-    for joint, number in zip(joints, numbers, strict=True):
-        if not np.isfinite(number):
-            message = f"{name}: joint {joint!r} is {number}, expected a finite number"
-            raise ProblemError(message, name)
-    return numbers

@@ -23,11 +23,10 @@ from tominpmp.combined_robots import base_placement, combine_robots
 from tominpmp.description.joint_table import stack_parts
 from tominpmp.exceptions import ProblemError, brief, naming, unknown
 from tominpmp.goals.base import Goal
-from tominpmp.goals.joints import JointGoal
+from tominpmp.goals.joints import JointGoal, joint_vector
 from tominpmp.goals.sets import AllGoals, AnyGoal
 from tominpmp.motion.trajectory import InverseDynamics, Trajectory
 from tominpmp.problem.problem import Problem
-from tominpmp.problem.state_checks import joint_vector
 from tominpmp.robot.robot import Robot
 
 

@@ -40,14 +40,14 @@ from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import OptionsError, ProblemError, naming, warn_caller
 from tominpmp.goals.base import Goal
 from tominpmp.goals.frames import place_of
-from tominpmp.goals.joints import JointGoal
+from tominpmp.goals.joints import JointGoal, joint_vector
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
 from tominpmp.problem.joint_limits import accelerations_alone
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import check_names, known_names
-from tominpmp.problem.state_checks import joint_vector, onto_limits
+from tominpmp.problem.state_checks import onto_limits
 from tominpmp.robot.robot import Robot
 from tominpmp.scene.scene import Scene
 from tominpmp.solution import Solution
