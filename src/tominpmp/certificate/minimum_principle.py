@@ -295,10 +295,8 @@ def clock_share(trajectory: Trajectory, period: float) -> float:
     """
     if not trajectory.duration:
         return 0.0
-    ends = trajectory.segment_ends
-    ends = trajectory.t[-1:] if ends is None else ends
-    durations = np.diff(ends, prepend=0.0)
-    speeds = np.abs(trajectory.v[np.searchsorted(trajectory.t, ends)])
+    durations = np.diff(trajectory._ends, prepend=0.0)
+    speeds = np.abs(trajectory.v[np.searchsorted(trajectory.t, trajectory._ends)])
     rests = np.all(speeds <= SAME, axis=1)
     part = np.cumsum(rests) - rests
     shortest = np.bincount(part, durations) <= (FEWEST_PERIODS + SAME) * period

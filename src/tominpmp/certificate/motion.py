@@ -333,9 +333,7 @@ def certificate_grid(trajectory: Trajectory) -> tuple[Array, bool]:
     t, T = trajectory.t, trajectory.duration
     merged = t.size - 1 > MOST
     if merged:
-        jumps = _jumps(trajectory)
-        if trajectory.segment_ends is not None:
-            jumps |= np.isin(t, trajectory.segment_ends)
+        jumps = _jumps(trajectory) | np.isin(t, trajectory._ends)
         kept = [0]
         for k in range(1, t.size - 1):
             if jumps[k] or t[k + 1] - t[kept[-1]] > SHORTEST * T:

@@ -77,11 +77,14 @@ class TimedRows(Record):
         kind, joints = type(self).__name__, brief(", ".join(self.joint_names))[1:-1]
         return f"<{kind} of {len(self.joint_names)} joints ({joints}): {contents}>"
 
+    @property
+    def _ends(self) -> Array:
+        """Ends of the segments [s]; the last time for one segment, shape (k,)."""
+        return self.t[-1:] if self.segment_ends is None else self.segment_ends
+
     def _segments_at(self, times: Array) -> IntArray:
         """Index of the segment at each time; at an end the later segment."""
-        if self.segment_ends is None:
-            return np.zeros(times.size, dtype=np.int64)
-        return np.searchsorted(self.segment_ends[:-1], times, side="right")
+        return np.searchsorted(self._ends[:-1], times, side="right")
 
 
 @dataclass(frozen=True, eq=False)

@@ -275,8 +275,7 @@ def spans_of(motion: Trajectory, segments: Sequence[Segment]) -> list[Span]:
         motion: The motion.
         segments: The segments of the problem; empty where they are not known.
     """
-    marks = motion.segment_ends
-    ends = [motion.duration] if marks is None else marks.tolist()
+    ends = motion._ends.tolist()
     arrivals = ends
     if segments:
         each = zip(segments, [0.0, *ends], ends, strict=False)

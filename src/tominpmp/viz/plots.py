@@ -19,7 +19,7 @@ from tominpmp.notebook import GREY, LIMIT_COLOR
 from tominpmp.problem.joint_limits import JointBounds, controls_in, joint_limits
 from tominpmp.problem.problem import Problem
 from tominpmp.sensitivities.records import LEAST, Sensitivities
-from tominpmp.viz import figures, surroundings
+from tominpmp.viz import figures
 from tominpmp.viz.shares import Shares, shares_of_limits, times_with_jumps
 from tominpmp.viz.skeleton import check_motions
 
@@ -98,7 +98,7 @@ def plot_trajectory(
             axes[i, 0].text(-0.32, 0.5, _in_lines(joint), **look)
         _time_axes(axes, trajectory.duration)
         for panel in axes.reshape(-1):
-            for end in surroundings.inner_segment_ends(trajectory):
+            for end in trajectory._ends[:-1]:
                 panel.axvline(end, color=SEGMENT_COLOR, linewidth=0.6, zorder=0.8)
         figures.add_legend(figure, 2)
         return figures.finish(figure, path)

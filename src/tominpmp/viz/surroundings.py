@@ -156,14 +156,8 @@ def drawn_path(problem: Problem, motion: Trajectory, frame: str) -> tuple[Array,
     Returns:
         Shapes (m, 3) and (k, 3) [m].
     """
-    ends = inner_segment_ends(motion)
+    ends = motion._ends[:-1]
     count = PATH_POINTS + SEGMENT_POINTS * ends.size
     times = np.append(np.linspace(0.0, motion.duration, count), ends)
     points = FrameMotions(problem.robot, frame).placements(motion(times).q).origin
     return points[:count], points[count:]
-
-
-def inner_segment_ends(trajectory: Trajectory) -> Array:
-    """Times of the ends of all segments but the last [s], shape (k,)."""
-    ends = trajectory.segment_ends
-    return np.zeros(0) if ends is None else np.asarray(ends[:-1])
