@@ -317,11 +317,9 @@ def _rows_of(
         **more: Other attributes of the rows.
     """
     change = part.changes.pull_back(at, states, partials)
-    slopes = np.zeros((change.shape[0], 2 * part.changes.n))
-    if partials.row is None:
-        for k, by in enumerate((partials.by_q, partials.by_v)):
-            if by is not None:
-                np.hsplit(slopes, 2)[k][:] = by
+    zero = np.zeros((change.shape[0], part.changes.n))
+    by_state = (partials.by_q, partials.by_v) if partials.row is None else (None, None)
+    slopes = np.hstack([zero if by is None else by for by in by_state])
     # Values of pairs of instants are assigned to the first instant.
     at = at[partials.at[: len(slopes)]]
     return LimitRows(np.array(kind), at, slopes=slopes, change=change, **more)

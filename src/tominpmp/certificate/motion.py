@@ -348,6 +348,5 @@ def _jumps(trajectory: Trajectory) -> BoolArray:
     before = trajectory(t[1:-1] - JUST_INSIDE * np.diff(t)[:-1]).u
     height = np.abs(trajectory.u[1:-1] - before)
     span = np.ptp(trajectory.u, axis=0)
-    jumps = np.zeros(t.size, dtype=bool)
-    jumps[1:-1] = np.any(height > JUMP * span, axis=1)
+    jumps = np.pad(np.any(height > JUMP * span, axis=1), 1)
     return jumps if np.count_nonzero(jumps) <= MOST // 4 else np.zeros_like(jumps)

@@ -82,10 +82,9 @@ class JointCoupling(PathConstraint):
 
     def _row(self) -> Array:
         """Weights of all joints of the robot, shape (n,)."""
+        weights = dict(zip(self.joints, self.weights.tolist(), strict=True))
         known = self.kinematics.robot.joint_names
-        row = np.zeros(len(known))
-        row[[known.index(joint) for joint in self.joints]] = self.weights
-        return row
+        return np.array([weights.get(joint, 0.0) for joint in known])
 
     def bounds(self, instants: int) -> tuple[Array, Array]:
         """The bounds, divided by the scale."""

@@ -74,8 +74,8 @@ class JointLimit(Record, LimitOfJoints):
         place, column = at, which
         if self.order > 2:
             place, column = Partials.both_instants(at), np.tile(which, 2)
-        by = np.zeros((place.size, states.q.shape[1]))
-        by[np.arange(place.size), self.of_joints[column]] = 1.0 / self.scale[column]
+        rows = np.eye(states.q.shape[1])[self.of_joints[column]]
+        by = rows / self.scale[column, None]
         by_q, by_v, by_a = (by if k == min(self.order, 2) else None for k in range(3))
         found = Partials(place, by_q, by_v, by_a)
         if self.order <= 2:

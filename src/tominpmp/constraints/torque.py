@@ -64,9 +64,7 @@ class Motors:
         """
         scale = self.half[joint, None]
         if states.u is not None:
-            by_u = np.zeros((at.size, self.half.size))
-            by_u[np.arange(at.size), joint] = 1.0
-            return Partials(at, by_u=by_u / scale)
+            return Partials(at, by_u=np.eye(self.half.size)[joint] / scale)
         instants, place = np.unique(at, return_inverse=True)
         motion = (part[instants] for part in (states.q, states.v, states.a))
         by = self.dynamics.inverse_jacobians(*motion)
@@ -219,8 +217,7 @@ class TorqueOverSpeed(MotorLimit):
         joint = np.array(joints)[which]
         by = self.motors.differentiate(states, at, joint)
         by = by.times(np.array(by_share)[which, at, None])
-        slope = np.zeros((at.size, states.v.shape[1]))
-        slope[np.arange(at.size), joint] = np.array(by_speed)[which, at]
+        slope = np.eye(states.v.shape[1])[joint] * np.array(by_speed)[which, at, None]
         return by._replace(by_v=slope if by.by_v is None else by.by_v + slope)
 
 
@@ -256,7 +253,6 @@ class TorqueRate(MotorLimit):
         """Derivatives at both instants of each pair, and by their times."""
         joint = np.tile(self.of_joints[which], 2)
         by = self.motors.differentiate(states, Partials.both_instants(at), joint)
-        by = by.times(
-            self.motors.half[joint, None] / np.tile(self.limit[which], 2)[:, None]
-        )
+        share = self.motors.half[joint] / np.tile(self.limit[which], 2)
+        by = by.times(share[:, None])
         return by.slopes(states.t, at, self.evaluate(states)[at, which])
