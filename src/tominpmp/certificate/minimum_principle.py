@@ -221,7 +221,7 @@ def _certificate(
     limited = np.isin(motion.changes.t[:-1], np.concatenate([np.zeros(0), *begins]))
     error: float | None = None
     first = dual.costates[:1]
-    if not motion.sections:
+    if not motion.system.problem.segments:
         integrated = _integrated(motion, dual)
         if not need_smooth(motion.system.problem.robot, limits):
             error = _disagreement(dual, integrated)

@@ -15,6 +15,7 @@ states at instants are pulled back to these unknowns.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, TypeAlias
@@ -199,17 +200,18 @@ class GridMotion:
         changes: Small changes of the motion.
         span: Index of the first interval on which the problem applies, and the index
             after the last.
-        sections: The motion on each of its segments, with the functions of the segment;
-            empty for a motion of one segment.
-        number: Number of the segment, from 0; None for a motion of one segment.
+        number: Number of the segment, from 0; None for a whole motion, and for a
+            problem without segments.
+        segments: The motion on each of its segments, with the functions of the segment;
+            empty for a segment.
     """
 
     system: ProblemFunctions
     trajectory: Trajectory
     changes: Perturbations
     span: tuple[int, int]
-    sections: tuple[GridMotion, ...] = ()
     number: int | None = None
+    segments: tuple[GridMotion, ...] = ()
 
     @classmethod
     def of(cls, system: ProblemFunctions, trajectory: Trajectory) -> GridMotion:
@@ -218,26 +220,17 @@ class GridMotion:
         t, merged = certificate_grid(trajectory)
         nodes, profile = trajectory(t), _profile(system, trajectory, merged)
         changes = Perturbations(t, nodes.q, nodes.v, profile)
-        whole = cls(system, trajectory, changes, (0, changes.N))
-        if trajectory.segment_ends is None:
-            return whole
-        places = [0, *np.searchsorted(t, trajectory.segment_ends).tolist()]
-        each = zip(system.segments, itertools.pairwise(places), strict=True)
-        sections = tuple(
-            replace(whole, system=part, span=span, number=number)
-            for number, (part, span) in enumerate(each)
-        )
-        return replace(whole, sections=sections)
+        places = [0, *np.searchsorted(t, trajectory._ends).tolist()]
+        known = system.problem.segments
+        numbers: Sequence[int | None] = range(len(known)) if known else [None]
+        each = zip(system.segments, itertools.pairwise(places), numbers, strict=True)
+        segments = (cls(part, trajectory, changes, span, k) for part, span, k in each)
+        return cls(system, trajectory, changes, (0, changes.N), None, tuple(segments))
 
     @cached_property
     def path(self) -> Trajectory:
         """The motion without its inverse dynamics, which take time."""
         return replace(self.trajectory, inverse_dynamics=None, segment_dynamics=())
-
-    @property
-    def segments(self) -> tuple[GridMotion, ...]:
-        """The motion on each of its segments; the motion itself for one segment."""
-        return self.sections or (self,)
 
     @property
     def constraints(self) -> list[Any]:
@@ -283,15 +276,14 @@ class GridMotion:
         Torques that are constant on the intervals, or stand for several, are given by
         their mean alone, shape (N, 1, n).
         """
+        if self.segments:
+            return np.concatenate([part.loads for part in self.segments])
         constant = self.changes.profile == "torques"
         shares = (np.arange(SAMPLES) + 0.5) / SAMPLES if constant else np.arange(2.0)
-        parts = []
-        for part in self.segments:
-            u = part.torques(part.instants(*shares.tolist()))
-            load = (u - part.system.effort_middle) / part.system.effort_half
-            parts.append(load.reshape(-1, shares.size, self.changes.n))
-        loads = np.concatenate(parts)
-        return np.asarray(loads.mean(axis=1, keepdims=True)) if constant else loads
+        u = self.torques(self.instants(*shares.tolist()))
+        load = (u - self.system.effort_middle) / self.system.effort_half
+        load = load.reshape(-1, shares.size, self.changes.n)
+        return np.asarray(load.mean(axis=1, keepdims=True) if constant else load)
 
     @property
     def load(self) -> Array:
