@@ -446,12 +446,13 @@ def _of_constraint(part: GridMotion, item: PathConstraint, index: int) -> LimitR
 def _arrivals(motion: GridMotion) -> Iterator[LimitRows]:
     """Rows of the arrival times, for segments with limits on them."""
     dwells, segments = 0.0, motion.system.problem.segments
-    for part, segment in zip(motion.segments, segments, strict=False):
+    each = zip(motion.segments, segments, strict=False)
+    for number, (part, segment) in enumerate(each):
         if segment.arrival is not None:
             # The motion has no dwells, which precede the arrival in the problem.
             item = Arrival(*(time - dwells for time in segment.arrival))
             sampled = SampledConstraint.of(part, item, Instants.end(part.span[1]))
-            yield sampled.rows(ARRIVAL, np.array([part.number]))
+            yield sampled.rows(ARRIVAL, np.array([number]))
         dwells += segment.dwell
 
 

@@ -15,7 +15,6 @@ states at instants are pulled back to these unknowns.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, TypeAlias
@@ -200,8 +199,6 @@ class GridMotion:
         changes: Small changes of the motion.
         span: Index of the first interval on which the problem applies, and the index
             after the last.
-        number: Number of the segment, from 0; None for a whole motion, and for a
-            problem without segments.
         segments: The motion on each of its segments, with the functions of the segment;
             empty for a segment.
     """
@@ -210,7 +207,6 @@ class GridMotion:
     trajectory: Trajectory
     changes: Perturbations
     span: tuple[int, int]
-    number: int | None = None
     segments: tuple[GridMotion, ...] = ()
 
     @classmethod
@@ -221,11 +217,9 @@ class GridMotion:
         nodes, profile = trajectory(t), _profile(system, trajectory, merged)
         changes = Perturbations(t, nodes.q, nodes.v, profile)
         places = [0, *np.searchsorted(t, trajectory._ends).tolist()]
-        known = system.problem.segments
-        numbers: Sequence[int | None] = range(len(known)) if known else [None]
-        each = zip(system.segments, itertools.pairwise(places), numbers, strict=True)
-        segments = (cls(part, trajectory, changes, span, k) for part, span, k in each)
-        return cls(system, trajectory, changes, (0, changes.N), None, tuple(segments))
+        each = zip(system.segments, itertools.pairwise(places), strict=True)
+        segments = tuple(cls(part, trajectory, changes, span) for part, span in each)
+        return cls(system, trajectory, changes, (0, changes.N), segments)
 
     @cached_property
     def path(self) -> Trajectory:

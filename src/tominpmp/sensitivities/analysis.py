@@ -147,10 +147,11 @@ def _segments(motion: GridMotion, rows: LimitRows) -> Iterator[SegmentRows]:
     Sensitivities are evaluated segment by segment, since robot, payload, limits and
     obstacles differ between segments.
     """
-    for part in motion.segments:
+    for number, part in enumerate(motion.segments, 1):
         first, end = part.span
         own = rows.selected((rows.at.interval >= first) & (rows.at.interval < end))
-        yield SegmentRows(part, replace(own, subject=own.subject % SEGMENT))
+        place = f" of segment {number}" if motion.system.problem.segments else ""
+        yield SegmentRows(part, replace(own, subject=own.subject % SEGMENT), place)
 
 
 class TorqueWeights(NamedTuple):
@@ -179,10 +180,13 @@ class SegmentRows:
     Attributes:
         motion: The motion on the segment.
         rows: The limits of the segment, with their multipliers.
+        place: End of the names of goals, which tells the segment; empty for a problem
+            without segments.
     """
 
     motion: GridMotion
     rows: LimitRows
+    place: str
 
     def records(self) -> Iterator[Sensitivity]:
         """Records of all limits and parameters of the segment."""
@@ -372,21 +376,20 @@ class SegmentRows:
 
     def _goal(self) -> Iterator[Sensitivity]:
         """Records of the goal: of positions of joints one by one, or of a place."""
-        goal, number, n = self._problem.goal, self.motion.number, self._robot.n
-        of_segment = "" if number is None else f" of segment {number + 1}"
+        goal, rest = self._problem.goal, np.zeros(self._robot.n)
         # Where all positions are zero, the values of joints are minus their goals.
-        place = goal.place(self.motion.system.kinematics, np.zeros(n))
+        place = goal.place(self.motion.system.kinematics, rest)
         joints = {label: joint for joint, label in enumerate(joint_labels(self._robot))}
         values = 0.0 - self._sums(GOAL, self.rows.y, place.value.size)
         for row, label in enumerate(place.labels):
             if label in joints:
                 at = f"1/{label.unit}", 0.0 - float(place.value[row]), label.unit
                 item = self._of_joint("goal", joints[label], values[row], *at)
-                yield replace(item, subject=item.subject + of_segment)
+                yield replace(item, subject=item.subject + self.place)
         if not joints.keys() >= set(place.labels):
             name = goal.frame_name
             subject = "goal" if name is None else f"frame {name}"
-            yield _of_position("goal", subject + of_segment, -self._base_of_goal[:3])
+            yield _of_position("goal", subject + self.place, -self._base_of_goal[:3])
 
     def _by_base(self, cost: Callable[[Robot], float]) -> Array:
         """Derivatives of a cost by a displacement of the base, shape (6,)."""
