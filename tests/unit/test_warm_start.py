@@ -300,6 +300,19 @@ def test_samples_of_a_file_are_a_warm_start(free, tmp_path):
     assert warm.T <= 1.003 * free.T
 
 
+def test_warm_start_needs_no_torques_of_the_former_motion(planar3r, free):
+    """Regression: inverse dynamics of the caller were evaluated, and failed."""
+
+    def failing(*_):
+        raise ZeroDivisionError
+
+    former = replace(free.trajectory, inverse_dynamics=failing)
+    goal = tm.JointGoal(former.q[-1] + 0.05)
+    problem = tm.Problem(planar3r, former.q[0], goal)
+    guess = warm_start(ProblemFunctions.of(problem), former)
+    np.testing.assert_allclose(guess.q[-1], goal.q, atol=1e-9)
+
+
 def test_wrong_warm_start_is_rejected(free):
     other = replace(free.trajectory, joint_names=("a", "b", "c"))
     with pytest.raises(tm.ProblemError, match="of a, b, c, expected a motion of joint"):

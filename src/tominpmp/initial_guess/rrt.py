@@ -402,7 +402,7 @@ def _shortened(space: _Space, path: Array, rng: np.random.Generator) -> Array:
             at = np.sort(rng.uniform(0.0, s[-1], 2))
             joint = int(rng.integers(2 * n))
             begin, end = np.searchsorted(s, at)
-            inner = path[begin:end]  # without these corners nothing is gained
+            inner = path[begin:end]  # a shortcut that skips no corner gains nothing
             ends = np.stack([np.interp(at, s, column) for column in path.T], axis=1)
             former = np.concatenate([ends[:1], inner, ends[1:]])
             shorter = ends

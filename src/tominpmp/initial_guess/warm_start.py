@@ -176,12 +176,14 @@ def warm_start(system: ProblemFunctions, motion: Trajectory | Samples) -> WarmSt
     """
     trajectory = _slowed_down(system, former_motion(system.problem, motion))
     problem, limits = system.problem, system.problem.robot.limits
+    # Torques are not needed, and the inverse dynamics may be a function of the caller.
+    plain = replace(trajectory, inverse_dynamics=None)
     begins, arrivals, _ = np.array(spans_of(trajectory, problem.segments)).T
-    entry = begins[0] = _entry(system, trajectory, arrivals[0])
+    entry = begins[0] = _entry(system, plain, arrivals[0])
     # A segment whose goal is met from its beginning has zero duration.
     durations = np.maximum(arrivals - begins, LEAST_DURATION)
     ends = np.cumsum(durations)
-    former = trajectory(np.append(entry, arrivals))
+    former = plain(np.append(entry, arrivals))
     goals = [part.final_configuration for part in system.segments]
     speeds = [part.final_velocity for part in system.segments]
     p = _missing([problem.q_start, *goals], former.q)
@@ -236,7 +238,8 @@ def _slowed_down(system: ProblemFunctions, motion: Trajectory) -> Trajectory:
     interval would move the arm elsewhere at another pace.
     """
     inverse, a, ends = motion.inverse_dynamics, motion.a, motion.segment_ends
-    state, factor = motion(np.linspace(0.0, motion.duration, SAMPLES)), 1.0
+    plain = replace(motion, inverse_dynamics=None)
+    state, factor = plain(np.linspace(0.0, motion.duration, SAMPLES)), 1.0
     values = {"v": state.v, "a": state.a}
     for item in joint_limits(system.problem.robot, system.motion_limits):
         if item.kind.quantity in values:
