@@ -10,6 +10,8 @@ import pytest
 import trimesh
 
 import tominpmp as tm
+from tominpmp.description.model import _inertia
+from tominpmp.description.tree import LinkDescription
 
 pytestmark = pytest.mark.filterwarnings("error")
 
@@ -532,6 +534,15 @@ def test_heavy_bodies_with_turned_axes_are_read() -> None:
     for text in (changed(*pairs), URDF_OF_ONE_BODY):
         found = np.linalg.eigvalsh(tm.load_robot(text).model.inertias[1].inertia)
         np.testing.assert_allclose(found, np.fromstring(moments, sep=" "))
+
+
+def test_slightly_asymmetric_inertias_are_read_as_pinocchio_reads_them() -> None:
+    """Regression: moments of turned URDF links changed in their last digit."""
+    uneven = np.eye(3) + 1e-15 * np.arange(9.0).reshape(3, 3)
+    expected = pin.Inertia.Zero()
+    expected.inertia = uneven
+    found = _inertia(LinkDescription("l", 1.0, inertia=uneven)).inertia
+    np.testing.assert_array_equal(found, expected.inertia)
 
 
 def test_reference_poses_of_meshes_match_mujoco(tmp_path: Path) -> None:

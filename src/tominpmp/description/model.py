@@ -93,9 +93,10 @@ def _inertia(link: LinkDescription) -> pin.Inertia:
     """Inertia of a link, even if it is impossible: that is checked later."""
     inertia = pin.Inertia.Zero()
     inertia.mass = link.mass or 0.0
-    # Rounding makes the product of a heavy body too asymmetric for Pinocchio.
-    lower = np.tril(link.inertia)
-    inertia.lever, inertia.inertia = link.com, lower + np.tril(lower, -1).T
+    # Rounding makes the product of a heavy body too asymmetric for Pinocchio, which
+    # reads these six entries.
+    entries = link.inertia[[0, 1, 1, 0, 1, 2], [0, 0, 1, 2, 2, 2]]
+    inertia.lever, inertia.inertia = link.com, pin.Symmetric3(entries).matrix()
     return inertia
 
 
