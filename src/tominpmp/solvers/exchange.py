@@ -61,9 +61,9 @@ def _with_missing_rows(
     return (more or program).at(z), z
 
 
-@dataclass
+@dataclass(frozen=True)
 class RowExchange:
-    """When one iteration is checked between its rows, and how missing rows are found.
+    """When an iteration is checked between its rows, and how missing rows are found.
 
     Attributes:
         extensions: How often rows have joined at the end of the iteration.
@@ -100,7 +100,9 @@ class RowExchange:
         moved = loop.outcome is not None and loop.outcome.accepted
         return moved and state.violation <= RESTORABLE
 
-    def join(self, loop: Loop, status: Status | None) -> Status | None:
+    def join(
+        self, loop: Loop, status: Status | None
+    ) -> tuple[RowExchange, Status | None]:
         """Check the motion between its rows, and let missing rows join.
 
         Args:
@@ -108,31 +110,30 @@ class RowExchange:
             status: Status with which it is about to end; None if it continues.
 
         Returns:
-            The new status: None to continue.
+            The exchange from now on, and the new status: None to continue.
         """
         changed = self.revise(loop.program, loop.state.z)
         if changed is None:
-            return status
+            return self, status
         if status is not None and self.extensions == EXTENSIONS:
             # The iteration has settled, but rows are still missing.
             settled = status is Status.CONVERGED
-            return Status.ITERATION_LIMIT if settled else status
+            return self, Status.ITERATION_LIMIT if settled else status
         loop.program, z = changed
         joined = loop.state.on(loop.program, z)
         settled = abs(self.joined_at / loop.state.duration - 1.0) <= SETTLED
-        radius = max(joined.radius, self.radius)
+        limit = max(0.5 * self.radius, SETTLED_RADIUS) if settled else self.radius
+        radius = max(joined.radius, limit)
         if settled:
-            self.radius = max(0.5 * self.radius, SETTLED_RADIUS)
-            radius = min(max(math.sqrt(joined.violation), SETTLED_RADIUS), self.radius)
+            radius = min(max(math.sqrt(joined.violation), SETTLED_RADIUS), limit)
         loop.state, loop.best = replace(joined, radius=radius, gains=()), None
         loop.extended_limit = len(loop.history) + ITERATIONS
-        self.joined_at = joined.duration
-        if status is None:
-            return None
-        self.extensions += 1
-        if loop.objective.any_will_do:
-            loop.best = loop.objective.better(loop.program, loop.state, None)
-        if loop.best is None:
-            return None
-        loop.state = loop.best
-        return self.join(loop, status)
+        exchange, slower = replace(self, joined_at=joined.duration, radius=limit), None
+        if status is not None:
+            exchange = replace(exchange, extensions=self.extensions + 1)
+            if loop.objective.any_will_do:
+                slower = loop.objective.better(loop.program, loop.state, None)
+        if slower is None:
+            return exchange, None
+        loop.state = loop.best = slower
+        return exchange.join(loop, status)

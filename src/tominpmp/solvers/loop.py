@@ -35,7 +35,6 @@ from tominpmp.stopping import Stop, grace
 from tominpmp.transcription.program import NonlinearProgram
 
 if TYPE_CHECKING:
-    from tominpmp.solvers.exchange import RowExchange
     from tominpmp.solvers.objective import Objective
 
 # Receives every record; a status ends the loop.
@@ -63,6 +62,16 @@ class Step(Protocol):
         """Make a step, and advance the loop to the new iterate."""
 
 
+class Exchange(Protocol):
+    """Adds rows to the program for constraints that are violated between its rows."""
+
+    def due(self, loop: Loop, status: Status | None) -> bool:
+        """Whether an exchange is due; ``status`` is that of the stop rules, or None."""
+
+    def join(self, loop: Loop, status: Status | None) -> tuple[Exchange, Status | None]:
+        """Let missing rows join; the exchange from now on, and the new status."""
+
+
 def solve(
     program: NonlinearProgram,
     objective: Objective,
@@ -70,7 +79,7 @@ def solve(
     step: Step,
     stop: Rule,
     *,
-    exchange: RowExchange | None = None,
+    exchange: Exchange | None = None,
     callback: Callback | None = None,
     keep: Keep | None = None,
 ) -> SlpResult[NonlinearProgram]:
@@ -82,8 +91,7 @@ def solve(
         z: The initial iterate.
         step: Makes the steps.
         stop: Stop rule.
-        exchange: Row exchange, made for this iteration; None for programs with fixed
-            rows.
+        exchange: Row exchange; None for programs with fixed rows.
         callback: Receives every record; a status ends the loop.
         keep: Receives the best iterate after every step, or the present one while none
             is feasible, as a stop may be requested at any time.
@@ -107,7 +115,7 @@ def solve(
             if objective.any_will_do and loop.best is not None:
                 status = Status.FEASIBLE
             if exchange is not None and exchange.due(loop, status):
-                status = exchange.join(loop, status)
+                exchange, status = exchange.join(loop, status)
     except (Stop, KeyboardInterrupt):
         with grace(RESTORATION_TIME), contextlib.suppress(Stop):
             loop.end(None)
