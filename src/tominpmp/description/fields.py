@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from tominpmp.arrays import Array, number_or_nan
-from tominpmp.exceptions import ScenarioError, closest, shortened
+from tominpmp.exceptions import ScenarioError, TominpmpError, closest, shortened
 
 try:
     import tomllib
@@ -58,6 +58,14 @@ class Field:
         message = re.sub(rf"^(\w+\.)?{re.escape(names[-1])} (?=is )", "", message)
         text = f"{self.path}: {key}{message}"
         raise ScenarioError(text, self.path, self.key or None)
+
+    def blame(self, error: TominpmpError) -> NoReturn:
+        """Raise an error of the library again as an error about this value.
+
+        Raises:
+            ScenarioError: Always.
+        """
+        self.fail(str(error))
 
     def _expected(self, expected: str) -> NoReturn:
         self.fail(f"is {shortened(repr(self.value))}, expected {expected}")

@@ -65,7 +65,7 @@ def blaming(item: Field) -> Iterator[None]:
     except TominpmpError as error:
         if isinstance(error, ScenarioError) and error.path == item.path:
             raise
-        item.fail(str(error))
+        item.blame(error)
 
 
 def keys_in_brief(keys: Iterable[str]) -> list[str]:
