@@ -203,7 +203,7 @@ def test_scenario_files_keep_constraints(tmp_path):
     text = path.read_text()
     assert 'type = "tool_speed"' in text and 'type = "keep_upright"' in text
     path.write_text(text.replace("limit = 0.5", "limit = -0.5"))
-    with pytest.raises(ScenarioError, match=r"limit is -0\.5, expected a positive"):
+    with pytest.raises(ScenarioError, match=r"\.limit: is -0\.5, expected a positive"):
         tm.load_scenario(path)
     path.write_text(text.replace('"tool_speed"', '"tool_sped"'))
     words = r"no constraint 'tool_sped' \(did you mean tool_speed.*; there are"

@@ -14,7 +14,7 @@ import threading
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from scipy import integrate
@@ -42,6 +42,8 @@ TIME_STEP = 1e-3
 # Least number of rows, about, and largest number: shorter motions have a smaller time
 # between rows, longer ones a larger time.
 FEWEST_ROWS, MOST_ROWS = 200, 200_000
+# Ratio of the first step of a piece to the last step of the piece before.
+GROWTH = 1.5
 # Largest number of steps of LSODA between two rows.
 LSODA_STEPS = 20_000
 # Events closer to the end of a piece are neglected: no solver can step over this time
@@ -190,6 +192,7 @@ class Integration:
         for plant in self.plants:
             plant.still = max(STILL, 10.0 * self._tolerance[1])
         self.evaluations = 0
+        self._stride = np.inf
 
     def run(self, start: Array) -> Replay:
         """Integrate from a state of shape (2n,) to the end."""
@@ -338,6 +341,7 @@ class Integration:
                 rows[done:behind] = curve(ticks[done:behind]).T
                 ways[passed:] = plant.way
                 done, passed = behind, int(np.searchsorted(middles, t, side="right"))
+                self._stride = GROWTH * float(solver.step_size)
                 if t < solver.t:
                     x, solver = curve(t), None
                 elif t == end:
@@ -347,7 +351,11 @@ class Integration:
     def _solver(self, plant: Plant, t: float, x: Array, end: float) -> OdeSolver:
         """A solver of SciPy from a time to the end of a piece."""
         rtol, atol = self._tolerance
-        implicit = {} if self.integrator == "DOP853" else {"jac": plant.jacobian}
+        # Newton's method has no initial guess in the first step.
+        first = {"DOP853": min(end - t, self._stride), "Radau": 0.1 * (end - t)}
+        settings: dict[str, Any] = {"first_step": first.get(self.integrator)}
+        if self.integrator != "DOP853":
+            settings["jac"] = plant.jacobian
         make: type[OdeSolver] = getattr(integrate, self.integrator)
         slope = self._watched(plant.slope)
-        return make(slope, t, x, end, rtol=rtol, atol=atol, **implicit)
+        return make(slope, t, x, end, rtol=rtol, atol=atol, **settings)
