@@ -217,7 +217,8 @@ class TorqueOverSpeed(MotorLimit):
         joint = np.array(joints)[which]
         by = self.motors.differentiate(states, at, joint)
         by = by.times(np.array(by_share)[which, at, None])
-        slope = np.eye(states.v.shape[1])[joint] * np.array(by_speed)[which, at, None]
+        slope = np.zeros((at.size, states.v.shape[1]))
+        slope[np.arange(at.size), joint] = np.array(by_speed)[which, at]
         return by._replace(by_v=slope if by.by_v is None else by.by_v + slope)
 
 
