@@ -227,6 +227,14 @@ def test_planning_is_busy_until_the_last_outcome_of_the_last_request(
         assert controller.busy
     take(Outcome(NEAR, "newer"))
     assert not controller.busy
+    # Regression: the earlier outcome of an equal request counted as the last one.
+    controller.change(q_goal=PLANAR.q_goal)
+    controller.change(q_goal=NEAR.q_goal)
+    assert controller.busy
+    take(Outcome(PLANAR, "old"))
+    assert controller.busy
+    take(Outcome(NEAR, "newest"))
+    assert not controller.busy
 
 
 def test_motion_of_the_former_robot_is_not_exported(

@@ -58,6 +58,7 @@ class Controller:
         request: The present request.
         outcome: The last outcome; None before the first of the robot.
         shown: The last motion of the robot; None before the first.
+        busy: Whether the last outcome of the present request is still to come.
     """
 
     def __init__(
@@ -69,20 +70,15 @@ class Controller:
         self.request = request
         self.outcome: Outcome | None = None
         self.shown: ShownMotion | None = None
+        self.busy = True
         self._lock = threading.RLock()
         self._on_outcome = on_outcome
         self._planning = planning(self._take)
 
-    @property
-    def busy(self) -> bool:
-        """Whether an outcome of the present request is still to come."""
-        last = self.outcome
-        return last is None or last.request != self.request or not last.final
-
     def plan(self, request: Request) -> None:
         """Plan a request, which becomes the present one."""
         with self._lock:
-            self.request = request
+            self.request, self.busy = request, True
             self._planning.plan(request)
 
     def change(self, **changes: Any) -> None:
@@ -167,4 +163,6 @@ class Controller:
             if outcome.request.robot != self.request.robot:
                 return
             self.outcome, self.shown = outcome, outcome.shown or self.shown
+            if outcome.request == self.request:
+                self.busy = not outcome.final
         self._on_outcome(outcome)

@@ -46,7 +46,7 @@ def work(session: Session, jobs: Jobs, answer: Callable[[Outcome], None]) -> Non
 
 def _serve(connection: Any) -> None:
     """Plan the requests of a connection until the parent process closes it."""
-    # Ctrl-C in the terminal is for the parent, which closes the connection.
+    # Ctrl-C in the terminal is for the parent, which ends this process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     jobs: Jobs = SimpleQueue()
 
