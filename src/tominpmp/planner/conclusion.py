@@ -24,7 +24,7 @@ from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
 from tominpmp.verification.diagnosis import GAVE_UP, explain
-from tominpmp.verification.verification import verify
+from tominpmp.verification.verification import LONGEST, verify
 
 # Shape of the accelerations on an interval, by the degree of the positions.
 ACCELERATIONS = {2: "constant", 3: "linear", 5: "cubic"}
@@ -251,7 +251,10 @@ def _message(
     if best.verification is None:
         return f"{status.value} There was no time to verify the motion that was found."
     ended = f"{GAVE_UP[status]}:" if status in STOPPED else status.value
-    return f"{ended} {best.verification.message}"
+    sentence = f"{ended} {best.verification.message}"
+    if bound is not None and bound.T > LONGEST:
+        sentence += f" No motion takes less than {bound.T:.3g} s: {bound.reason}."
+    return sentence
 
 
 def _reason(state: PlanState) -> str:

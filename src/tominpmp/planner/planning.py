@@ -62,7 +62,6 @@ from tominpmp.planner.work import Schedule, run, use_fallback
 from tominpmp.problem.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
-from tominpmp.verification.verification import LONGEST
 
 
 @on_one_thread
@@ -169,8 +168,7 @@ def _full_schedule(
     """
     problem, options = state.problem, state.options
     proof = why_impossible(problem, options.limit_tolerance)
-    proof = proof or find_barrier(problem, options.contact_tolerance)
-    state.impossible = proof or _too_long(state)
+    state.impossible = proof or find_barrier(problem, options.contact_tolerance)
     if state.impossible:
         return
     yield from candidates_of_alternatives(state, partial(starts, state), former)
@@ -179,17 +177,6 @@ def _full_schedule(
     if options.objective == "time":
         yield from improvements(state)
         yield from thorough_search(state)
-
-
-def _too_long(state: PlanState) -> str:
-    """Why every motion takes too long for a replay, in a sentence; or empty."""
-    bound = state.lower_bound(state.problem)
-    if bound.T <= LONGEST:
-        return ""
-    return (
-        f"No motion takes less than {bound.T:.3g} s: {bound.reason}. Motions that take "
-        f"more than {LONGEST:g} s cannot be replayed, and are not planned."
-    )
 
 
 def _motion_of(
