@@ -130,22 +130,25 @@ class Progress(ExitStack):
 
     def __init__(self, console: Console, *, quiet: bool, verbose: bool) -> None:
         super().__init__()
-        self._console, self._status = console, console.status("")
+        self._console = console
+        self._status = console.status("") if console.is_terminal and not quiet else None
         self._lines = verbose and not quiet and not console.is_terminal
         self._last = time.monotonic()
-        if console.is_terminal and not quiet:
+        if self._status is not None:
             self.enter_context(self._status)
             log = log_shown(LOGGER, lambda record: self.phase(record.getMessage()))
             self.enter_context(log)
 
     def phase(self, text: str) -> None:
         """Show the name of a phase."""
-        self._status.update(Text(text))
+        if self._status is not None:
+            self._status.update(Text(text))
 
     def __call__(self, record: IterationRecord) -> None:
         """Show an iteration."""
-        self.phase(_progress_text(record))
-        if self._lines and time.monotonic() - self._last >= PERIOD:
+        if self._status is not None:
+            self.phase(_progress_text(record))
+        elif self._lines and time.monotonic() - self._last >= PERIOD:
             self._last = time.monotonic()
             self._console.print(_progress_text(record), soft_wrap=True)
 

@@ -169,10 +169,11 @@ def obstacle(text: str) -> Obstacle:
     known = classes(Obstacle).items()
     kinds = {k: v for k, v in known if not issubclass(v, HeightField | OcTree)}
     kind, _, rest = text.partition(":")
+    name, *items = rest.split(":")
     table = Typed({"type": kind}, key=f"--obstacle {text!r}", form=OBSTACLE_FORM)
-    if kind in kinds and re.match(r"[^:]*=|:|$", rest):
+    if kind in kinds and (not name or "=" in name):
         table.fail("it has no name")
-    read: Obstacle = _read_items(table, f"name={rest}", kinds)
+    read: Obstacle = _read_items(table, (f"name={name}", *items), kinds)
     if "position" not in table.value:
         table.fail("it lacks at")
     return read
@@ -184,16 +185,18 @@ def constraint(text: str) -> PathConstraint:
     Raises:
         OptionsError: If the kind or a field is wrong.
     """
-    kind, _, rest = text.partition(":")
+    kind, *items = text.split(":")
     table = Typed({"type": kind}, key=f"--constraint {text!r}", form=CONSTRAINT_FORM)
-    read: PathConstraint = _read_items(table, rest, classes(PathConstraint))
+    read: PathConstraint = _read_items(table, items, classes(PathConstraint))
     return read
 
 
-def _read_items(table: Typed, text: str, kinds: Mapping[str, type[Any]]) -> Any:
-    """Read ``KEY=VALUE:...`` of a record as its table in a scenario file."""
+def _read_items(
+    table: Typed, items: Sequence[str], kinds: Mapping[str, type[Any]]
+) -> Any:
+    """Read ``KEY=VALUE`` items of a record as its table in a scenario file."""
     kind = table.value["type"]
-    for item in text.split(":") if text else ():
+    for item in items:
         word, _, value = item.partition("=")
         key = ABBREVIATIONS.get(word, word)
         if key in table.value:
