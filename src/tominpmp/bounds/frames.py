@@ -10,7 +10,6 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.bounds.least_time import last_bracket
 from tominpmp.bounds.result import LowerBound
-from tominpmp.collision.placements import JointPlacements
 from tominpmp.goals.base import Goal
 from tominpmp.kinematics import FrameMotions, RobotKinematics, prismatic_joints
 from tominpmp.problem.problem import Problem
@@ -84,7 +83,7 @@ def _turning_time(
     problem: Problem, frame: str, angle: float, reach: ReachInTime, longest: float
 ) -> float:
     """Largest time in which the joints cannot turn a frame by an angle [s]."""
-    robot, placements = problem.robot, JointPlacements(problem.robot.model)
+    robot, placements = problem.robot, problem.checker.placements
     carrier = robot.model.frames[robot.frame_id(frame)].parentJoint
     revolute = placements.moves[carrier] & np.any(placements.turn[1:], axis=1)
     share = np.abs(robot.expand_tangent(np.eye(robot.n))) @ revolute
@@ -113,7 +112,7 @@ def _carrying_time(
     robot, q, limits = problem.robot, problem.q_start, problem.robot.limits
     item = robot.model.frames[robot.frame_id(frame)]
     place = np.array([item.parentJoint]), np.array([item.placement.translation])
-    placements, frames = JointPlacements(robot.model), FrameMotions(robot, frame)
+    placements, frames = problem.checker.placements, FrameMotions(robot, frame)
     spread = np.abs(robot.expand_tangent(np.eye(robot.n)))
     slides = prismatic_joints(robot)
     if not np.any(np.isfinite(farthest(1.0))):

@@ -289,7 +289,7 @@ def goal_misses(
         replay: The motion on the segment.
         tolerances: Tolerances of the goals.
     """
-    rows = [replay.t.size - 1, int(np.argmin(np.abs(replay.t - stage.reached)))]
+    rows = np.unique([np.argmin(np.abs(replay.t - stage.reached)), replay.t.size - 1])
     goal, kinematics = stage.problem.goal, RobotKinematics(stage.problem.robot)
     misses = [
         miss
