@@ -327,7 +327,8 @@ def most_instants(values: int) -> int:
 
 def _worst(near: IntArray, violation: Array, parts: int, most: int) -> IntArray:
     """The instants with the largest violations, at most ``most`` after refinement."""
-    largest, count = np.max(violation[near], axis=1), max(most // parts, 1)
+    largest = np.max(violation[near], axis=1, initial=-np.inf)
+    count = max(most // parts, 1)
     return np.sort(near[np.argsort(-largest, kind="stable")[:count]])
 
 

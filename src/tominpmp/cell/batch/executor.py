@@ -93,7 +93,8 @@ class Executor:
                     yield under_way.pop(number)[0], result
                 return
             for number in sorted(under_way):
-                (label, item), result = under_way.pop(number), None
+                label, item = under_way.pop(number)
+                result = None
                 # joblib would run a single worker in this process.
                 alone = self._running([(number, item)], 2)
                 with alone as results, suppress(BrokenProcessPool):
