@@ -147,22 +147,6 @@ class Placements(NamedTuple):
     origin: Array
 
 
-class SpatialStates(NamedTuple):
-    """Spatial velocities and accelerations of a frame in its own axes.
-
-    Linear parts are before angular ones.
-
-    Attributes:
-        rotation: Orientations frame_to_world, shape (m, 3, 3).
-        velocity: Shape (m, 6) [m/s, rad/s].
-        acceleration: Shape (m, 6) [m/s^2, rad/s^2]; of spatial vectors, not of points.
-    """
-
-    rotation: Array
-    velocity: Array
-    acceleration: Array
-
-
 class FrameMotions:
     """Placements and motions of a frame of a robot.
 
@@ -236,52 +220,26 @@ class FrameMotions:
             found[k] = quantity(model, data, index, WORLD).linear
         return found
 
-    def spatial(self, q: Array, v: Array, a: Array) -> SpatialStates:
-        """Spatial velocities and accelerations, without derivatives.
+    def slopes(self, q: Array, v: Array, a: Array) -> Array:
+        """Derivatives of the motion of its origin in the world.
 
         Args:
             q: Positions, shape (m, n).
             v: Velocities, shape (m, n).
             a: Accelerations, shape (m, n).
-        """
-        (model, data), index = self.robot._model_and_data, self._index
-        parts = self._expanded(q, v=v, a=a)
-        m = len(parts[0])
-        found = SpatialStates(np.empty((m, 3, 3)), np.empty((m, 6)), np.empty((m, 6)))
-        for k, state in enumerate(zip(*parts, strict=True)):
-            pin.forwardKinematics(model, data, *state)
-            found.rotation[k] = pin.updateFramePlacement(model, data, index).rotation
-            found.velocity[k] = pin.getFrameVelocity(model, data, index, LOCAL).vector
-            spatial = pin.getFrameAcceleration(model, data, index, LOCAL)
-            found.acceleration[k] = spatial.vector
-        return found
-
-    def slopes(self, q: Array, v: Array, a: Array, *, spatial: bool = False) -> Array:
-        """Derivatives of the motion of its origin in the world, or of spatial motions.
-
-        Args:
-            q: Positions, shape (m, n).
-            v: Velocities, shape (m, n).
-            a: Accelerations, shape (m, n).
-            spatial: Whether to differentiate spatial vectors, in the axes of the frame.
 
         Returns:
             Derivatives of velocities by q, of accelerations by q and v, and of
-            velocities by v, which are those of accelerations by a; shape (4, m, 3, n),
-            or (4, m, 6, n) for spatial vectors.
+            velocities by v, which are those of accelerations by a; shape (4, m, 3, n).
         """
-        (model, data), frame = self.robot._model_and_data, self._index
-        derivatives = pin.getFrameAccelerationDerivatives
-        place: tuple[object, ...] = frame, LOCAL
-        if not spatial:
-            item = model.frames[frame]
-            derivatives = pin.getPointClassicAccelerationDerivatives
-            place = item.parentJoint, item.placement, WORLD
+        model, data = self.robot._model_and_data
+        frame = model.frames[self._index]
+        place = frame.parentJoint, frame.placement, WORLD
         states = self._expanded(q, v=v, a=a)
-        found = np.empty((4, len(states[0]), 6 if spatial else 3, model.nv))
+        found = np.empty((4, len(states[0]), 3, model.nv))
         for k, state in enumerate(zip(*states, strict=True)):
             pin.computeForwardKinematicsDerivatives(model, data, *state)
-            by = derivatives(model, data, *place)
+            by = pin.getPointClassicAccelerationDerivatives(model, data, *place)
             # Pinocchio drops the second dimension of arms with a single joint.
             found[:, k] = np.reshape(by, found[:, k].shape)
         return self.robot.reduce_tangent(found)
@@ -292,15 +250,6 @@ class FrameMotions:
         q = array(q, "q", (None, robot.n), JOINTS)
         rows = [array(x, name, q.shape, JOINTS) for name, x in rates.items()]
         return robot.expand(q), *map(robot.expand_tangent, rows)
-
-
-# The matrices of x -> e_i x x for the axes e_i.
-_CROSS = np.cross(np.eye(3), np.eye(3)[:, None])
-
-
-def skew(rows: Array) -> Array:
-    """Matrices of x -> r x x for vectors r, shape (m, 3) to (m, 3, 3)."""
-    return np.tensordot(rows, _CROSS, 1)
 
 
 def times(matrices: Array, rows: Array) -> Array:

@@ -5,15 +5,16 @@ spatial velocity v and acceleration a of the frame that it moves with, and gravi
 
     w = Y (a - g) + v x* Y v
 
-in the axes of the frame (the body force of the recursive Newton-Euler algorithm,
-Featherstone 2008, equation 5.9). A contact or a grasp can transmit only a limited set
-of wrenches.
+in the axes of the frame: the body force of the recursive Newton-Euler algorithm
+(Featherstone 2008, equation 5.9), with which Pinocchio evaluates it. A contact or a
+grasp can transmit only a limited set of wrenches.
 """
 
 from __future__ import annotations
 
 from abc import abstractmethod
-from functools import partial
+from collections.abc import Iterator
+from functools import cached_property, partial
 from typing import Annotated, TypeAlias
 
 import numpy as np
@@ -22,7 +23,6 @@ import pinocchio as pin
 from tominpmp.arrays import Array, default, record
 from tominpmp.checks import Direction, Metres, Point, number, positive
 from tominpmp.constraints.path import FrameRows, Linear
-from tominpmp.kinematics import SpatialStates, skew
 from tominpmp.robot.payload import InertiaOrNone
 
 STANDARD_GRAVITY = 9.81
@@ -48,26 +48,34 @@ class HeldLoad(FrameRows):
         """Weight of the load on earth [N]."""
         return self.mass * STANDARD_GRAVITY
 
-    def _body(self) -> Array:
-        """Spatial inertia at the frame, shape (6, 6)."""
+    @cached_property
+    def _loaded(self) -> pin.Model:
+        """The robot with the load on a free joint at the frame, the last of its joints.
+
+        The force of this joint is the wrench that holds the load.
+        """
+        model = self.kinematics.robot.model.copy()
+        frame = model.frames[self.kinematics.robot.frame_id(self.frame)]
+        carrier, place = frame.parentJoint, frame.placement
+        joint = model.addJoint(carrier, pin.JointModelFreeFlyer(), place, "held load")
         tensor = np.zeros((3, 3)) if self.inertia is None else self.inertia
-        return np.asarray(pin.Inertia(self.mass, self.center, tensor).matrix())
+        body = pin.Inertia(self.mass, self.center, tensor)
+        model.appendBodyToJoint(joint, body, pin.SE3.Identity())
+        return model
 
     def wrenches(self, q: Array, v: Array, a: Array) -> Array:
         """Wrenches of :meth:`wrench_slopes`, without derivatives, shape (m, 6)."""
-        return self._wrenches(self.motions.spatial(q, v, a))
+        model, data = self._loaded, self._loaded.createData()
+        each = [pin.rnea(model, data, *state)[-6:] for state in self._states(q, v, a)]
+        return np.reshape(each, (-1, 6))
 
-    def _wrenches(self, state: SpatialStates) -> Array:
-        """Y (a - g) + v x* Y v, shape (m, 6)."""
-        body = self._body()
-        proper = state.acceleration.copy()
-        proper[:, :3] -= self._fall(state)
-        return proper @ body.T + _crossed(state.velocity, state.velocity @ body.T)
-
-    def _fall(self, state: SpatialStates) -> Array:
-        """Gravity in the axes of the frame, shape (m, 3) [m/s^2]."""
-        gravity = np.asarray(self.kinematics.robot.model.gravity.linear)
-        return np.asarray(gravity @ state.rotation)
+    def _states(self, q: Array, v: Array, a: Array) -> Iterator[tuple[Array, ...]]:
+        """States of all joints of the loaded robot; the load moves with the frame."""
+        robot = self.kinematics.robot
+        places = np.pad(robot.expand(q), [(0, 0), (0, 7)])
+        places[:, -1] = 1.0  # of the unit quaternion
+        rates = (np.pad(robot.expand_tangent(x), [(0, 0), (0, 6)]) for x in (v, a))
+        return zip(places, *rates, strict=True)
 
     def wrench_slopes(
         self, q: Array, v: Array, a: Array
@@ -83,19 +91,15 @@ class HeldLoad(FrameRows):
             Forces before moments, shape (m, 6) [N, N m], and their derivatives by q, v
             and a, shape (m, 6, n) each.
         """
-        body = self._body()
-        state = self.motions.spatial(q, v, a)
-        v_q, a_q, a_v, v_v = self.motions.slopes(q, v, a, spatial=True)
-        # v x* f is linear in v and in f.
-        turn = _force_cross(state.velocity) @ body
-        turn += _crossed_by(state.velocity @ body.T)
-        # Gravity rotates relative to the frame.
-        a_q[:, :3] -= skew(self._fall(state)) @ v_v[:, 3:]
-        return self._wrenches(state), (
-            body @ a_q + turn @ v_q,
-            body @ a_v + turn @ v_v,
-            body @ v_v,
-        )
+        model, data = self._loaded, self._loaded.createData()
+        wrenches, parts = np.empty((len(q), 6)), np.empty((3, len(q), 6, model.nv))
+        for k, state in enumerate(self._states(q, v, a)):
+            pin.computeRNEADerivatives(model, data, *state)
+            wrenches[k] = data.tau[-6:]
+            by = data.dtau_dq, data.dtau_dv, data.M.T
+            parts[:, k] = [part[-6:] for part in by]
+        by_q, by_v, by_a = self.kinematics.robot.reduce_tangent(parts[..., :-6])
+        return wrenches, (by_q, by_v, by_a)
 
     def lack(self, q: Array, v: Array, slack: float) -> str:
         """Violation at rest, as a clause; empty if the load is held, or the arm moves.
@@ -119,31 +123,6 @@ class HeldLoad(FrameRows):
     @abstractmethod
     def reason(self, w: Array) -> str:
         """Clause that explains why a wrench, shape (6,), cannot be transmitted."""
-
-
-def _crossed(motion: Array, force: Array) -> Array:
-    """Products v x* f of spatial velocities and forces, shape (m, 6)."""
-    turned = np.cross(motion[:, 3:], force[:, :3])
-    about = np.cross(motion[:, 3:], force[:, 3:]) + np.cross(
-        motion[:, :3], force[:, :3]
-    )
-    return np.concatenate([turned, about], axis=1)
-
-
-def _force_cross(motion: Array) -> Array:
-    """Matrices of f -> v x* f for spatial velocities, shape (m, 6, 6)."""
-    out = np.zeros((len(motion), 6, 6))
-    out[:, :3, :3] = out[:, 3:, 3:] = skew(motion[:, 3:])
-    out[:, 3:, :3] = skew(motion[:, :3])
-    return out
-
-
-def _crossed_by(force: Array) -> Array:
-    """Matrices of v -> v x* f for spatial forces, shape (m, 6, 6)."""
-    out = np.zeros((len(force), 6, 6))
-    out[:, :3, 3:] = out[:, 3:, :3] = -skew(force[:, :3])
-    out[:, 3:, 3:] = -skew(force[:, 3:])
-    return out
 
 
 @record

@@ -270,9 +270,10 @@ class PathConstraint(Record, Constraint):
     def on(self: Own, robot: Robot) -> Own:
         """The constraint for a robot, ready to be evaluated."""
         self.validate(robot)
-        # Cached motions of the frame may belong to another robot.
+        # Cached motions of the frame, and of a load, may belong to another robot.
         return self._altered(
             "motions",
+            "_loaded",
             _window=self.during and Window.between(*self.during),
             _kinematics=RobotKinematics(robot),
         )
