@@ -382,22 +382,6 @@ def test_integration_from_a_nearby_motion_differs_by_rounding(name: str) -> None
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=NEWTON)
 
 
-@pytest.mark.parametrize("method", BUILDERS)
-def test_rates_match_differences_of_positions_between_nodes(method: str) -> None:
-    """A row at a fixed time shifts along its interval with these rates."""
-    _, z, of = build(method, "tip velocity")
-    motion, intervals = of.motion(z), np.arange(of.intervals)
-    h = motion.h[:, None]
-    for share in (0.25, 0.6, 0.9):
-        here = Instants(intervals, np.full(intervals.size, share))
-        before, after = (
-            of.states(motion, replace(here, share=here.share + step), 0).q
-            for step in (-STEP, STEP)
-        )
-        expected = (after - before) / (2.0 * STEP * h)
-        np.testing.assert_allclose(of.rates(motion, here), expected, atol=1e-6)
-
-
 @pytest.mark.parametrize("name", ["position, obstacle", "tip velocity", "ur5"])
 def test_adjoint_sweep_equals_forward_sensitivities(rng, name):
     problem = problem_of(name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tominpmp.cli.problem import constraint
 from tominpmp.constraints.base import States
+from tominpmp.constraints.path import EMPTY, PathConstraint
 from tominpmp.exceptions import ProblemError
 from tominpmp.transcription.bspline import InverseTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
@@ -118,10 +120,31 @@ def test_replay_checks_a_constraint_only_in_its_time_window():
     assert tm.verify(outside, motion).ok
 
 
+@dataclass(frozen=True, eq=False)
+class JointSpeed(PathConstraint):
+    """A limit of the speeds alone: its derivatives by the positions are zero."""
+
+    name = "speed of the joints"
+    subject = "the joints"
+    unit = "m/s"
+    largest = 0.3
+    order = 1
+
+    def validate(self, robot):
+        """Suit every robot."""
+
+    def measure(self, q, v, a):
+        return float(np.linalg.norm(v))
+
+    def vector(self, q, v, a):
+        return v, EMPTY, np.eye(v.size), EMPTY
+
+
 @pytest.mark.parametrize("number", range(2))
 @pytest.mark.parametrize(
     "item",
     [
+        JointSpeed(during=(0.4, 0.9)),
         tm.KeepAway("tip", (0.2, 0.1, 0.0), 0.3, during=(0.4, 0.9)),
         tm.ToolSpeed("tip", 0.3, during=(0.4, 0.9)),
         tm.ToolAcceleration("tip", 0.7, during=(0.4, 0.9)),

@@ -357,14 +357,6 @@ class Transcription(ABC, Generic[M]):
     def states(self, motion: M, at: Instants, order: int) -> States:
         """States at instants, with derivatives of the positions up to an order."""
 
-    def rates(self, motion: M, at: Instants) -> Array:
-        """Time derivatives of the positions that :meth:`states` gives, shape (m, n).
-
-        They are the velocities where the defects of the dynamics are zero, and the
-        slopes of the polynomials between the nodes elsewhere.
-        """
-        return self.states(motion, at, 1).v
-
     @abstractmethod
     def pull_back(self, motion: M, at: Instants, partials: Partials) -> sp.csr_matrix:
         """Derivatives by the unknowns from derivatives by states, shape (k, size)."""

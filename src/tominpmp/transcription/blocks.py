@@ -20,8 +20,8 @@ from tominpmp.transcription.base import HullRows, Motion, Transcription
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Rates of velocities and accelerations are differences over this share of an interval.
-ASIDE = 1e-3
+# Rates of states are differences over this share of an interval.
+ASIDE = 1e-4
 # Positions that differ by no more than this are equal to rounding [rad or m].
 SAME_PLACE = 1e-12
 
@@ -158,26 +158,24 @@ class SampledRows:
         end = motion.h.sum() + self.scheme.delays[-1]
         due = np.concatenate([np.zeros(self.fixed.size, dtype=bool), self.kinks < end])
         pinned: BoolArray = due[partials.at]
-        if not pinned.any() or partials.by_q is None or partials.by_t is None:
+        if not pinned.any() or partials.by_t is None:
             return partials
-        rates = self.scheme.rates(motion, at)[partials.at]
-        shift = np.einsum("kj,kj->k", partials.by_q, rates)
-        if partials.by_v is not None or partials.by_a is not None:
-            # Rates of v and a are slopes of the polynomials between nodes, which may
-            # have defects.
-            of, order = self.scheme, self.constraint.order
-            early = np.clip(at.share - ASIDE, 0.0, 1.0)
-            late = np.clip(at.share + ASIDE, 0.0, 1.0)
-            before = of.states(motion, Instants(at.interval, early), order)
-            after = of.states(motion, Instants(at.interval, late), order)
-            span = ((late - early) * motion.h[at.interval])[:, None]
-            parts = partials.by_v, partials.by_a
-            changes = after.v - before.v, after.a - before.a
-            for part, change in zip(parts, changes, strict=True):
-                if part is not None:
-                    rate = (change / span)[partials.at]
-                    shift += np.einsum("kj,kj->k", part, rate)
-        return partials._replace(by_t=np.where(pinned, -shift, partials.by_t))
+        of, here = self.scheme, at[partials.at[pinned]]
+        early = np.clip(here.share - ASIDE, 0.0, 1.0)
+        late = np.clip(here.share + ASIDE, 0.0, 1.0)
+        before, after = (
+            of.states(motion, Instants(here.interval, share), self.constraint.order)
+            for share in (early, late)
+        )
+        span = ((late - early) * motion.h[here.interval])[:, None]
+        by_t: Array = np.where(pinned, 0.0, partials.by_t)
+        # Slopes of the polynomials between the nodes, which may have defects.
+        parts = partials[1:4], before[1:4], after[1:4]
+        for part, first, last in zip(*parts, strict=True):
+            if part is not None:
+                rate = (last - first) / span
+                by_t[pinned] -= np.einsum("kj,kj->k", part[pinned], rate)
+        return partials._replace(by_t=by_t)
 
     def informed(self, motion: Motion) -> SampledRows:
         """The block with the assumptions of its constraint taken from a motion."""

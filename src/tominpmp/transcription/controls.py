@@ -134,10 +134,6 @@ class TorqueTranscription(Transcription[SteppedMotion]):
             a = self.system.dynamics.forward(x, u)[:, n:]
         return States(at.times(motion.h), x[:, :n], x[:, n:], a, u)
 
-    def rates(self, motion: SteppedMotion, at: Instants) -> Array:
-        """Slopes of the polynomials: the velocities where the defects are zero."""
-        return motion.rates(at)[:, : self._n]
-
     def by_steps(
         self, motion: SteppedMotion, at: Instants, partials: Partials
     ) -> tuple[IntArray, Array]:

@@ -84,17 +84,6 @@ def stage_weights(share: Array) -> Array:
     return np.stack(parts, axis=1)
 
 
-def _stage_weights_by_share(share: Array) -> Array:
-    """Derivatives of :func:`stage_weights` by the share of the step, shape (m, 3).
-
-    Args:
-        share: Elapsed share of the step, from 0 to 1, shape (m,).
-    """
-    s, c = 2.0 * share, NODES[0]
-    parts = (s - c - 1.0) / c, (s - 1.0) / (c * (c - 1.0)), (s - c) / (1.0 - c)
-    return np.stack(parts, axis=1)
-
-
 def _solve_systems(matrix: Array, right: Array) -> Array:
     """Solutions of linear systems; NaN for all if a matrix is singular."""
     try:
@@ -241,16 +230,7 @@ class SteppedMotion:
     def states(self, at: Instants) -> Array:
         """States at instants, shape (m, 2n)."""
         step, share = self.steps(at)
-        return self._weighted(stage_weights(share), step)
-
-    def rates(self, at: Instants) -> Array:
-        """Time derivatives of the states at instants, shape (m, 2n)."""
-        step, share = self.steps(at)
-        by_share = self._weighted(_stage_weights_by_share(share), step)
-        return by_share * self.substeps / self.h[at.interval, None]
-
-    def _weighted(self, weights: Array, step: IntArray) -> Array:
-        """Weighted sums of start, inner stage and end of steps, shape (m, 2n)."""
+        weights = stage_weights(share)
         x = weights[:, :1] * self.ends[step] + weights[:, 2:] * self.ends[step + 1]
         if np.any(weights[:, 1]):
             x = x + weights[:, 1:2] * self.inner[step]
