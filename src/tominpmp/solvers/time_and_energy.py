@@ -77,16 +77,9 @@ class TimeAndEnergy(Objective):
     def energy(self, program: NonlinearProgram, z: Array) -> float:
         """The energy at an iterate, in the unit of its kind."""
         scheme, integrand = program.transcription, self.kind.integrand
-        motion = scheme.motion(z)
-        powers = [
-            integrand(_torques(part, states), states.v)
-            for part, _, states in _segments(scheme, motion)
-        ]
-        power = np.concatenate(powers).reshape(motion.h.size, -1)
-        moving = float(np.sum(power @ WEIGHTS * motion.h))
-        return moving + sum(
-            dwell * float(integrand(part.motors.torque(states), states.v)[0])
-            for dwell, part, _, states in _holding(scheme, motion)
+        return sum(
+            float(weight @ integrand(_torques(part, states), states.v))
+            for part, _, states, weight, _ in _pieces(scheme, scheme.motion(z))
         )
 
     def model(
@@ -140,30 +133,26 @@ class TimeAndEnergy(Objective):
         scheme, n = program.transcription, program.system.n
         exponent = 0.5 if self.kind.squared else 1.0
         motion = scheme.motion(z)
-        lengths = _lengths(scheme)
+        # Derivatives of the lengths of the intervals by the unknowns.
+        earlier = z.size - scheme.shares.shape[1]
+        lengths = sp.csr_matrix(np.pad(scheme.shares, [(0, 0), (earlier, 0)]))
         values, matrices = list[Array](), list[sp.csr_matrix]()
-        for part, at, states in _segments(scheme, motion):
-            interval = np.repeat(at.interval, n)
-            weight = np.repeat(np.tile(WEIGHTS, at.size // WEIGHTS.size), n)
-            size = (weight * motion.h[interval]) ** exponent
+        for part, at, states, weight, rate in _pieces(scheme, motion):
+            size, rates = np.repeat(weight, n) ** exponent, np.repeat(rate, n)
             found = self.kind.term(_torques(part, states), states.v)
             term, by_u, by_v = (each.ravel() for each in found)
-            direct = np.tile(np.eye(n), (at.size, 1)) * by_v[:, None]
             by = _by_states(part, states).times(by_u[:, None])
-            by = by._replace(by_v=direct if by.by_v is None else by.by_v + direct)
-            longer = sp.diags(exponent * size * term / motion.h[interval])
+            if np.any(rate):
+                direct = np.tile(np.eye(n), (at.size, 1)) * by_v[:, None]
+                by = by._replace(by_v=direct if by.by_v is None else by.by_v + direct)
+            else:
+                by = Partials(by.at, by.by_q)  # the arm is held at rest
+            longer = sp.diags(exponent * size * term * rates)
             values.append(size * term)
             matrices.append(
                 sp.diags(size) @ scheme.pull_back(motion, at, by)
-                + longer @ lengths[interval]
+                + longer @ lengths[np.repeat(at.interval, n)]
             )
-        for dwell, part, at, states in _holding(scheme, motion):
-            found = self.kind.term(part.motors.torque(states), states.v)
-            term, by_u, _ = (each[0] for each in found)
-            by = Partials(np.zeros(n, dtype=int), _by_states(part, states).by_q)
-            values.append(dwell**exponent * term)
-            held = sp.diags(dwell**exponent * by_u)
-            matrices.append(held @ scheme.pull_back(motion, at, by))
         return np.concatenate(values), sp.vstack(matrices, format="csr")
 
     def _pace_curvature(
@@ -199,35 +188,28 @@ class TimeAndEnergy(Objective):
         return sp.csr_matrix(np.array(roots))
 
 
-def _segments(
+def _pieces(
     scheme: Transcription[Any], motion: Motion
-) -> Iterator[tuple[ProblemFunctions, Instants, States]]:
-    """The functions of each segment, its Gauss points, and the states there."""
-    every = Instants.spread(scheme.intervals, SHARES)
-    for part, span in zip(scheme.system.segments, scheme.segments, strict=True):
+) -> Iterator[tuple[ProblemFunctions, Instants, States, Array, Array]]:
+    """The Gauss points of each segment, and the arm that is held during its dwell.
+
+    Yields:
+        The functions of the segment, the instants, the states there, their weights in
+        the integral over time [s], and the relative derivatives of the weights by the
+        lengths of their intervals [1/s]; these are zero during a dwell.
+    """
+    every, system = Instants.spread(scheme.intervals, SHARES), scheme.system
+    dwells = [segment.dwell for segment in system.problem.segments] or [0.0]
+    for part, span, dwell in zip(system.segments, scheme.segments, dwells, strict=True):
         at = every.within(*span)
-        yield part, at, scheme.states(motion, at, 2)
-
-
-def _holding(
-    scheme: Transcription[Any], motion: Motion
-) -> Iterator[tuple[float, ProblemFunctions, Instants, States]]:
-    """Dwells [s], with the instants and the states at which the arm is held."""
-    parts, segments = scheme.system.segments, scheme.system.problem.segments
-    for part, span, segment in zip(parts, scheme.segments, segments, strict=False):
-        if segment.dwell > 0.0:
+        h = motion.h[at.interval]
+        weight = np.tile(WEIGHTS, at.size // WEIGHTS.size) * h
+        yield part, at, scheme.states(motion, at, 2), weight, 1.0 / h
+        if dwell > 0.0:
             at = Instants.end(span[1])
             t, q, *_ = scheme.states(motion, at, 0)
-            yield segment.dwell, part, at, States(t, q, 0.0 * q, 0.0 * q)
-
-
-def _lengths(scheme: Transcription[Any]) -> sp.csr_matrix:
-    """Derivatives of the lengths of the intervals, shape (N, size)."""
-    N, m = scheme.shares.shape
-    begins = Instants.spread(N, (0.0,)).times(scheme.shares)
-    ends = Instants.spread(N, (1.0,)).times(scheme.shares)
-    fixed = sp.csr_matrix((N, scheme.size - m))
-    return sp.hstack([fixed, ends - begins], format="csr")
+            held = States(t, q, 0.0 * q, 0.0 * q)
+            yield part, at, held, np.array([dwell]), np.zeros(1)
 
 
 def _torques(part: ProblemFunctions, states: States) -> Array:
