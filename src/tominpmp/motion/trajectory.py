@@ -247,11 +247,7 @@ class Trajectory(TimedRows):
         q, v, a, u = map(np.array, state)
         v[outside] = a[outside] = 0.0
         rest = q[outside], v[outside], a[outside]
-        dynamics = self.inverse_dynamics or self.holding
-        u[outside] = np.nan if dynamics is None else dynamics(*rest)
-        for k, loaded in enumerate(self.segment_dynamics):
-            rows = np.flatnonzero(outside & (self.segment_at(times) == k))
-            u[rows] = loaded(q[rows], v[rows], a[rows])
+        u[outside] = self._torques(times[outside], *rest, held=True)
         return State(q, v, a, u)
 
     @cached_property
@@ -268,27 +264,24 @@ class Trajectory(TimedRows):
         u = self._torques(times, q, v, a)
         return State(q, v, a, np.where(node[:, None] < self.t.size - 1, u, self.u[-1]))
 
-    def _torques(self, times: Array, q: Array, v: Array, a: Array) -> Array:
-        """Torques by inverse dynamics, with dry friction against the directions."""
-        if not self.segment_dynamics:
-            return self._torques_of(self.inverse_dynamics, times, q, v, a)
-        out, segment = np.empty_like(q), self.segment_at(times)
+    def _torques(
+        self, times: Array, q: Array, v: Array, a: Array, *, held: bool = False
+    ) -> Array:
+        """Torques by inverse dynamics; dry friction helps to hold an arm at rest."""
+        every = self.segment_dynamics or (self.inverse_dynamics or self.holding,)
+        segment = np.minimum(self._segments_at(times), len(every) - 1)
+        out = np.full_like(q, np.nan)
         for k in np.unique(segment).tolist():
-            mask, dynamics = segment == k, self.segment_dynamics[k]
-            rows = (x[mask] for x in (times, q, v, a))
-            out[mask] = self._torques_of(dynamics, *rows)
+            mask, dynamics = segment == k, every[k]
+            rows = q[mask], v[mask], a[mask]
+            # The dynamics of a robot take the directions; other functions determine
+            # them from the velocity.
+            owner = None if held else getattr(dynamics, "__self__", None)
+            if isinstance(owner, RobotDynamics) and owner.friction is not None:
+                out[mask] = owner.inverse_along(*rows, self.turns.at(times[mask]))
+            elif dynamics is not None:
+                out[mask] = dynamics(*rows)
         return out
-
-    def _torques_of(self, dynamics: InverseDynamics | None, *rows: Array) -> Array:
-        """Torques by one function of inverse dynamics, from times, q, v and a."""
-        assert dynamics is not None  # noqa: S101
-        times, q, v, a = rows
-        # The dynamics of a robot take the directions; other functions determine them
-        # from the velocity.
-        owner = getattr(dynamics, "__self__", None)
-        if isinstance(owner, RobotDynamics) and owner.friction is not None:
-            return owner.inverse_along(q, v, a, self.turns.at(times))
-        return dynamics(q, v, a)
 
     @cached_property
     def turns(self) -> Turns:
@@ -330,7 +323,7 @@ class Trajectory(TimedRows):
             The samples, at 0, dt, 2 dt, ..., T.
 
         Raises:
-            ProblemError: If dt is not a positive time, or would give more than ten
+            ProblemError: If dt is not a positive time, or would give more than half a
                 million samples.
         """
         step = number(dt, "dt", "a positive time [s]", above=0.0)
