@@ -156,8 +156,6 @@ class Inspection:
         """Instants between the rows at which the constraint is violated."""
         if self.constraint.usable is None:
             return Instants.of_pairs(())
-        if self.constraint.order >= 3:
-            return self._violated_rates()
         if self.constraint.order >= 2:
             return self.violated_jumps()
         return self.worst_instants()
@@ -256,45 +254,31 @@ class Inspection:
         """Instants of violated values that may jump at the nodes: functions of torques.
 
         For each value and each part of an interval, the instant is the inspected
-        instant with the largest violation. Instants around the reversals of joints with
-        dry friction are inspected as well. Instants that have rows are left out.
+        instant with the largest violation; for rates it is a pair of instants. Instants
+        around the reversals of joints with dry friction are inspected as well. Instants
+        that have rows are left out.
         """
         constraint, tolerance = self.constraint, self.tolerance
         of, (first, end) = self.block.scheme, self.within
         found: set[tuple[int, float]] = set()
-        for shares in of.inspected:
+        rates = constraint.order >= 3
+        for shares in (RATES_INSPECTED,) if rates else of.inspected:
             at = Instants.spread(of.intervals, shares).within(first, end)
-            excess = self.excess(at).reshape(end - first, len(shares), -1)
+            places = np.reshape(shares, (-1, 1 + rates))
+            excess = self.excess(at).reshape(end - first, len(places), -1)
             worst, largest = np.argmax(excess, axis=1), np.max(excess, axis=1)
             if not np.any(largest > tolerance):
                 continue
             over = largest > (JOINING_SHARE if tolerance > 0.0 else 1.0) * tolerance
             for k, j in np.argwhere(over).tolist():
-                found.add((first + k, shares[worst[k, j]]))
+                found |= {(first + k, share) for share in places[worst[k, j]].tolist()}
         friction = of.system.friction
-        if isinstance(constraint, MotorLimit) and friction is not None:
+        if isinstance(constraint, MotorLimit) and not rates and friction is not None:
             at = self.around_reversals(friction > 0.0)
             if at.size:
                 over = np.any(self.excess(at) > tolerance, axis=1)
                 found.update(at[over].pairs)
         return Instants.of_pairs(sorted(found.difference(self.block.fixed.pairs)))
-
-    def _violated_rates(self) -> Instants:
-        """Pairs of instants between which rates exceed their limits.
-
-        For each interval and value, the pair with the largest excess; without
-        repetitions.
-        """
-        of, (first, end) = self.block.scheme, self.within
-        at = Instants.spread(of.intervals, RATES_INSPECTED).within(first, end)
-        excess = self.excess(at)
-        excess = excess.reshape(end - first, len(RATES_INSPECTED) // 2, -1)
-        worst = np.argmax(excess, axis=1)
-        interval, value = np.nonzero(np.max(excess, axis=1) > self.tolerance)
-        found = np.stack([interval, worst[interval, value]], axis=1)
-        interval, pair = np.unique(found, axis=0).T
-        shares = np.reshape(RATES_INSPECTED, (-1, 2))[pair]
-        return Instants(np.repeat(first + interval, 2), shares.ravel())
 
     def around_reversals(self, joints: BoolArray) -> Instants:
         """Instants before and after each reversal; joints may share a reversal.
