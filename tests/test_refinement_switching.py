@@ -231,6 +231,16 @@ def test_arc_lengths_of_a_rail_are_those_of_the_closed_form() -> None:
     np.testing.assert_allclose(found.arcs.lengths, np.sqrt(1 / 5.0), rtol=1e-9)
 
 
+def test_motion_of_arcs_is_the_same_at_every_call() -> None:
+    """Its weights of interpolation were summed in a random order."""
+    system = rail_system()
+    held = arcs([0.1, 0.12], [0.5, -0.4])
+    held.held[1], held.follows[1] = 1, True
+    program = ArcProgram(system, held, np.array([5, 5]))
+    motions = [program.trajectory(program.pack()) for _ in range(80)]
+    assert len({motion.q.tobytes() for motion in motions}) == 1
+
+
 def test_best_iterate_of_slsqp_is_used(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -206,9 +206,7 @@ class ArcProgram:
     def evaluate(self, z: Array, attention: float = np.inf) -> Array:
         """Row values."""
         shot = self.shoot(z)
-        if shot is None:
-            return -self.rows.not_integrated
-        return shot.rows.value
+        return -self.rows.not_integrated if shot is None else shot.rows.value
 
     def time_scale(self, z: Array, factor: float) -> Array:
         """Iterate with the same torques on longer arcs."""
@@ -234,7 +232,9 @@ class ArcProgram:
         # Collocation polynomials through the starts and the stages of the steps.
         known, ticks = np.append(0.0, NODES), np.arange(1, 2 * CUTS + 1) / (2 * CUTS)
         points = np.concatenate([motion.x[None, :-1], np.swapaxes(motion.stages, 0, 1)])
-        inside = BarycentricInterpolator(known, points)(ticks)
+        # SciPy would find these weights in a random order, with another rounding.
+        weights = 1.0 / np.prod(known[:, None] - known + np.eye(known.size), axis=1)
+        inside = BarycentricInterpolator(known, points, wi=weights)(ticks)
         middle = inside[CUTS // parts * (2 * part + 1) - 1, of]
         ends = inside[CUTS // parts * (2 * part + 2) - 1, of]
         held = differentiate_rates(system.dynamics, middle, u[of], self.modes[of])
