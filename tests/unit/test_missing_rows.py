@@ -158,3 +158,24 @@ def test_torque_rates_are_inspected_on_their_own_segment() -> None:
             joined = after.fixed.interval[before.fixed.size :]
             assert joined.size
             assert joined.min() >= of.segment_ends[0]
+
+
+def test_torque_rates_assume_no_directions_of_joints_with_dry_friction() -> None:
+    """Its jumps are left out of the rates; a joint that turned counted as a change."""
+    friction = np.array([0.2, 0.2])
+    arm = make_arm(rod(4.0, 0.6), rod(2.0, 0.5), effort=EFFORT, friction=friction)
+    limits = tm.MotionLimits(effort_rate=1e12)
+    problem = tm.Problem(arm, [0, 0], tm.JointGoal([0.9, 0.4]), motion_limits=limits)
+    system = ProblemFunctions.of(problem).without_self_collision
+    guess = straight_guess(system, problem.goal.configuration)
+    options = Options(intervals=6, control="linear")
+    program, z = first_program(system, options, guess)
+    blocks = {block.name: block for block in program.at(z).blocks}
+    assert blocks["torque"].constraint.motors.signs is not None
+    rates = blocks["torque rate"]
+    assert rates.constraint.motors.signs is None
+    # Too fast a motion to and fro, with torques far beyond their limits.
+    wild = z + 3.0 * np.random.default_rng(0).normal(size=z.size) * (program.cost == 0)
+    motion = program.transcription.motion(program.time_scale(wild, 0.2))
+    assert Inspection(blocks["torque"], motion).exchanged()[1]
+    assert not Inspection(rates, motion).exchanged()[1]

@@ -94,11 +94,6 @@ class MotorLimit(LimitOfJoints):
         return self.motors.friction is not None
 
     @property
-    def informed(self) -> bool:
-        """Whether the velocity signs are set, if they are needed."""
-        return not self.assumes or self.motors.signs is not None
-
-    @property
     def usable(self) -> Array:
         """Zero: torques and rates may not exceed their limits between the instants."""
         return np.zeros(self.count)
@@ -235,6 +230,7 @@ class TorqueRate(MotorLimit):
     limit: Array
 
     order = 3
+    assumes = False  # jumps of dry friction are left out
 
     def bounds(self, instants: int) -> tuple[Array, Array]:
         """Bounds -1 and 1 for each pair of instants."""

@@ -179,7 +179,7 @@ class SampledRows:
 
     def informed(self, motion: Motion) -> SampledRows:
         """The block with the assumptions of its constraint taken from a motion."""
-        if not isinstance(self.constraint, MotorLimit) or self.constraint.informed:
+        if not isinstance(self.constraint, MotorLimit) or self.constraint.motors.signs:
             return self
         return replace(self, constraint=self.assumed(motion, self.fixed))
 
