@@ -74,8 +74,11 @@ class QuietTorques(Objective):
         scheme, speeds = nlp.transcription, mean_speeds(nlp, z)
         norm = _norm(speeds.at(z)) / np.sqrt(SPEED_WEIGHT)
         speeds = Variation(speeds.matrix / norm, speeds.offset / norm)
-        apart, sequence = np.diff(scheme.sequence_times(z)), scheme.torque_sequence
-        weights = np.sqrt(apart.mean() / apart)
+        sequence, h = scheme.torque_sequence, scheme.motion(z).h
+        times = Instants.spread(h.size, (0.5,)).times(h)
+        if sequence is not None:
+            times = sequence @ scheme.instants(2, "u").times(h)
+        weights = np.sqrt(np.diff(times).mean() / np.diff(times))
         if sequence is None:  # torques are unknowns
             jumps = scheme.variation(z).matrix
             each = np.repeat(weights, jumps.shape[0] // weights.size)

@@ -379,11 +379,6 @@ class Transcription(ABC, Generic[M]):
         """
         return None
 
-    def sequence_times(self, z: Array) -> Array:
-        """Times of the torque sequence as shares of T: the middles of intervals."""
-        t = np.concatenate([[0.0], np.cumsum(self.motion(z).h)])
-        return np.asarray(0.5 * (t[1:] + t[:-1]) / t[-1])
-
     def hull(
         self, limit: JointLimit, name: str, within: tuple[int, int] | None = None
     ) -> HullRows[M] | None:

@@ -445,12 +445,6 @@ class BSplineTranscription(Transcription[SplineMotion]):
         """Identity: torques at nodes and middles, in the order of their rows."""
         return sp.csr_matrix(sp.identity(self._torque_instants.size))
 
-    def sequence_times(self, z: Array) -> Array:
-        """Times of the torque sequence as shares of T: nodes and middles."""
-        h = self.motion(z).h
-        times = self.torque_sequence @ self._torque_instants.times(h)
-        return np.asarray(times / h.sum())
-
     def time_scale(self, z: Array, factor: float) -> Array:
         """The same control points with longer durations."""
         out = z.copy()
