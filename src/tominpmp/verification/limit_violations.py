@@ -152,10 +152,10 @@ def limit_violations(
 ) -> list[LimitViolation]:
     """The worst violation of each kind of limit along a replay.
 
-    Torques are compared with their limits on both sides of every jump: the rows of the
-    replay, which hold the values just after a jump, are followed by rows with the
-    values just before each jump, and these by the mean torques of pieces so short that
-    they have no rows inside.
+    Torques are compared with their limits on both sides of every jump: a row of the
+    replay at the end of a piece of torque stands for two rows, with the torques just
+    before and just after the jump. These rows are followed by the mean torques of
+    pieces so short that they have no rows inside.
 
     Args:
         problem: The problem, with the limits and constraints.
@@ -170,12 +170,13 @@ def limit_violations(
     robot = problem.robot
     limits = joint_limits(robot, problem.motion_limits)
     known = torque.t[1:] <= replay.t[-1]
-    # Rows of the replay at the ends of the pieces of torque.
+    begins = np.searchsorted(replay.t, torque.t[:-1][known])
     ends: IntArray = np.searchsorted(replay.t, torque.t[1:][known])
-    rows: IntArray = np.concatenate([np.arange(replay.t.size), ends])
-    t, q, v = replay.t[rows], replay.q[rows], replay.v[rows]
-    u = np.concatenate([replay.u, torque.ends()[known, 1]])
-    directions, a = _directions(robot, replay, v, ends), np.zeros((1, 0, 0))
+    rows = np.sort(np.concatenate([np.arange(replay.t.size), ends]))
+    before = np.append(rows[1:] == rows[:-1], False)
+    t, q, v, u = (each[rows] for each in (replay.t, replay.q, replay.v, replay.u))
+    u[before] = torque.ends()[known, 1]
+    directions, a = _directions(robot, replay, v, rows - before), np.zeros((1, 0, 0))
     dynamics = RobotDynamics(robot)
     accelerated = any(item.kind.quantity in ("a", "j") for item in limits)
     if accelerated or any(item.order > 1 for item in problem.ready_constraints):
@@ -183,7 +184,6 @@ def limit_violations(
     # Pieces of a millisecond or less have no rows inside. Torques that rise and fall
     # within them count by their means: the peaks depend more on the interpolation of a
     # motion file than on the motion.
-    begins = np.searchsorted(replay.t, torque.t[:-1][known])
     short = np.flatnonzero(ends - begins == 1)
     inside = 0.5 * (torque.t[short] + torque.t[short + 1])
     between = np.transpose([np.interp(inside, replay.t, x) for x in replay.v.T])
@@ -197,15 +197,14 @@ def limit_violations(
         """
         if item.kind.quantity == "j":
             rounding = ROUNDING * np.max(np.abs(q), axis=0)
-            return _rates(replay.t, ends, a[0], item.upper, outside, rounding=rounding)
+            return _rates(t, a[0], item.upper, outside, 0.0 * directions, rounding)
         if item.kind.quantity == "du":
-            both = [0, replay.t.size - 1]
+            both = [0, -1]
             state = q[both], v[both], u[both], directions[0, both]
             # Only accelerations jump there, not the direction of friction.
             jumps = outside - dynamics.forward_along(*state)
             beyond = u[both] + (dynamics.mass(q[both]) @ jumps[..., None])[..., 0]
-            friction = robot.friction * directions
-            return _rates(replay.t, ends, u, item.upper, beyond, friction)
+            return _rates(t, u, item.upper, beyond, robot.friction * directions)
         if item.kind.quantity in ("u", "uv"):
             return np.append(t, inside), item.beyond(q, speeds, a[0], torques)
         return t, np.min([item.beyond(q, v, accel, u) for accel in a], axis=0)
@@ -232,32 +231,37 @@ def limit_violations(
     return [worst for item in every for worst in item.worst(tolerance)]
 
 
-def _directions(robot: Robot, replay: Replay, v: Array, ends: IntArray) -> Array:
-    """Possible directions of motion of the joints at the rows, for dry friction.
+def _directions(robot: Robot, replay: Replay, v: Array, interval: IntArray) -> Array:
+    """Possible directions of motion of the joints at rows, for dry friction.
 
     Joints of a replay stop, reverse and start a little early or late. The direction of
     a slow joint may be its direction until the next row (or since the row before, at
     the end of a piece of torque), or its direction one row earlier or later.
 
+    Args:
+        robot: The robot.
+        replay: The motion.
+        v: Velocities at the rows, shape (m, n).
+        interval: Index of the interval between two rows of the replay to which each row
+            belongs, shape (m,).
+
     Returns:
-        The three possible directions, shape (3, m + P, n); zero, shape (1, m + P, n),
-        without dry friction.
+        The three possible directions, shape (3, m, n); zero, shape (1, m, n), without
+        dry friction.
     """
     count = len(replay.way)
     if not (count and np.any(robot.friction)):
         return np.zeros((1, *v.shape))
-    rows = np.concatenate([np.arange(count + 1), ends - 1])
-    adjacent = np.clip(rows + np.array([[0], [-1], [1]]), 0, count - 1)
+    adjacent = np.clip(interval + np.array([[0], [-1], [1]]), 0, count - 1)
     return np.where(np.abs(v) > SLOW, np.sign(v), replay.way[adjacent])
 
 
 def _rates(
     t: Array,
-    ends: IntArray,
     values: Array,
     limit: Array,
     outside: Array,
-    friction: Array | None = None,
+    friction: Array,
     rounding: Array | float = 0.0,
 ) -> tuple[Array, Array]:
     """Excesses of jerks or torque rates; a jump counts as if it took a time step.
@@ -265,36 +269,27 @@ def _rates(
     The time step is the largest between two rows, a millisecond at most.
 
     Args:
-        t: Times of the replay [s], shape (m,).
-        ends: Indices of the times at which the values may jump, shape (P,).
-        values: Accelerations or torques at the rows, shape (m + P, n).
+        t: Times of the rows [s], shape (m,), with two equal times at a jump.
+        values: Accelerations or torques at the rows, shape (m, n).
         limit: The largest rates, shape (n,).
         outside: Values just before the first row and just after the last one, shape
             (2, n); NaN where they are not known.
-        friction: Possible torques of dry friction, shape (k, m + P, n): their jumps
-            where a joint reverses are allowed, as no motor can follow them.
+        friction: Possible torques of dry friction, shape (k, m, n): their jumps where a
+            joint reverses are allowed, as no motor can follow them.
         rounding: Rounding error of the second integrals of the values, shape (n,).
 
     Returns:
         Times, and excesses over the limit.
     """
-
-    def sides(values: Array) -> tuple[Array, Array]:
-        before, after = values[: t.size].copy(), values[: t.size].copy()
-        before[ends] = values[t.size :]
-        return before, after
-
-    before, after = sides(values)
-    before[0] = np.where(np.isnan(outside[0]), before[0], outside[0])
-    after[-1] = np.where(np.isnan(outside[1]), after[-1], outside[1])
-    dt = np.diff(t)[:, None]
-    step = min(TIME_STEP, np.max(dt, initial=0.0) or TIME_STEP)
-    steps = np.maximum(np.abs(before[1:] - after[:-1]) - rounding / dt**2, 0.0) / dt
-    jumps = after - before
-    if friction is not None:
-        (low, later), (high, latest) = map(sides, (friction.min(0), friction.max(0)))
-        jumps -= np.clip(
-            jumps, np.minimum(later - high, 0.0), np.maximum(latest - low, 0.0)
-        )
-    excess = np.concatenate([steps, np.abs(jumps) / step]) - limit
-    return np.concatenate([t[:-1], t]), excess
+    outside = np.where(np.isnan(outside), values[[0, -1]], outside)
+    changes = np.diff(values, axis=0, prepend=outside[:1], append=outside[1:])
+    dt = np.diff(t, prepend=t[0], append=t[-1])[:, None]
+    jump, step = dt == 0.0, min(TIME_STEP, np.max(dt) or TIME_STEP)
+    torques = np.pad(friction, ((0, 0), (1, 1), (0, 0)), mode="edge")
+    least, most = torques.min(axis=0), torques.max(axis=0)
+    low = np.minimum(least[1:] - most[:-1], 0.0)
+    high = np.maximum(most[1:] - least[:-1], 0.0)
+    changes -= np.where(jump, np.clip(changes, low, high), 0.0)
+    dt, rounding = np.where(jump, step, dt), np.where(jump, 0.0, rounding)
+    rates = np.maximum(np.abs(changes) - rounding / dt**2, 0.0) / dt
+    return np.append(t[:1], t), rates - limit
