@@ -10,6 +10,7 @@ import pytest
 import tominpmp as tm
 from tests.sample_arms import make_arm, rod, slide
 from tominpmp.certificate.dwells import without_dwells
+from tominpmp.dynamics import RobotDynamics
 
 OPTIONS = {"intervals": 40, "control": "constant"}
 
@@ -138,3 +139,19 @@ def test_torques_after_a_long_dwell_are_those_of_the_next_segment():
     _, moving = without_dwells(problem, motion)
     np.testing.assert_allclose(moving.t, [0.0, 0.1, 0.2, 0.3, 0.4], atol=1e-12)
     assert moving.u[:, 0].tolist() == [10.0, -10.0, 8.0, -8.0, -8.0]
+
+
+def test_torques_before_a_dwell_at_the_end_are_those_of_the_motion():
+    """Regression: the last torques were the holding torques of the dwell."""
+    problem = on_rail(at(0.1), at(0.2, dwell=0.2))
+    t = np.linspace(0.0, 0.4, 5)
+    q = np.array([0.0, 0.1, 0.2, 0.2, 0.2])[:, None]
+    v = np.array([0.0, 1.0, 0.0, 0.0, 0.0])[:, None]
+    names, ends = problem.robot.joint_names, np.array([0.1, 0.4])
+    dynamics = RobotDynamics(problem.robot).inverse
+    motion = tm.Trajectory(names, t, q, v, 0.0 * q, segment_ends=ends)
+    motion = motion.with_torques(dynamics, (dynamics, dynamics))
+    _, moving = without_dwells(problem, motion)
+    _, last = moving.u[-2:]
+    np.testing.assert_allclose(last, moving(np.nextafter(moving.t[-1:], 0.0)).u[0])
+    assert last < -1.0

@@ -18,7 +18,8 @@ from tominpmp.certificate.motion import GridMotion
 from tominpmp.exceptions import ProblemError
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
-from tominpmp.problem.segments import spans_of
+from tominpmp.problem.segments import segments_of, spans_of
+from tominpmp.problem.sequence import joined
 
 # Tolerance between a node and a time, as a share of the duration.
 SAME = 1e-9
@@ -62,29 +63,21 @@ def without_dwells(problem: Problem, motion: Trajectory) -> tuple[Problem, Traje
     dwells = ends - arrivals
     if motion.segment_ends is None or not any(dwells):
         return problem, motion
-    slack = SAME * motion.duration
-    times = motion.t[:, None]
-    dwelling = (times > arrivals + slack) & (times <= ends + slack)
-    keep = ~np.any(dwelling, axis=1)
-    t = motion.t - (times >= ends - slack) @ dwells
-    shifted = ends - np.cumsum(dwells)
-    dwelt = np.stack([arrivals, ends])[:, dwells > 0.0] - slack
-    last, after = np.searchsorted(motion.t, dwelt)
-    u, a = np.array(motion.u), motion.a
-    u[last] = motion.u[after]
-    if a is not None:
-        # The interval before a node that is left out goes with it.
-        a = a[keep] if len(a) == t.size else a[keep[1:]]
-    t = t[keep]
-    if t[-1] and (reason := no_certificate(problem)):
+    # Each segment is split where its dwell begins, and the dwells are left out.
+    nodes = np.ravel([arrivals, ends], order="F") - SAME * motion.duration
+    split = replace(
+        motion,
+        segment_ends=motion.t[np.searchsorted(motion.t, nodes)],
+        segment_dynamics=tuple(x for x in motion.segment_dynamics for _ in range(2)),
+    )
+    parts = [item.trajectory for item in segments_of(split, ())[::2]]
+    moving = joined(parts, [0.0] * (len(parts) + 1))
+    if moving.duration and (reason := no_certificate(problem)):
         raise ProblemError(
             "segments: the motion dwells while obstacles move, expected no dwell: "
             f"{reason}",
             "segments",
         )
-    ends = t[np.argmin(np.abs(t[:, None] - shifted), axis=0)]
-    q, v, u = motion.q[keep], motion.v[keep], u[keep]
-    moving = replace(motion, t=t, q=q, v=v, u=u, a=a, segment_ends=ends)
     return with_dwells(problem, dwells.tolist()), moving
 
 
