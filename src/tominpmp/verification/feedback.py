@@ -127,13 +127,10 @@ class Tracking(Integration):
         robot = stages[0].problem.robot
 
         def curve(times: Array) -> Array:
-            state = trajectory(times)
-            return np.concatenate([state.u, state.q, state.v], axis=1)
+            q, v, a, u = trajectory(times)
+            return np.concatenate([u, q, v, v, a], axis=1)
 
         pieces = Pieces.of(curve, torque_breaks(trajectory, robot.friction))
-        rates = pieces.derivatives()[:, robot.n :]
-        both = np.concatenate([pieces.coefficients, rates], axis=1)
-        pieces = replace(pieces, coefficients=both)
         self._stages, self._rate = stages, rate
         plants = [TrackingPlant(stage.problem.robot, rate) for stage in stages]
         super().__init__(plants, trajectory, pieces, integrator)

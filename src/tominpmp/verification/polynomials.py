@@ -100,13 +100,6 @@ class Pieces:
         weights = np.where(power % 2 == 0, 1.0 / (power + 1.0), 0.0)
         return np.asarray(self.coefficients[: self.count] @ weights)
 
-    def derivatives(self) -> Array:
-        """Coefficients of the derivatives with respect to time, shape (P, n, K)."""
-        order = np.arange(1.0, self.coefficients.shape[2])
-        out = np.zeros_like(self.coefficients)
-        out[:, :, :-1] = order * self.coefficients[:, :, 1:]
-        return out * (2.0 / np.diff(self.t))[:, None, None]
-
     def on(self, piece: int | IntArray, times: Array) -> Array:
         """Values of pieces at times of shape (m,), ends of the pieces included.
 
