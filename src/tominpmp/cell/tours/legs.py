@@ -26,6 +26,7 @@ from tominpmp.cell.tours.station import Rules, Station, label_of
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.joints import JointGoal
+from tominpmp.initial_guess.timing import between_velocities
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.planner.conclusion import without_search
@@ -246,30 +247,26 @@ def direct_motion(problem: Problem) -> Trajectory | None:
     limits, goal = problem.motion_limits, problem.goal.configuration
     if goal is None or problem.segments or (limits is not None and limits.continuous):
         return None
-    times, displacement = JointTimes.of(problem), goal - problem.q_start
-    distance = np.abs(displacement)
+    times, distance = JointTimes.of(problem), np.abs(goal - problem.q_start)
     moves = distance > ZERO_LENGTH
     T = float(times.between(problem.q_start, goal))
     sudden = moves & ~np.isfinite(times.acceleration)
     if not np.any(moves) or np.any(sudden) or not 0.0 < T < np.inf:
         return None
     # Longest ramp of each joint, at most half of T, for the least acceleration.
-    ramp = np.minimum(T - distance / times.velocity, 0.5 * T)
+    ramp, top = np.minimum(T - distance / times.velocity, 0.5 * T), times.velocity
     alike = float(np.min(ramp))
     if np.all(distance <= alike * (T - alike) * times.acceleration * (1.0 + 1e-9)):
         # With equal ramps the path is a straight line.
-        ramp = np.full_like(distance, alike)
+        ramp, top = np.full_like(distance, alike), distance / (T - alike)
     t = np.unique(np.concatenate([[0.0, T], ramp, T - ramp]))
     t = t[np.append(True, np.diff(t) > SAME * T)]
     t[-1] = T
-    speed = displacement / (T - ramp)
-    middle, dt = 0.5 * (t[1:] + t[:-1])[:, None], np.diff(t)[:, None]
-    a = np.where(middle < ramp, 1.0, np.where(middle > T - ramp, -1.0, 0.0))
-    a = a * speed / ramp
-    q, v = np.tile(problem.q_start, (t.size, 1)), np.zeros((t.size, displacement.size))
-    v[1:-1] = np.cumsum(a * dt, axis=0)[:-1]
-    q[1:] += np.cumsum((v[:-1] + 0.5 * a * dt) * dt, axis=0)
-    q[-1] = goal
+    rest = np.zeros_like(goal)
+    ends = problem.q_start, rest, goal, rest
+    _, q, v, *_ = between_velocities(ends, top, T, t)
+    a = between_velocities(ends, top, T, 0.5 * (t[1:] + t[:-1])).a
+    q[-1], v[-1] = goal, rest
     motion = Trajectory(problem.robot.joint_names, t, q, v, np.zeros_like(q), a=a)
     return motion.with_torques(RobotDynamics(problem.robot).inverse)
 
