@@ -114,12 +114,11 @@ def _clause(stage: Stage, motion: Trajectory, item: LimitViolation) -> str:
     first, last = motion(np.array([stage.begin, stage.end]), 0)
     middle, half = (part[i] for part in effort_range(robot, limits))
     low, high = middle - half, middle + half
-    travel, friction = float(last[i] - first[i]), float(robot.friction[i])
+    friction, way, rest = robot.friction[i], np.sign(last - first), 0.0 * first
     # Breakaway torque: gravity and friction against the direction of travel.
-    rest = np.zeros((1, robot.n))
-    leaving = float(RobotDynamics(robot).inverse(first[None], rest, rest)[0, i])
-    needed = leaving + float(np.sign(travel)) * friction
-    if travel != 0.0 and friction != 0.0 and not low < needed < high:
+    state = (row[None] for row in (first, rest, rest, way))
+    needed = RobotDynamics(robot).inverse_along(*state)[0, i]
+    if way[i] != 0.0 and friction != 0.0 and not low < needed < high:
         return (
             f"joint {item.name} cannot overcome its dry friction of "
             f"{friction:.3g} {item.unit}: {needed:.3g} {item.unit} needed to "

@@ -53,14 +53,10 @@ class Plant:
         self.robot = robot
         self.dynamics = RobotDynamics(robot, dry=False)
         self.dry: BoolArray = robot.friction > 0.0
-        self.way = np.zeros(robot.n)
         self.still = STILL
         self._held = np.zeros(robot.n, dtype=bool)
         self._holds = False
         self._n = robot.n
-        self._exponents = np.zeros(0)
-        self._given = self.coefficients = np.zeros((robot.n, 0))
-        self.begin, self.rate = 0.0, 1.0
 
     def load(self, begin: float, end: float, coefficients: Array) -> None:
         """Replace the torque by the polynomial of another piece.
