@@ -155,3 +155,17 @@ def test_torques_before_a_dwell_at_the_end_are_those_of_the_motion():
     _, last = moving.u[-2:]
     np.testing.assert_allclose(last, moving(np.nextafter(moving.t[-1:], 0.0)).u[0])
     assert last < -1.0
+
+
+def test_motion_with_too_short_a_dwell_keeps_its_moving_parts():
+    """Regression: nodes within the wanted dwell were left out, where the arm moved."""
+    problem = on_rail(at(0.1, dwell=0.25), at(0.2))
+    t = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
+    q = np.array([0.0, 0.05, 0.1, 0.1, 0.1, 0.15, 0.2])[:, None]
+    v = np.array([0.0, 0.5, 0.0, 0.0, 0.0, 0.5, 0.0])[:, None]
+    names, ends = problem.robot.joint_names, np.array([0.4, 0.6])
+    motion = tm.Trajectory(names, t, q, v, 0.0 * q, segment_ends=ends)
+    changed, moving = without_dwells(problem, motion)
+    assert moving.q[:, 0].tolist() == [0.0, 0.05, 0.1, 0.15, 0.2]
+    np.testing.assert_allclose(moving.t, [0.0, 0.1, 0.2, 0.3, 0.4])
+    assert [segment.dwell for segment in changed.segments] == pytest.approx([0.2, 0.0])

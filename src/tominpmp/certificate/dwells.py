@@ -60,17 +60,16 @@ def without_dwells(problem: Problem, motion: Trajectory) -> tuple[Problem, Traje
             obstacles move.
     """
     _, arrivals, ends = np.array(spans_of(motion, problem.segments)).T
-    dwells = ends - arrivals
+    # Each segment is split at the node where its dwell begins, and the dwells are left
+    # out.
+    split = np.ravel([arrivals, ends], order="F") - SAME * motion.duration
+    nodes = motion.t[np.searchsorted(motion.t, split)]
+    dwells = nodes[1::2] - nodes[::2]
     if motion.segment_ends is None or not any(dwells):
         return problem, motion
-    # Each segment is split where its dwell begins, and the dwells are left out.
-    nodes = np.ravel([arrivals, ends], order="F") - SAME * motion.duration
-    split = replace(
-        motion,
-        segment_ends=motion.t[np.searchsorted(motion.t, nodes)],
-        segment_dynamics=tuple(x for x in motion.segment_dynamics for _ in range(2)),
-    )
-    parts = [item.trajectory for item in segments_of(split, ())[::2]]
+    dynamics = tuple(item for item in motion.segment_dynamics for _ in range(2))
+    halves = replace(motion, segment_ends=nodes, segment_dynamics=dynamics)
+    parts = [item.trajectory for item in segments_of(halves, ())[::2]]
     moving = joined(parts, [0.0] * (len(parts) + 1))
     if moving.duration and (reason := no_certificate(problem)):
         raise ProblemError(
