@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import expm
@@ -27,9 +26,6 @@ from tominpmp.verification.limit_violations import Excesses, LimitViolation
 from tominpmp.verification.plant import Plant
 from tominpmp.verification.polynomials import Pieces
 from tominpmp.verification.replay import RTOL, Integration, Integrator, Replay
-
-if TYPE_CHECKING:
-    from tominpmp.verification.stages import Stage
 
 # Rate of the feedback as a multiple of the growth rate of errors, and its least value
 # [1/s].
@@ -102,7 +98,7 @@ class Tracking(Integration):
     """Integration of the torques of a trajectory with feedback.
 
     Args:
-        stages: The segments of the motion, with their robots.
+        plants: The robots of the segments.
         trajectory: The planned motion.
         rate: Rate of the feedback [1/s].
         integrator: Name of the integrator; None for LSODA.
@@ -119,31 +115,29 @@ class Tracking(Integration):
 
     def __init__(
         self,
-        stages: Sequence[Stage],
+        plants: Sequence[Plant],
         trajectory: Trajectory,
         rate: float,
         integrator: Integrator | None,
     ) -> None:
-        robot = stages[0].problem.robot
-
         def curve(times: Array) -> Array:
             q, v, a, u = trajectory(times)
             return np.concatenate([u, q, v, v, a], axis=1)
 
-        pieces = Pieces.of(curve, torque_breaks(trajectory, robot.friction))
-        self._stages, self._rate = stages, rate
-        plants = [TrackingPlant(stage.problem.robot, rate) for stage in stages]
-        super().__init__(plants, trajectory, pieces, integrator)
+        robots, self._rate = [plant.robot for plant in plants], rate
+        pieces = Pieces.of(curve, torque_breaks(trajectory, robots[0].friction))
+        tracking = [TrackingPlant(robot, rate) for robot in robots]
+        super().__init__(tracking, trajectory, pieces, integrator)
 
     def run(self, start: Array) -> Replay:
         """Integrate from a state of shape (2n,) to the end; u includes the feedback."""
         out, n = super().run(start), start.size // 2
-        plan = self.pieces(out.t)[:, n : 3 * n]
+        plan, segment = out.u[:, n : 3 * n], self._trajectory.segment_at(out.t)
         added = _correction(np.hstack([out.q, out.v]) - plan, self._rate)
         self.feedback = np.zeros_like(added)
-        for plant, stage in zip(self.plants, self._stages, strict=True):
+        for k, plant in enumerate(self.plants):
             check()
-            rows = (out.t >= stage.begin) & (out.t <= stage.end)
+            rows = segment == k
             self.feedback[rows] = plant.dynamics.inertial(out.q[rows], added[rows])
         return replace(out, u=out.u[:, :n] + self.feedback)
 
@@ -170,11 +164,11 @@ class Tracking(Integration):
         return rows + plan[1 : 1 + len(rows)], way
 
 
-def amplification(stages: Sequence[Stage], trajectory: Trajectory) -> float:
+def amplification(plants: Sequence[Plant], trajectory: Trajectory) -> float:
     """Largest amplification of a small error along a motion, to first order.
 
     Args:
-        stages: Segments of the motion, with their robots.
+        plants: The robots of the segments of the motion.
         trajectory: The motion.
 
     Returns:
@@ -186,11 +180,11 @@ def amplification(stages: Sequence[Stage], trajectory: Trajectory) -> float:
     times = 0.5 * (t[1:] + t[:-1])
     middle = trajectory(times)
     states = np.concatenate([middle.q, middle.v], axis=1)
-    slopes = np.zeros((times.size, 2 * n, 2 * n))
-    for stage in stages:
-        rows = (times >= stage.begin) & (times <= stage.end)
-        dynamics = Plant(stage.problem.robot).dynamics
-        slopes[rows] = dynamics.forward_jacobians(states[rows], middle.u[rows]).f_x
+    slopes, segment = np.zeros((times.size, 2 * n, 2 * n)), trajectory.segment_at(times)
+    for k, plant in enumerate(plants):
+        rows = segment == k
+        found = plant.dynamics.forward_jacobians(states[rows], middle.u[rows])
+        slopes[rows] = found.f_x
     scale = np.concatenate([np.ones(n), np.full(n, 0.1)])
     largest, from_start = 1.0, np.eye(2 * n)
     with np.errstate(all="ignore"):

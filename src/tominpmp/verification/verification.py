@@ -193,7 +193,7 @@ def verify(
     args = plants, trajectory, torque, integrator
     integration = Integration(*args)
     start, checkers = problem.x_start, _checkers(stages, checker, geometry)
-    growth, goal = amplification(stages, trajectory), tolerances.goal
+    growth, goal = amplification(plants, trajectory), tolerances.goal
     findings, feedback, defect, accepted = None, None, None, False
     if not errors_matter(growth, goal, ROUNDING, share=1.0):
         open_loop = integration.run(start)
@@ -205,7 +205,7 @@ def verify(
         )
     rate = None if accepted else feedback_rate(growth, trajectory.duration, goal)
     if rate is not None:
-        tracking = Tracking(stages, trajectory, rate, integrator)
+        tracking = Tracking(plants, trajectory, rate, integrator)
         tracked = tracking.run(start)
         feedback = frozen_array(np.max(np.abs(tracking.feedback), axis=0))
         findings = judge(stages, tracked, torque, tolerances, checkers)
