@@ -28,8 +28,10 @@ from tominpmp.problem.segments import Segment
 from tominpmp.robot.robot import Robot, load_robot
 from tominpmp.scene.obstacles import Sphere
 from tominpmp.scene.scene import Scene
+from tominpmp.verification.limit_violations import limit_violations
 from tominpmp.verification.plant import Plant
 from tominpmp.verification.polynomials import Pieces
+from tominpmp.verification.replay import planned, torque_pieces
 from tominpmp.verification.verification import verify
 
 RAIL_TIME = 2.0 / np.sqrt(PUSH)
@@ -390,6 +392,20 @@ def test_motion_limits_are_checked() -> None:
     only_scale = MotionLimits(effort_scale=0.9)
     found = verify(replace(rail_problem(), motion_limits=only_scale), rail_motion())
     assert found.worst["effort"].amount == pytest.approx(0.1 * FORCE)
+
+
+def test_steady_feedback_is_no_rate_of_the_torques() -> None:
+    """Regression: torques before a node lacked the feedback of a replay: it seemed to
+    jump at each node.
+    """
+    limits = MotionLimits(effort_rate=12.0)
+    problem = replace(rail_problem(), motion_limits=limits)
+    motion = accelerating(1.0, 0.0)
+    torque, replayed = torque_pieces(problem.robot, motion), planned(motion)
+    fed, unknown = replace(replayed, u=replayed.u + 0.05), np.full((2, 1), np.nan)
+    found = limit_violations(problem, fed, torque, 0.0, unknown)
+    (rate,) = (item for item in found if item.kind == "effort rate")
+    assert rate.amount == pytest.approx(-12.0)
 
 
 SMOOTH = {"jerk": MotionLimits(jerk=6.0), "effort rate": MotionLimits(effort_rate=12.0)}

@@ -175,7 +175,8 @@ def limit_violations(
     rows = np.sort(np.concatenate([np.arange(replay.t.size), ends]))
     before = np.append(rows[1:] == rows[:-1], False)
     t, q, v, u = (each[rows] for each in (replay.t, replay.q, replay.v, replay.u))
-    u[before] = torque.ends()[known, 1]
+    # A feedback, which the torques of the replay include, does not jump.
+    u[before] += torque.ends()[known, 1] - torque(t[before])
     directions, a = _directions(robot, replay, v, rows - before), np.zeros((1, 0, 0))
     dynamics = RobotDynamics(robot)
     accelerated = any(item.kind.quantity in ("a", "j") for item in limits)

@@ -105,7 +105,7 @@ class Stage:
             u = RobotDynamics(self.problem.robot).inverse(rows.q, rows.v, 0.0 * rows.v)
         elif complete:
             # The row of a node has the torque just after it, on the next segment.
-            u[-1] = pieces.ends()[-1, 1]
+            u[-1] += pieces.ends()[-1, 1] - torque(rows.t[-1:])[0]
         return replace(rows, u=u, complete=complete), pieces
 
 
