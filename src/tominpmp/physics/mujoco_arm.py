@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from tominpmp.arrays import Array
 from tominpmp.collision.placements import JointPlacements
 from tominpmp.description.mjcf import imported_mujoco
+from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError
 from tominpmp.robot.robot import Robot
 
@@ -128,15 +129,6 @@ class MujocoArm:
         self.mujoco.mj_inverse(self.model, self.data)
         return np.array(self.data.qfrc_inverse[self._order])
 
-    def masses(self, q: Array) -> Array:
-        """Diagonal of the mass matrix at a configuration, shape (n,) [kg m^2 or kg]."""
-        self.set_state(q, np.zeros(self.robot.n))
-        self.mujoco.mj_forward(self.model, self.data)
-        full = np.zeros((self.robot.n, self.robot.n))
-        for row, unit in zip(full, np.eye(self.robot.n), strict=True):
-            self.mujoco.mj_mulM(self.model, self.data, row, unit)
-        return np.array(np.diag(full)[self._order])
-
     def gains(self, q: Array, bandwidth: float) -> tuple[Array, Array]:
         """Gains of position and velocity for a bandwidth of the feedback.
 
@@ -148,14 +140,14 @@ class MujocoArm:
         Returns:
             Stiffnesses and dampings, shape (n,) each.
         """
-        masses = np.array([self.masses(row) for row in q]).max(axis=0)
+        masses = _masses(self.robot, q).max(axis=0)
         return bandwidth**2 * masses, 2.0 * bandwidth * masses
 
     def choose_integrator(self, step: float, q: Array) -> str:
         """Choose Runge-Kutta 4, or implicit if friction is stiff; return its name."""
         kinds = self.mujoco.mjtIntegrator
         damping = self.model.dof_damping[self._order]
-        stiff = np.any(damping * step > STIFF * self.masses(q))
+        stiff = np.any(damping * step > STIFF * _masses(self.robot, q[None]))
         chosen = kinds.mjINT_IMPLICITFAST if stiff else kinds.mjINT_RK4
         self.model.opt.integrator = chosen
         return "implicit" if stiff else "Runge-Kutta 4"
@@ -165,3 +157,8 @@ class MujocoArm:
         self.model.opt.timestep = seconds
         self.data.qfrc_applied[self._order] = torque
         self.mujoco.mj_step(self.model, self.data)
+
+
+def _masses(robot: Robot, q: Array) -> Array:
+    """Diagonals of mass matrices at configurations, shape (m, n) [kg m^2 or kg]."""
+    return np.diagonal(RobotDynamics(robot).mass(q), axis1=1, axis2=2)
