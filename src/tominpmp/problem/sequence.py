@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.motion.samples import subdivided
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import Segment, segments_of
+
+if TYPE_CHECKING:
+    from tominpmp.problem.problem import Problem
 
 # Spacing of the nodes of a motion of degree 5 that is joined to others of lower degree
 # [s].
@@ -32,15 +34,13 @@ def in_sequence(
         parts: The problems, each of which begins at rest where the previous one ends.
         dwells: Dwell times at the end of each part [s].
     """
-    segments, phases = list[Segment](), list[Problem]()
-    own = len(problem.robot.payloads)
+    segments, own = list[Segment](), len(problem.robot.payloads)
     for part, dwell in zip(parts, dwells, strict=True):
         load = next(iter(part.robot.payloads[own:]), None)
         segments += part.segments or [Segment(part.goal, payload=load)]
         segments[-1] = replace(segments[-1], stop=True, dwell=dwell)
-        phases += part.phases
     return problem._altered(
-        _phases=(tuple(phases), []),
+        _phases=(tuple(phase for part in parts for phase in part.phases), []),
         segments=tuple(segments),
         q_start=parts[0].q_start,
         goal=segments[-1].goal,
