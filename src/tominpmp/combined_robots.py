@@ -8,7 +8,6 @@ Collisions between the robots are self-collisions of the combined robot.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from itertools import combinations, product
 from pathlib import Path
 from typing import TypeAlias
@@ -70,7 +69,7 @@ def combine_robots(parts: Sequence[Part], *, gravity: ArrayLike | None = None) -
     robot = assembled(
         name=description.name,
         linkage=Linkage.resolve(description, locked),
-        table_for=partial(_joined_table, robots),
+        table=_joined_table(robots, joints),
         gravity=world,
         srdf=_joined_semantics(robots, description.path),
         kinematic=_all_kinematic(robots),
@@ -141,12 +140,12 @@ def _all_kinematic(robots: Mapping[str, Robot]) -> bool:
 
 
 def _joined_table(
-    robots: Mapping[str, Robot], joint_names: tuple[str, ...]
+    robots: Mapping[str, Robot], joint_names: Sequence[str]
 ) -> JointTable:
     """Values of the joints of all robots, one robot after the other."""
     tables = [robot._table().columns for robot in robots.values()]
     columns = {key: np.concatenate([own[key] for own in tables]) for key in tables[0]}
-    return JointTable(joint_names, columns)
+    return JointTable(tuple(joint_names), columns)
 
 
 def _joined_motion_limits(

@@ -19,11 +19,11 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, IntArray, frozen_array
-from tominpmp.description.joint_table import LOSSES
 from tominpmp.description.model import mesh_arrays
 from tominpmp.description.srdf import Pair, SemanticDescription, ordered_pair
 from tominpmp.description.tree import (
     EMPTY,
+    LOSSES,
     JointDescription,
     LinkDescription,
     Mimic,

@@ -19,7 +19,6 @@ from tominpmp.description.joint_table import (
     Linkage,
     example_values,
 )
-from tominpmp.description.model import expansion
 from tominpmp.description.tree import UrdfDescription
 from tominpmp.exceptions import enumerated, warn_caller
 
@@ -147,7 +146,7 @@ def check_inertia(model: pin.Model, table: JointTable, linkage: Linkage) -> None
             finite or singular; names the joints.
     """
     description = linkage.description
-    names, matrix, offset = expansion(model, linkage)
+    names, (matrix, offset) = linkage.free, linkage.expansion
     ratios = np.abs(matrix)
     no_rotor = ratios @ table["armature"] == 0.0
     bare = (np.flatnonzero(no_rotor) + 1).tolist()

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Record, array_or_nan, frozen_array
@@ -27,7 +29,8 @@ from tominpmp.checks import (
     vector,
     wrong,
 )
-from tominpmp.description.tree import JointDescription, Mimic, UrdfDescription
+from tominpmp.description.model import build_model
+from tominpmp.description.tree import LOSSES, JointDescription, Mimic, UrdfDescription
 from tominpmp.exceptions import (
     OptionsError,
     ProblemError,
@@ -96,6 +99,36 @@ class Linkage:
                 message = f"locked_joints: joint {name} {fault}"
                 raise OptionsError(message, "locked_joints")
         return cls(description, locked, followers)
+
+    @cached_property
+    def model(self) -> pin.Model:
+        """Kinematics and inertia; without limits, and not to be modified."""
+        return build_model(self.description, self.locked)
+
+    @cached_property
+    def free(self) -> tuple[str, ...]:
+        """Names of the n free joints, in the order of all arrays.
+
+        Raises:
+            RobotLoadError: If no moving joint remains.
+        """
+        names = list(self.model.names)[1:]
+        leading = {*names} - {*self.followers}
+        order = self.description.order or names
+        if not leading:
+            self.description.fail("no joint is left that moves")
+        return tuple(name for name in order if name in leading)
+
+    @cached_property
+    def expansion(self) -> tuple[Array, Array]:
+        """S, (nv, n), and c, (nv,), of the configuration S q + c of the model."""
+        names = list(self.model.names)[1:]
+        matrix, offset = np.zeros((len(names), len(self.free))), np.zeros(len(names))
+        for row, name in enumerate(names):
+            mimic = self.followers.get(name, Mimic(name, 1.0, 0.0))
+            matrix[row, self.free.index(mimic.leader)] = mimic.multiplier
+            offset[row] = mimic.offset
+        return matrix, offset
 
     def reasons(self) -> dict[str, str]:
         """For every joint that is not free, the reason, in words."""
@@ -274,9 +307,6 @@ KINEMATIC = (
     "torques"
 )
 
-# Columns that are zero for a kinematic robot: viscous friction [N m s/rad or N s/m],
-# rotor inertia seen at the joint [kg m^2 or kg], and dry friction [N m or N].
-LOSSES = ("damping", "armature", "friction")
 #: Columns of the table: values that callers may override.
 OVERRIDES = ("position_lower", "position_upper", "velocity", "effort", *LOSSES)
 
@@ -299,7 +329,7 @@ class JointTable:
         return self.columns[column]
 
     @classmethod
-    def from_linkage(cls, joint_names: Sequence[str], linkage: Linkage) -> JointTable:
+    def from_linkage(cls, linkage: Linkage) -> JointTable:
         r"""Collect the values of the free joints from a description.
 
         A joint that follows, :math:`q_f = m q + o`, contributes its position and
@@ -308,12 +338,14 @@ class JointTable:
         effort limit is ignored: the motor is at the leader.
 
         Args:
-            joint_names: Free joints, in the order of the model.
             linkage: The description, with locked and following joints.
+
+        Raises:
+            RobotLoadError: If no moving joint remains.
         """
         by_name = {joint.name: joint for joint in linkage.description.joints}
         rows = []
-        for name in joint_names:
+        for name in linkage.free:
             joint = by_name[name]
             for follower, mimic in linkage.followers.items():
                 if mimic.leader == name:
@@ -324,7 +356,7 @@ class JointTable:
             limits = (joint.lower, joint.upper, velocity, (-effort, effort))
             rows.append((*limits, *(getattr(joint, loss) for loss in LOSSES)))
         columns = (np.array(values, float) for values in zip(*rows, strict=True))
-        return cls(tuple(joint_names), dict(zip(OVERRIDES, columns, strict=True)))
+        return cls(linkage.free, dict(zip(OVERRIDES, columns, strict=True)))
 
     def overridden(
         self, not_free: Mapping[str, str], values: Mapping[str, JointValues | None]
@@ -445,6 +477,40 @@ class JointTable:
             )
         if complaints:
             fail_to_load(path, "; ".join(complaints))
+
+
+def configured_model(linkage: Linkage, table: JointTable, gravity: Array) -> pin.Model:
+    """Model with its limits, friction, rotor inertia and gravity.
+
+    A joint that follows gets the limits that its leader implies, and no motor.
+
+    Args:
+        linkage: The description, with locked and following joints.
+        table: Values of the n free joints, without NaN.
+        gravity: Gravity in the world, shape (3,) [m/s^2].
+    """
+    model, (matrix, offset) = linkage.model.copy(), linkage.expansion
+    leader, ratio = np.abs(matrix).argmax(axis=1), matrix.sum(axis=1)
+    is_free = np.isin(list(model.names)[1:], table.joint_names)
+
+    def scaled(values: Array) -> Array:
+        # An infinite limit times a ratio of zero is zero.
+        return np.asarray(np.where(ratio == 0.0, 0.0, values[leader]) * ratio)
+
+    def alone(values: Array) -> Array:
+        return np.where(is_free, values[leader], 0.0)
+
+    ends = np.stack([scaled(end) for end in table.ends])
+    model.lowerPositionLimit = ends.min(axis=0) + offset
+    model.upperPositionLimit = ends.max(axis=0) + offset
+    model.velocityLimit = np.abs(scaled(table["velocity"]))
+    model.lowerVelocityLimit = -model.velocityLimit
+    model.effortLimit = alone(np.abs(table["effort"]).max(axis=1))
+    model.lowerEffortLimit = -model.effortLimit
+    for loss in LOSSES:
+        setattr(model, loss, alone(table[loss]))
+    model.gravity = pin.Motion(gravity, np.zeros(3))
+    return model
 
 
 def example_values(joints: Sequence[str]) -> str:

@@ -14,13 +14,11 @@ import pinocchio as pin
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.checks import FARTHEST
-from tominpmp.description.joint_table import LOSSES, JointTable, Linkage
 from tominpmp.description.mesh_sizes import INSTANCED, check_expanded
 from tominpmp.description.tree import (
     SIZES,
     JointDescription,
     LinkDescription,
-    Mimic,
     Shape,
     UrdfDescription,
 )
@@ -247,68 +245,3 @@ def are_neighbours(
         if parent == target:
             return True
     return False
-
-
-def expansion(
-    model: pin.Model, linkage: Linkage
-) -> tuple[tuple[str, ...], Array, Array]:
-    r"""Express the configuration of a model by its free joints, :math:`S q + c`.
-
-    Args:
-        model: The model.
-        linkage: The description, whose order of joints counts if it has one, with
-            locked and following joints.
-
-    Returns:
-        Names of the n free joints, S of shape (nv, n) and c of shape (nv,).
-    """
-    names, followers = list(model.names)[1:], linkage.followers
-    leading = {*names} - {*followers}
-    order = linkage.description.order or names
-    free = tuple(name for name in order if name in leading)
-    matrix, offset = np.zeros((len(names), len(free))), np.zeros(len(names))
-    for row, name in enumerate(names):
-        mimic = followers.get(name, Mimic(name, 1.0, 0.0))
-        matrix[row, free.index(mimic.leader)] = mimic.multiplier
-        offset[row] = mimic.offset
-    return free, matrix, offset
-
-
-def configure_model(
-    model: pin.Model,
-    table: JointTable,
-    gravity: Array,
-    matrix: Array,
-    offset: Array,
-) -> None:
-    """Set the limits, friction, rotor inertia and gravity of a model.
-
-    A joint that follows gets the limits that its leader implies, and no motor.
-
-    Args:
-        model: The model.
-        table: Values of the n free joints, without NaN.
-        gravity: Gravity in the world, shape (3,) [m/s^2].
-        matrix: S, shape (nv, n).
-        offset: c, shape (nv,).
-    """
-    leader, ratio = np.abs(matrix).argmax(axis=1), matrix.sum(axis=1)
-    is_free = np.isin(list(model.names)[1:], table.joint_names)
-
-    def scaled(values: Array) -> Array:
-        # An infinite limit times a ratio of zero is zero.
-        return np.asarray(np.where(ratio == 0.0, 0.0, values[leader]) * ratio)
-
-    def alone(values: Array) -> Array:
-        return np.where(is_free, values[leader], 0.0)
-
-    ends = np.stack([scaled(end) for end in table.ends])
-    model.lowerPositionLimit = ends.min(axis=0) + offset
-    model.upperPositionLimit = ends.max(axis=0) + offset
-    model.velocityLimit = np.abs(scaled(table["velocity"]))
-    model.lowerVelocityLimit = -model.velocityLimit
-    model.effortLimit = alone(np.abs(table["effort"]).max(axis=1))
-    model.lowerEffortLimit = -model.effortLimit
-    for loss in LOSSES:
-        setattr(model, loss, alone(table[loss]))
-    model.gravity = pin.Motion(gravity, np.zeros(3))

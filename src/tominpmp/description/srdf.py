@@ -19,12 +19,7 @@ from tominpmp.arrays import Record
 from tominpmp.description.paths import checked_path
 from tominpmp.description.tree import UNREAD, JointDescription, UrdfDescription, warn_of
 from tominpmp.description.xacro_files import Arguments, expanded_root
-from tominpmp.description.xml_reader import (
-    XmlContext,
-    add,
-    given_text,
-    xml_text,
-)
+from tominpmp.description.xml_reader import XmlContext, add, given_text, xml_text
 from tominpmp.exceptions import (
     OptionsError,
     RobotLoadError,

@@ -26,6 +26,9 @@ WORLD, GROUND = "world", "ground"
 # Attributes that contain the sizes of shapes [m], with the number of values in each.
 _ROD = {"radius": 1, "length": 1}
 SIZES = {"box": {"size": 3}, "cylinder": _ROD, "capsule": _ROD, "sphere": {"radius": 1}}
+# Values of joints that are zero for a kinematic robot: viscous friction [N m s/rad or
+# N s/m], rotor inertia seen at the joint [kg m^2 or kg], and dry friction [N m or N].
+LOSSES = ("damping", "armature", "friction")
 # Least thickness of shapes; flat ones get it [m].
 MIN_THICKNESS = 1e-6
 

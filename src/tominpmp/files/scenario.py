@@ -607,9 +607,9 @@ def _check_given_back(
 def _overrides(robot: Robot, locked: Mapping[str, float]) -> dict[str, Any]:
     """Values per joint that differ from those of the description."""
     # URDF files have no armature, while models of Pinocchio have.
-    joints = tuple(replace(one, armature=0.0) for one in robot.description.joints)
+    joints = tuple(replace(one, armature=0.0) for one in robot.description.tree)
     linkage = Linkage.resolve(replace(robot.description, tree=joints), locked)
-    plain = JointTable.from_linkage(robot.joint_names, linkage)
+    plain = JointTable.from_linkage(linkage)
     plain = plain.without_dynamics() if robot.kinematic else plain
     table: dict[str, Any] = {}
     for key in OVERRIDES:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import os
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -28,13 +28,13 @@ from tominpmp.description.files import check_folders, find_files
 from tominpmp.description.from_pinocchio import describe_model
 from tominpmp.description.inertials import check_inertia, warn_of_inertia
 from tominpmp.description.joint_table import (
-    LOSSES,
     JointLimits,
     JointTable,
     JointValues,
     Linkage,
     check_gravity,
     check_kinematic,
+    configured_model,
     stack_parts,
 )
 from tominpmp.description.mjcf import describe_mjcf
@@ -42,9 +42,6 @@ from tominpmp.description.model import (
     ScratchData,
     are_neighbours,
     build_geometry,
-    build_model,
-    configure_model,
-    expansion,
     sticks,
 )
 from tominpmp.description.srdf import (
@@ -54,7 +51,7 @@ from tominpmp.description.srdf import (
     read_srdf,
     warn_of_passive,
 )
-from tominpmp.description.tree import UrdfDescription
+from tominpmp.description.tree import LOSSES, UrdfDescription
 from tominpmp.description.urdf import read_parsed, read_urdf
 from tominpmp.description.xacro_files import Arguments, expanded_root
 from tominpmp.exceptions import (
@@ -438,8 +435,8 @@ class Robot(Record):
         values = {name: getattr(self, name) for name in kept} | changes
         description = values.pop("description", self.description)
         linkage = linkage or Linkage.resolve(description, self.locked_joints)
-        table = table or self._table()
-        return assembled(linkage=linkage, table_for=table.only, **values)
+        table = (table or self._table()).only(linkage.free)
+        return assembled(linkage=linkage, table=table, **values)
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -458,7 +455,7 @@ class Robot(Record):
 def assembled(
     *,
     linkage: Linkage,
-    table_for: Callable[[tuple[str, ...]], JointTable],
+    table: JointTable,
     gravity: Array,
     srdf: SemanticDescription | None,
     **values: Any,
@@ -467,7 +464,7 @@ def assembled(
 
     Args:
         linkage: Links and joints, of which some are locked and some follow others.
-        table_for: Values of the joints that move freely, by their names.
+        table: Values of the joints that move freely.
         gravity: Gravity in the world, shape (3,) [m/s^2].
         srdf: Semantic description, if there is one.
         **values: Further fields of the robot.
@@ -475,25 +472,19 @@ def assembled(
     Raises:
         RobotLoadError: If no moving joint remains.
     """
-    description = linkage.description
-    model = build_model(description, linkage.locked)
-    joint_names, matrix, offset = expansion(model, linkage)
-    if not joint_names:
-        description.fail("no joint is left that moves")
-    joints = table_for(joint_names)
-    configure_model(model, joints, gravity, matrix, offset)
-    is_identity = joint_names == tuple(model.names)[1:]
-    values |= {loss: joints[loss] for loss in LOSSES}
+    is_identity = linkage.free == tuple(linkage.model.names)[1:]
+    matrix, offset = (None, None) if is_identity else linkage.expansion
+    values |= {loss: table[loss] for loss in LOSSES}
     return Robot(
-        model=model,
-        joint_names=joint_names,
-        limits=JointLimits(*joints.ends, joints["velocity"], *joints["effort"].T),
+        model=configured_model(linkage, table, gravity),
+        joint_names=linkage.free,
+        limits=JointLimits(*table.ends, table["velocity"], *table["effort"].T),
         gravity=gravity,
-        expansion_matrix=None if is_identity else matrix,
-        expansion_offset=None if is_identity else offset,
+        expansion_matrix=matrix,
+        expansion_offset=offset,
         locked_joints=linkage.locked,
-        description=description,
-        srdf=None if srdf is None else srdf.for_joints(joint_names),
+        description=linkage.description,
+        srdf=None if srdf is None else srdf.for_joints(linkage.free),
         **values,
     )
 
@@ -780,24 +771,20 @@ def load_robot(
     linkage = loaded.linkage(group, {} if locked_joints is None else locked_joints)
     linkage.warn_of_limits()
     known, reasons = loaded.known_values(limits), linkage.reasons()
-
-    def table_for(joint_names: tuple[str, ...]) -> JointTable:
-        table = JointTable.from_linkage(joint_names, linkage)
-        overrides = {
-            key: {k: v for k, v in known[key].items() if k in joint_names}
-            for key in SHEET_COLUMNS
-            if key in known
-        }
-        table = table.overridden(reasons, overrides).overridden(reasons, values)
-        table = table.without_dynamics() if kinematic else table
-        table.check_complete(loaded.description.path)
-        return table
-
+    overrides = {
+        key: {k: v for k, v in known[key].items() if k in linkage.free}
+        for key in SHEET_COLUMNS
+        if key in known
+    }
+    table = JointTable.from_linkage(linkage)
+    table = table.overridden(reasons, overrides).overridden(reasons, values)
+    table = table.without_dynamics() if kinematic else table
+    table.check_complete(loaded.description.path)
     own_gravity = loaded.description.gravity or DEFAULT_GRAVITY
     robot = assembled(
         name=loaded.name or loaded.description.name,
         linkage=linkage,
-        table_for=table_for,
+        table=table,
         gravity=check_gravity(own_gravity if gravity is None else gravity),
         srdf=loaded.semantics,
         kinematic=kinematic,
@@ -806,7 +793,7 @@ def load_robot(
     kept = {k: v for k, v in known.items() if not kinematic or k not in of_torques}
     robot = replace(robot, motion_limits=limits_by_joint(kept, robot.joint_names))
     if not kinematic:
-        check_inertia(robot.model, robot._table(), linkage)
+        check_inertia(robot.model, table, linkage)
         warn_of_inertia(robot.model, robot.description)
     if loaded.semantics is not None:
         motors = set(robot.joint_names) - set(robot.passive_joints)
