@@ -269,13 +269,31 @@ def test_unsupported_shapes_are_refused(model: pin.Model) -> None:
 
 
 def test_model_with_an_infinite_mass_matrix_is_refused() -> None:
-    model, at = pin.Model(), pin.SE3.Identity()
-    ends = (np.array([size]) for size in (10.0, 3.0, -3.0, 3.0))
-    joint = model.addJoint(0, pin.JointModelRZ(), at, "turn", *ends)
-    model.appendBodyToJoint(joint, pin.Inertia.Random(), at)
-    model.armature = np.array([np.inf])
+    model, joint = pin.Model(), 0
+    for name, x in (("lift", 0.0), ("turn", np.nan)):
+        at = pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
+        ends = (np.array([size]) for size in (10.0, 3.0, -3.0, 3.0))
+        joint = model.addJoint(joint, pin.JointModelRZ(), at, name, *ends)
+        model.appendBodyToJoint(joint, pin.Inertia.Identity(), pin.SE3.Identity())
     with pytest.raises(tm.RobotLoadError, match="the mass matrix is not finite"):
         tm.load_robot(model)
+
+
+@pytest.mark.parametrize("name", ["damping", "armature", "friction"])
+@pytest.mark.parametrize("value", [-1.0, np.inf, np.nan])
+def test_losses_that_are_negative_or_not_finite_are_refused(
+    name: str, value: float, model: pin.Model
+) -> None:
+    """Regression: a plan with such a value had no motion, or gained energy."""
+    model, values = model.copy(), np.zeros(4)
+    values[1] = value
+    setattr(model, name, values)
+    message = rf"{name} is \[0\.0, {value}, .*finite numbers from 0: give {name}="
+    with pytest.raises(tm.RobotLoadError, match=message) as caught:
+        tm.load_robot(model)
+    joint = model.names[2]
+    assert f"{{'{joint}': ...}}" in str(caught.value)
+    assert getattr(tm.load_robot(model, **{name: {joint: 0.5}}), name).max() == 0.5
 
 
 def test_contact_points_are_left_out(model: pin.Model) -> None:

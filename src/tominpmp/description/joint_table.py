@@ -450,31 +450,31 @@ class JointTable:
         return JointTable(tuple(joint_names), columns)
 
     def check_complete(self, path: Path) -> None:
-        """Check that every joint has all limits, and a range to move in.
+        """Check that every joint has all limits, a range to move in, and valid losses.
 
         Raises:
             RobotLoadError: If not; names all such joints, and arguments that help.
         """
+        lower, upper = self.ends
+        no_effort = np.isnan(self["effort"]).any(axis=1)
+        # A comparison with a limit that is NaN is false.
+        wrong = {
+            f"no effort limit for {{0}}: give effort={{1}}, or {KINEMATIC}": no_effort,
+            "no velocity limit for {0}: give velocity={1}": np.isnan(self["velocity"]),
+            "no position limits, or no room between them, for {0}: give "
+            "position_lower={1} and position_upper={1}, or lock them": ~(lower < upper),
+        }
+        for loss in LOSSES:
+            values = self[loss]
+            shown = f"{brief(values.tolist())}, expected finite numbers from 0"
+            message = f"{loss} is {shown}: give {loss}={{1}}"
+            wrong[message] = ~(np.isfinite(values) & (values >= 0.0))
         complaints = []
-        for quantity in ("effort", "velocity"):
-            unknown = np.isnan(self[quantity]).reshape(len(self.joint_names), -1)
-            joints = np.array(self.joint_names)[unknown.any(axis=1)].tolist()
-            if joints:
-                complaints.append(
-                    f"no {quantity} limit for {', '.join(joints)}: give "
-                    f"{quantity}={example_values(joints)}"
-                    + (f", or {KINEMATIC}" if quantity == "effort" else "")
-                )
-        # The test is also true for limits that are NaN.
-        ends = zip(self.joint_names, *self.ends, strict=True)
-        joints = [name for name, lower, upper in ends if not lower < upper]
-        if joints:
-            values = example_values(joints)
-            complaints.append(
-                f"no position limits, or no room between them, for "
-                f"{', '.join(joints)}: give position_lower={values} and "
-                f"position_upper={values}, or lock them"
-            )
+        for message, joints in wrong.items():
+            names = np.array(self.joint_names)[joints].tolist()
+            if names:
+                values_by_name = example_values(names)
+                complaints.append(message.format(", ".join(names), values_by_name))
         if complaints:
             fail_to_load(path, "; ".join(complaints))
 

@@ -522,7 +522,9 @@ class RobotSource:
     values: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     stated: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
-    def known_values(self, limits: str | None) -> dict[str, dict[str, Any]]:
+    def known_values(
+        self, limits: str | None, joint_names: Sequence[str]
+    ) -> dict[str, dict[str, Any]]:
         """Limits and rotor inertias by quantity and joint name, to override the file's.
 
         In falling priority: stated limits, the maker's data sheet, values that neither
@@ -532,6 +534,7 @@ class RobotSource:
         Args:
             limits: "datasheet" to include the data sheet; "urdf" to leave it out; None
                 to include it for a robot asked for by name, if it has a data sheet.
+            joint_names: Joints that move; values of other joints are left out.
 
         Raises:
             OptionsError: If the argument has another value, or there is no data sheet.
@@ -554,7 +557,9 @@ class RobotSource:
         merged: dict[str, dict[str, Any]] = {}
         for level in (beyond_urdf, rotors, self.values, sheet, self.stated):
             for quantity, values in level.items():
-                merged.setdefault(quantity, {}).update(values)
+                moving = {k: v for k, v in values.items() if k in joint_names}
+                if moving:
+                    merged.setdefault(quantity, {}).update(moving)
         return merged
 
     def linkage(self, group: Group | None, locked: Mapping[str, float]) -> Linkage:
@@ -770,16 +775,14 @@ def load_robot(
     loaded = read_source(source, package_dirs, srdf, geometry, xacro_args)
     linkage = loaded.linkage(group, {} if locked_joints is None else locked_joints)
     linkage.warn_of_limits()
-    known, reasons = loaded.known_values(limits), linkage.reasons()
-    overrides = {
-        key: {k: v for k, v in known[key].items() if k in linkage.free}
-        for key in SHEET_COLUMNS
-        if key in known
-    }
+    known, reasons = loaded.known_values(limits, linkage.free), linkage.reasons()
+    overrides = {key: known[key] for key in SHEET_COLUMNS if key in known}
     table = JointTable.from_linkage(linkage)
     table = table.overridden(reasons, overrides).overridden(reasons, values)
     table = table.without_dynamics() if kinematic else table
     table.check_complete(loaded.description.path)
+    of_torques = [name for name, k in kinds_of(MotionLimits).items() if k.of_torques]
+    kept = {k: v for k, v in known.items() if not kinematic or k not in of_torques}
     own_gravity = loaded.description.gravity or DEFAULT_GRAVITY
     robot = assembled(
         name=loaded.name or loaded.description.name,
@@ -788,10 +791,8 @@ def load_robot(
         gravity=check_gravity(own_gravity if gravity is None else gravity),
         srdf=loaded.semantics,
         kinematic=kinematic,
+        motion_limits=limits_by_joint(kept, linkage.free),
     )
-    of_torques = [name for name, k in kinds_of(MotionLimits).items() if k.of_torques]
-    kept = {k: v for k, v in known.items() if not kinematic or k not in of_torques}
-    robot = replace(robot, motion_limits=limits_by_joint(kept, robot.joint_names))
     if not kinematic:
         check_inertia(robot.model, table, linkage)
         warn_of_inertia(robot.model, robot.description)
