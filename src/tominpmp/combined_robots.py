@@ -18,9 +18,8 @@ from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array
 from tominpmp.checks import instance, split_pose, wrong
-from tominpmp.collision.checker import CollisionChecker
 from tominpmp.collision.query import PairDistances
-from tominpmp.collision.selection import link_bodies
+from tominpmp.collision.selection import link_bodies, own_pairs
 from tominpmp.description.joint_table import JointTable, Linkage, check_gravity
 from tominpmp.description.srdf import Pair, SemanticDescription
 from tominpmp.description.tree import joined_descriptions
@@ -28,7 +27,6 @@ from tominpmp.exceptions import ProblemError, brief
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.robot.robot import Robot, assembled
 from tominpmp.scene.rotations import checked_pose
-from tominpmp.scene.scene import Scene
 
 # Name of a robot, the robot, and the placement base_to_world or position of its base.
 Part: TypeAlias = "tuple[str, Robot, pin.SE3 | ArrayLike]"
@@ -187,11 +185,10 @@ def _unchecked_pairs(robot: Robot) -> Sequence[Pair]:
         return robot.srdf.disabled_pairs
     # Without a list in the SRDF neighbours are left out, which takes the whole tree.
     # The selection of pairs does not depend on the decomposition of the meshes.
-    checker = CollisionChecker(robot, Scene(), self_collision=True, cut=frozenset())
-    watched = {frozenset(pair) for pair in checker.pairs}
-    frames = robot.model.frames
-    links = {frames[g.parentFrame].name for g in robot.collision_model.geometryObjects}
-    every = combinations(sorted(links), 2)
+    links = [body.name for body in link_bodies(robot, "hull")]
+    pairs = own_pairs(robot, "convex", frozenset()).tolist()
+    watched = {frozenset((links[i], links[k])) for i, k in pairs}
+    every = combinations(sorted({*links}), 2)
     return [pair for pair in every if frozenset(pair) not in watched]
 
 
