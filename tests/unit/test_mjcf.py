@@ -502,12 +502,29 @@ def test_unsupported_elements_give_a_warning() -> None:
             (("<motor joint", '<general gainprm="1e308" ctrlrange="-1 1" joint'),),
             "no effort limit for turn",
         ),
-        ((('pos="0 0 0.15"', 'pos="0 inf 0.15"'),), "'upper': ipos is .0.0, inf"),
+        (
+            (('pos="0 0 0.15"', 'pos="0 inf 0.15"'),),
+            "link upper: com has .* inf",
+        ),
         ((('mass="2"', 'mass="-2"'),), "mass .* must be larger .*'upper'"),
         ((('size="0.03 0.03 0.05"', 'size="0.03"'),), "size 1 must be positive"),
-        ((('pos="0 0 0.1" c', 'pos="0 inf 0" c'),), "'upper': pos is .0.0, inf, 0.0."),
-        ((('0 0 0.25"', '0.4 -1e9 0"'),), "geom '': pos is .*at most 1e[+]06 in size"),
-        ((('armature="0.02"', 'armature="inf"'),), "joint 'turn': armature is inf"),
+        (
+            (('pos="0 0 0.1" c', 'pos="0 inf 0" c'),),
+            "joint turn: placement .* inf",
+        ),
+        (
+            (('0 0 0.25"', '0.4 -1e9 0"'),),
+            "link upper, collision 1: placement .* -500000000.0, .*at most 1e[+]06 in",
+        ),
+        (
+            (('name="slide"', 'name="slide" ref="1e9"'),),
+            "joint slide: placement .*1e[+]06",
+        ),
+        ((('mass="2"', 'mass="2" quat="inf 0 0 0"'),), "link upper: inertia .* nan"),
+        (
+            (('armature="0.02"', 'armature="inf"'),),
+            "armature is .inf, .*'turn'",
+        ),
     ],
 )
 def test_errors_name_the_wrong_element(

@@ -268,15 +268,25 @@ def test_unsupported_shapes_are_refused(model: pin.Model) -> None:
         tm.load_robot(model, geometry=geometry)
 
 
-def test_model_with_an_infinite_mass_matrix_is_refused() -> None:
-    model, joint = pin.Model(), 0
-    for name, x in (("lift", 0.0), ("turn", np.nan)):
-        at = pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e7])
+def test_models_with_lengths_that_are_not_finite_are_refused(value: float) -> None:
+    """Regression: the first joint, and shapes, could be nowhere or far away."""
+    for spoilt in ("joint turn", "link turn_link, collision 1", "link turn_link"):
+        moved = pin.SE3(np.eye(3), np.array([0.0, value, 0.0]))
+        places = {spoilt: moved}
+        model, still = pin.Model(), pin.SE3.Identity()
         ends = (np.array([size]) for size in (10.0, 3.0, -3.0, 3.0))
-        joint = model.addJoint(joint, pin.JointModelRZ(), at, name, *ends)
-        model.appendBodyToJoint(joint, pin.Inertia.Identity(), pin.SE3.Identity())
-    with pytest.raises(tm.RobotLoadError, match="the mass matrix is not finite"):
-        tm.load_robot(model)
+        at = places.get("joint turn", still)
+        joint = model.addJoint(0, pin.JointModelRZ(), at, "turn", *ends)
+        com = places.get("link turn_link", still).translation
+        inertia = pin.Inertia(1.0, com, np.eye(3))
+        model.inertias[joint] = inertia
+        geometry = pin.GeometryModel()
+        at = places.get("link turn_link, collision 1", still)
+        item = pin.GeometryObject("ball", joint, 0, at, coal.Sphere(0.1))
+        geometry.addGeometryObject(item)
+        with pytest.raises(tm.RobotLoadError, match=f"{spoilt}: .* number {value}, "):
+            tm.load_robot(model, geometry=geometry)
 
 
 @pytest.mark.parametrize("name", ["damping", "armature", "friction"])

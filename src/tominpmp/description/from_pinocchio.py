@@ -72,7 +72,7 @@ def describe_model(
 
     Raises:
         RobotLoadError: If a joint has several degrees of freedom or both turns and
-            slides, a mass or inertia is not finite, or a shape has an unsupported type.
+            slides, or a shape has an unsupported type.
     """
     path = Path(f"<pinocchio.Model {model.name}>")
     reader = _ModelReader(model, path)
@@ -182,16 +182,9 @@ class _ModelReader:
         return fresh_name(own, self._links)
 
     def links(self) -> dict[str, LinkDescription]:
-        """Links by name, without shapes: first those of joints, then of frames.
-
-        Raises:
-            RobotLoadError: If a mass, centre of mass or inertia is not finite.
-        """
+        """Links by name, without shapes: first those of joints, then of frames."""
         links = {self.main[0]: LinkDescription(self.main[0])}
         for name, own in zip(self.main[1:], self.model.inertias[1:], strict=True):
-            if not np.isfinite([own.mass, *own.lever, *own.inertia.ravel()]).all():
-                fault = f"mass, centre or inertia of link {name} is not finite"
-                fail_to_load(self.path, fault)
             links[name] = LinkDescription(name, float(own.mass), own.lever, own.inertia)
         of_frames = (joint.child for joint in self.fixed)
         return links | {name: LinkDescription(name) for name in of_frames}

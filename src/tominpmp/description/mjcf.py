@@ -17,7 +17,6 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, frozen_array
-from tominpmp.checks import FARTHEST
 from tominpmp.description.files import missing_resource, resolve_resource
 from tominpmp.description.from_pinocchio import ellipsoid
 from tominpmp.description.model import one_line
@@ -43,15 +42,6 @@ HALVES = {"box": (2, 2, 2), "sphere": (1,), "capsule": (1, 2), "cylinder": (1, 2
 SHOWN_GROUPS = 3
 # Colour that stands for "not given" in MuJoCo.
 UNCOLOURED = (0.5, 0.5, 0.5, 1.0)
-
-# Numbers of a compiled model that MuJoCo does not check, with the kind of their object.
-NUMBERS = {
-    **dict.fromkeys(("body_pos", "body_ipos"), "body"),
-    **dict.fromkeys(("geom_pos", "geom_size"), "geom"),
-    **dict.fromkeys(("jnt_pos", "dof_armature", "dof_damping"), "joint"),
-    "dof_frictionloss": "joint",
-    "site_pos": "site",
-}
 
 Range = tuple[float, float]
 
@@ -104,7 +94,6 @@ def describe_mjcf(
         _check_joints(spec, context)
         files = _find_meshes(spec, context)
         model = spec.compile()
-        _check_numbers(model, context)
         reader = _MjcfReader(mujoco, model, files)
     except (ValueError, mujoco.FatalError) as error:
         context.fail(f"cannot be read: {shortened(one_line(error), 300)}")
@@ -183,23 +172,6 @@ def _find_meshes(spec: Any, context: XmlContext) -> dict[str, str]:
             spec.delete(geom)
     warn_of({UNSEEN: dropped}, context.path)
     return files
-
-
-def _check_numbers(model: Any, context: XmlContext) -> None:
-    """Refuse numbers that are not finite, and bodies and shapes that are too far away.
-
-    Raises:
-        RobotLoadError: If there are any.
-    """
-    for name, kind in NUMBERS.items():
-        for row, value in enumerate(getattr(model, name)):
-            if not np.all(np.abs(value) <= FARTHEST):
-                owner, quantity = getattr(model, kind)(row), name.partition("_")[2]
-                context.fail(
-                    f"{kind} {brief(owner.name)}: {quantity} is "
-                    f"{brief(value.tolist())}, expected finite numbers of at most "
-                    f"{FARTHEST:g} in size"
-                )
 
 
 class _MjcfReader:

@@ -18,6 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, FrozenArray, IntArray, Record, frozen_array
+from tominpmp.checks import FARTHEST, HUGE
 from tominpmp.exceptions import enumerated, fail_to_load, warn_caller
 
 # Link to which the bases of combined robots are fixed, and link below a robot whose
@@ -29,6 +30,9 @@ SIZES = {"box": {"size": 3}, "cylinder": _ROD, "capsule": _ROD, "sphere": {"radi
 # Values of joints that are zero for a kinematic robot: viscous friction [N m s/rad or
 # N s/m], rotor inertia seen at the joint [kg m^2 or kg], and dry friction [N m or N].
 LOSSES = ("damping", "armature", "friction")
+# Largest sizes of the numbers of joints, links and shapes [SI units].
+LARGEST = dict.fromkeys(("placement", "axis", "com", "sizes", "corners"), FARTHEST)
+LARGEST |= {"mass": HUGE, "inertia": HUGE}
 # Least thickness of shapes; flat ones get it [m].
 MIN_THICKNESS = 1e-6
 
@@ -283,6 +287,30 @@ class UrdfDescription(Record):
     def _free_name(self, name: str) -> str:
         """A name that no joint has yet."""
         return fresh_name(name, {joint.name for joint in self.tree})
+
+
+def check_numbers(description: UrdfDescription) -> None:
+    """Check that placements, weights and shapes are finite, and lengths not too large.
+
+    Raises:
+        RobotLoadError: If not; names the joint, link or shape, and the number.
+    """
+    places: dict[str, Any] = {f"joint {item.name}": item for item in description.tree}
+    for link in description.bodies:
+        where = f"link {link.name}"
+        places[where] = link
+        for kind, shapes in (("collision", link.collisions), ("visual", link.visuals)):
+            places |= {f"{where}, {kind} {i}": s for i, s in enumerate(shapes, 1)}
+    for where, item in places.items():
+        for name, most in LARGEST.items():
+            value = getattr(item, name, None)
+            values = np.ravel(0.0 if value is None else value)
+            wrong = values[~(np.abs(values) <= most)].tolist()
+            if wrong:
+                description.fail(
+                    f"{where}: {name} has the number {wrong[0]}, expected finite "
+                    f"numbers of at most {most:g} in size"
+                )
 
 
 def solid(kind: str, sizes: Iterable[float], placement: Placement) -> Shape | None:

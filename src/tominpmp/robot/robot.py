@@ -51,7 +51,7 @@ from tominpmp.description.srdf import (
     read_srdf,
     warn_of_passive,
 )
-from tominpmp.description.tree import LOSSES, UrdfDescription
+from tominpmp.description.tree import LOSSES, UrdfDescription, check_numbers
 from tominpmp.description.urdf import read_parsed, read_urdf
 from tominpmp.description.xacro_files import Arguments, expanded_root
 from tominpmp.exceptions import (
@@ -632,6 +632,7 @@ def read_source(
             description = read_urdf(path, folders, root)
             description = replace(description, xacro_args=tuple(args.items()))
         name, srdf = files.name, files.srdf if srdf is None else srdf
+    check_numbers(description)
     semantics = embedded if srdf is None else read_srdf(srdf, description, args)
     args.check_declared(description.path)
     return RobotSource(name, description, semantics, {"effort": effort})
