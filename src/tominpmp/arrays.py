@@ -118,15 +118,18 @@ def is_single(value: object) -> bool:
 
 
 def comparable(value: Any) -> Any:
-    """Turn an array of numbers into its shape and bytes; return other values unchanged.
+    """Turn a value of a record into a value to compare and hash.
 
-    By its bytes a number that is undefined (NaN) is equal to itself.
+    An array of numbers becomes its shape and bytes, a mapping the set of its items. A
+    number that is undefined (NaN) is equal to itself. Other values remain unchanged.
     """
     # Poses of Pinocchio are compared by their matrices.
     value = getattr(value, "homogeneous", value)
     if isinstance(value, np.ndarray):
         return value.shape, (value + 0.0).tobytes()  # -0.0 becomes 0.0
-    return value
+    if isinstance(value, Mapping):
+        return frozenset((key, comparable(item)) for key, item in value.items())
+    return None if isinstance(value, float) and value != value else value
 
 
 class Converted(Generic[_Input, _Stored]):

@@ -298,16 +298,6 @@ class MotionLimits(Record):
             elif value is not None:
                 self._keep(**{name: kind.checked(value, name)})
 
-    def _values(self) -> tuple[object, ...]:
-        """Values to compare: numbers whatever their shape, mappings in any order."""
-
-        def plain(value: Any) -> object:
-            if isinstance(value, Mapping):
-                return frozenset(value.items())
-            return tuple(np.ravel(value).tolist())
-
-        return tuple(plain(getattr(self, item.name)) for item in fields(self))
-
     def _bounds_of(self, name: str, joint_names: Sequence[str]) -> dict[str, Any]:
         """Bounds in a field by joint name, of the joints that have one."""
         value, n = getattr(self, name, None), len(joint_names)

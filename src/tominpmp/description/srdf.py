@@ -84,7 +84,7 @@ class JointGroup:
     moves_base: bool = False
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SemanticDescription(Record):
     """Content of an SRDF file of a robot.
 
@@ -108,16 +108,14 @@ class SemanticDescription(Record):
     """
 
     disabled_pairs: tuple[tuple[str, str], ...] = ()
-    group_states: Mapping[str, Positions] = field(default_factory=dict, hash=False)
+    group_states: Mapping[str, Positions] = field(default_factory=dict)
     path: Path = Path()
-    groups: Mapping[str, JointGroup] = field(default_factory=dict, hash=False)
+    groups: Mapping[str, JointGroup] = field(default_factory=dict)
     robot: str = ""
     passive: tuple[str, ...] = ()
-    rotor_inertias: Mapping[str, float] = field(default_factory=dict, hash=False)
+    rotor_inertias: Mapping[str, float] = field(default_factory=dict)
     never_touch: tuple[tuple[str, str], ...] = ()
-    states_of_groups: Mapping[tuple[str, str], Positions] = field(
-        default_factory=dict, hash=False
-    )
+    states_of_groups: Mapping[tuple[str, str], Positions] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Make the mappings read-only."""

@@ -151,10 +151,6 @@ class JointDescription(Record):
     jerk: float = math.inf
     armature: float = 0.0
 
-    def _values(self) -> tuple[Any, ...]:
-        """Values to compare: missing limits, which are NaN, equal each other."""
-        return tuple(None if value != value else value for value in super()._values())
-
     def motion(self, position: float) -> pin.SE3:
         """Displacement of the joint frame at a position [rad or m]."""
         displacement = position * self.axis

@@ -148,7 +148,6 @@ class Robot(Record):
         """Values to compare; of the model, only those that other fields do not fix."""
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         model = values.pop("model")
-        values["locked_joints"] = tuple(sorted(self.locked_joints.items()))
         values["inertias"] = np.array([i.toDynamicParameters() for i in model.inertias])
         return tuple(map(comparable, values.values()))
 
