@@ -367,8 +367,13 @@ class MotionLimits(Record):
         Args:
             names: New names by current ones; joints that are not in it are left out.
             present: Current names of all joints of the limits, in their order.
+
+        Raises:
+            ProblemError: If the names are no names, or a new name repeats.
         """
         instance(names, Mapping, "names", "names of joints by their present ones")
+        if names:
+            joints_named(list(names.values()), "names")
         present = joints_named(present, "present")
         values: dict[str, Any] = {}
         for name in kinds_of(self):

@@ -128,6 +128,11 @@ def test_cache_in_an_unknown_home_folder_is_taken_literally(
     [
         (lambda: tm.MotionLimits(effort_curves="x"), "effort_curves is 'x'"),
         (lambda: tm.MotionLimits(effort_curves=5), "effort_curves is 5"),
+        (lambda: tm.MotionLimits().renamed({"a": [1]}, ["a"]), r"names is \[\[1\]\]"),
+        (
+            lambda: tm.MotionLimits().renamed({"a": "c", "b": "c"}, ["a", "b"]),
+            "names is .'c', 'c'., expected names of joints, all of them different",
+        ),
         (lambda: tm.JointRegionGoal([0.0], joints=5), "goal.joints is 5"),
         (lambda: tm.Trajectory(5, [0, 1], 0, 0, 0), "joint_names is 5"),
         (lambda: tm.load_robot("planar3r", armature=10**400), "armature: got 10000"),

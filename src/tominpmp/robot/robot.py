@@ -105,7 +105,7 @@ class Robot(Record):
     """
 
     name: str
-    model: pin.Model = field(repr=False)
+    model: pin.Model = field(repr=False, compare=False)
     joint_names: tuple[str, ...]
     limits: JointLimits = field(repr=False)
     damping: Array = field(repr=False)
@@ -146,10 +146,8 @@ class Robot(Record):
 
     def _values(self) -> tuple[Any, ...]:
         """Values to compare; of the model, only those that other fields do not fix."""
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
-        model = values.pop("model")
-        values["inertias"] = np.array([i.toDynamicParameters() for i in model.inertias])
-        return tuple(map(comparable, values.values()))
+        inertias = np.array([i.toDynamicParameters() for i in self.model.inertias])
+        return (*super()._values(), comparable(inertias))
 
     def __repr__(self) -> str:
         """Name and joints, on one line."""
