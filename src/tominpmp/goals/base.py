@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
+from typing import ClassVar
 
 import numpy as np
 import pinocchio as pin
@@ -21,6 +23,9 @@ class Goal(ABC):
 
     The arm ends at rest unless a subclass defines another final velocity.
     """
+
+    # Whether the goal is a via point: its conditions hold at any velocity.
+    _passing: ClassVar[bool] = False
 
     @abstractmethod
     def validate(self, robot: Robot) -> None:
@@ -79,13 +84,13 @@ class Goal(ABC):
     ) -> tuple[Array, Array, Array]:
         """Velocity part of the residual, and its derivatives with respect to q, v."""
         v = joint_row(kinematics, v, "v")
-        n = v.size
-        return v - self.final_velocity(n), np.zeros((n, n)), np.eye(n)
+        by_v = np.eye(v.size)[: self.speed_count(v.size)]
+        return by_v @ (v - self.final_velocity(v.size)), 0.0 * by_v, by_v
 
     @property
     def fixes_velocity(self) -> bool:
         """Whether the final joint velocity is known beforehand."""
-        return True
+        return not self._passing
 
     def final_velocity(self, n: int) -> Array:
         """Final joint velocity if it is known beforehand, else zero, shape (n,)."""
@@ -93,6 +98,8 @@ class Goal(ABC):
 
     def speed_count(self, n: int) -> int:
         """Number of velocity components, which come last in the residual."""
+        if self._passing:
+            return 0
         return n if self.fixes_velocity else 3
 
     def bounds(self, kinematics: RobotKinematics) -> tuple[Array, Array]:
@@ -142,7 +149,8 @@ class Goal(ABC):
 
     def motion_labels(self, kinematics: RobotKinematics) -> tuple[Label, ...]:
         """Labels of the velocity components, which come last in the residual."""
-        return joint_labels(robot_of(kinematics), "/s")
+        robot = robot_of(kinematics)
+        return joint_labels(robot, "/s")[: self.speed_count(robot.n)]
 
     # -- the final state as far as the goal determines it ------------------------------
 
@@ -262,8 +270,15 @@ class Goal(ABC):
 
     @property
     def stopped(self) -> Goal:
-        """The goal within a via point; this goal otherwise."""
-        return self
+        """The goal of a via point, at which the arm stops; this goal otherwise."""
+        return self._with_passing(False) if self._passing else self
+
+    def _with_passing(self, passing: bool) -> Goal:
+        """The goal as a via point, or as a goal at which the arm stops."""
+        other = copy.copy(self)
+        vars(other).pop("alternatives", None)  # which stop, or pass, as this goal does
+        vars(other)["_passing"] = passing
+        return other
 
     def nearest(self, kinematics: RobotKinematics, q: Array, v: Array) -> Goal:
         """The alternative nearest to a final state; this goal without alternatives."""

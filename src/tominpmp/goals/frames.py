@@ -115,7 +115,7 @@ class FrameGoal(Record, Goal):
     @property
     def fixes_velocity(self) -> bool:
         """The final joint velocity is known if the arm ends at rest."""
-        return self.v is None
+        return self.v is None and super().fixes_velocity
 
 
 @record

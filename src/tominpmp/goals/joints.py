@@ -302,7 +302,7 @@ class JointGoal(GoalOnJoints):
         same = np.array_equal(v, self.final_velocity(v.size))
         unturned = self.q + (q - self.ways[0])
         moved = replace(self, q=unturned, v=self.v if same else v)
-        return moved._with_ways(q) if self._ways else moved
+        return moved._altered(_ways=self._ways and (q,), _passing=self._passing)
 
     def prefixed(self, prefix: str, robot: Robot) -> JointRegionGoal:
         """The configuration as positions of one robot's joints in a combined robot."""

@@ -9,8 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
-from operator import attrgetter
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from tominpmp.arrays import Array, BoolArray, Record
 from tominpmp.checks import instance, whole, wrong
 from tominpmp.exceptions import ProblemError, naming
 from tominpmp.goals.base import Goal
-from tominpmp.goals.place import GoalResidual, Label, Place
+from tominpmp.goals.place import GoalResidual, Place
 from tominpmp.goals.turns import MOST_WAYS, joined_turns
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.robot.robot import Robot
@@ -26,97 +25,10 @@ from tominpmp.robot.robot import Robot
 V = TypeVar("V")
 
 
-def _delegated(name: str) -> Any:
-    """A property that returns the attribute or method of the inner goal."""
-    return property(attrgetter(f"goal.{name}"), doc=getattr(Goal, name).__doc__)
-
-
-@dataclass(frozen=True, eq=False)
-class PassedGoal(Record, Goal):
-    """A goal as a via point: its conditions on the configuration, at any velocity.
-
-    Attributes:
-        goal: The inner goal, whose velocity is ignored.
-    """
-
-    goal: Goal
-
-    def resolved(self, robot: Robot, before: Array | None = None) -> Goal:
-        """The via point with joint values in the order of the robot."""
-        return PassedGoal(self.goal.resolved(robot, before))
-
-    @property
-    def stopped(self) -> Goal:
-        """The inner goal."""
-        return self.goal
-
-    # -- any velocity ------------------------------------------------------------------
-
-    def motion_residual(
-        self, kinematics: RobotKinematics, q: Array, v: Array
-    ) -> tuple[Array, Array, Array]:
-        """An empty residual: any velocity is allowed."""
-        empty = np.zeros((0, v.size))
-        return np.zeros(0), empty, empty
-
-    def motion_labels(self, kinematics: RobotKinematics) -> tuple[Label, ...]:
-        """No labels."""
-        return ()
-
-    def speed_count(self, n: int) -> int:
-        """Zero: velocities are free."""
-        return 0
-
-    @property
-    def fixes_velocity(self) -> bool:
-        """False: the velocity is free."""
-        return False
-
-    # -- attributes of the inner goal --------------------------------------------------
-
-    validate = _delegated("validate")
-    place = _delegated("place")
-    configuration = _delegated("configuration")
-    positions = _delegated("positions")
-    joint_ranges = _delegated("joint_ranges")
-    frame_name = _delegated("frame_name")
-    ball = _delegated("ball")
-    nearest_point = _delegated("nearest_point")
-    distances = _delegated("distances")
-    angle_to_go = _delegated("angle_to_go")
-    target = _delegated("target")
-    members = _delegated("members")
-    angles = _delegated("angles")
-    turns = _delegated("turns")
-    turning = _delegated("turning")
-
-    def with_state(self, q: Array, v: Array) -> Goal:
-        """The via point with another configuration."""
-        return replace(self, goal=self.goal.with_state(q, v))
-
-    def nearest(self, kinematics: RobotKinematics, q: Array, v: Array) -> Goal:
-        """The nearest alternative of the inner goal, passed at any velocity."""
-        return PassedGoal(self.goal.nearest(kinematics, q, np.zeros_like(v)))
-
-    @property
-    def alternatives(self) -> tuple[Goal, ...]:
-        """A via point for each alternative of the inner goal."""
-        return self._passing(self.goal.alternatives)
-
-    @property
-    def choices(self) -> tuple[Goal, ...]:
-        """A via point for each choice of the inner goal."""
-        return self._passing(self.goal.choices)
-
-    def _passing(self, goals: Sequence[Goal]) -> tuple[Goal, ...]:
-        """A via point for each of some goals; this one for a single goal."""
-        return (self,) if len(goals) == 1 else tuple(map(PassedGoal, goals))
-
-
 def passed(goal: Goal) -> Goal:
     """A goal as a via point: the velocity is free unless the goal gives a velocity."""
     moving = any(getattr(item, "v", None) is not None for item in goal.alternatives)
-    return goal if moving else PassedGoal(goal)
+    return goal if moving else goal._with_passing(True)
 
 
 def _checked_members(goals: Sequence[Goal]) -> tuple[Goal, ...]:
@@ -156,6 +68,11 @@ class GoalSet(Record, Goal):
         """Check each goal."""
         self._of_each(lambda goal: goal.validate(robot))
 
+    def _with_passing(self, passing: bool) -> Goal:
+        """The set of the goals as via points, or as goals at which the arm stops."""
+        goals = tuple(goal._with_passing(passing) for goal in self.goals)
+        return self._altered(goals=goals, _passing=passing)
+
     def _of_each(self, function: Callable[[Goal], V]) -> tuple[V, ...]:
         """Values of a function of a goal, whose errors name the goal."""
         values = list[V]()
@@ -186,7 +103,7 @@ class AnyGoal(GoalSet):
                 "do not; expected goals of one kind",
                 "goal.goals",
             )
-        self._keep(goals=goals)
+        self._keep(goals=goals, _passing=goals[0]._passing)
 
     @property
     def alternatives(self) -> tuple[Goal, ...]:
@@ -301,6 +218,4 @@ class AllGoals(GoalSet):
 
 def restricted(goal: Goal, choices: Sequence[Goal]) -> Goal:
     """The goal with only some of its choices."""
-    if isinstance(goal, PassedGoal):
-        return PassedGoal(restricted(goal.goal, [item.stopped for item in choices]))
     return joined_turns(choices) if goal.turning else AnyGoal(choices)

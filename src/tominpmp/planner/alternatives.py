@@ -98,7 +98,6 @@ def _entered(problem: Problem, former: Trajectory | Samples) -> int:
     nearest = problem.alternative_of(former_motion(problem, former))
     goals = [[phase.goal for phase in part.phases] for part in (nearest, *parts)]
     same = [
-        all(a.stopped is b.stopped for a, b in zip(goals[0], each, strict=True))
-        for each in goals[1:]
+        all(a is b for a, b in zip(goals[0], each, strict=True)) for each in goals[1:]
     ]
     return same.index(True)
