@@ -27,7 +27,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -154,25 +154,6 @@ def _segments(motion: GridMotion, rows: LimitRows) -> Iterator[SegmentRows]:
         yield SegmentRows(part, replace(own, subject=own.subject % SEGMENT), place)
 
 
-class TorqueWeights(NamedTuple):
-    """Cost of a unit of torque at instants, as a share of the duration.
-
-    Attributes:
-        q: Positions at the instants, shape (k, n).
-        v: Velocities at the instants, shape (k, n).
-        a: Accelerations at the instants, shape (k, n).
-        way: Directions of motion of the joints: 1, -1, or 0 at rest, shape (k, n).
-        weight: Derivative of ln T with respect to the torque of each joint, shape
-            (k, n).
-    """
-
-    q: Array
-    v: Array
-    a: Array
-    way: Array
-    weight: Array
-
-
 @dataclass(frozen=True, eq=False)
 class SegmentRows:
     """Sensitivities from the multipliers of a segment of a motion.
@@ -218,18 +199,10 @@ class SegmentRows:
         sums = np.bincount(self.rows.subject[mask], values[mask], minlength=count)
         return np.asarray(sums, dtype=float)
 
-    def _of_joint(
-        self,
-        kind: str,
-        joint: int,
-        value: float,
-        unit: str = "",
-        limit: float | None = None,
-        limit_unit: str = "",
-    ) -> Sensitivity:
-        """Record of a joint, with the attributes of :class:`Sensitivity`."""
+    def _of_joint(self, kind: str, joint: int, value: float, *more: Any) -> Sensitivity:
+        """Record of a joint; its unit, its limit and the unit of that may follow."""
         name = self._robot.joint_names[joint]
-        return Sensitivity(kind, name, name, float(value), unit, limit, limit_unit)
+        return Sensitivity(kind, name, name, float(value), *more)
 
     # -- limits ------------------------------------------------------------------------
 
@@ -312,14 +285,19 @@ class SegmentRows:
     # -- gravity, payloads and friction ------------------------------------------------
 
     @cached_property
-    def _torques(self) -> TorqueWeights:
-        """Cost of torques on the segment, from their multipliers.
+    def _torques(self) -> Array:
+        """Cost of torques at instants of the segment, from their multipliers.
 
         It is empty for a kinematic robot, whose accelerations payloads and gravity do
         not change.
+
+        Returns:
+            Positions, velocities and accelerations; the directions of motion: 1, -1,
+            or 0 at rest; and the derivative of ln T with respect to the torque of each
+            joint; shape (5, k, n).
         """
         motion, n = self.motion, self._robot.n
-        every = [tuple(np.zeros((5, 0, n)))]
+        every = [np.zeros((5, 0, n))]
         for item in () if self._robot.kinematic else limits_of_joints(motion):
             kinds = (item.kind.name, PASSIVE)[: 1 + isinstance(item, TorqueLimit)]
             rows = self.rows.selected(self.rows.of(*kinds) & (self.rows.y != 0.0))
@@ -337,8 +315,8 @@ class SegmentRows:
             weight = np.zeros((at.size, n))
             multiplier = rows.y if by.row is None else rows.y[by.row]
             np.add.at(weight, by.at, multiplier[:, None] * by.by_u)
-            every.append((q, v, a, motion.ways(at), weight))
-        return TorqueWeights(*map(np.concatenate, zip(*every, strict=True)))
+            every.append(np.stack([q, v, a, motion.ways(at), weight]))
+        return np.concatenate(every, axis=1)
 
     def _cost(self, robot: Robot) -> float:
         """Sum of torques and constraint values for a changed robot, by multipliers."""
@@ -353,7 +331,7 @@ class SegmentRows:
 
     def _forces(self) -> Iterator[Sensitivity]:
         """Records of gravity, payloads, damping and dry friction."""
-        robot, torques = self._robot, self._torques
+        robot, (_, v, _, way, weight) = self._robot, self._torques
         by_gravity = self._by_gravity
         size = float(np.linalg.norm(robot.gravity))
         value = float(by_gravity @ robot.gravity)
@@ -364,10 +342,10 @@ class SegmentRows:
             yield Sensitivity("payload", None, item.name, value, unit, item.mass, "kg")
         viscous = ["N s/m" if u == "m" else "N m s/rad" for u in units_of(robot)]
         for kind, coefficient, factor, units in (
-            ("damping", robot.damping, torques.v, viscous),
-            ("friction", robot.friction, torques.way, units_of(robot, EFFORT)),
+            ("damping", robot.damping, v, viscous),
+            ("friction", robot.friction, way, units_of(robot, EFFORT)),
         ):
-            value = np.sum(torques.weight * coefficient * factor, axis=0)
+            value = np.sum(weight * coefficient * factor, axis=0)
             for j in np.flatnonzero(coefficient).tolist():
                 size = float(coefficient[j])
                 yield self._of_joint(kind, j, value[j], "", size, units[j])
