@@ -70,6 +70,9 @@ def free(goal: dict[str, Any], *widths: float) -> dict[str, Any]:
 TURNS = turn()["orientation_constraints"]
 NINE: dict[str, Any] = {"primitives": [], "primitive_poses": 9 * [{}]}
 SPOTS = place(constraint_region=NINE)["position_constraints"]
+FOUR: dict[str, Any] = {"primitives": [], "primitive_poses": 4 * [{}]}
+# They have 2**64 combinations, which 64 bits would count as none.
+MANY = 32 * place(constraint_region=FOUR)["position_constraints"]
 
 
 def goal_of(robot: Robot, folder: Path, goal: dict[str, Any], **scene: Any) -> Any:
@@ -553,6 +556,11 @@ def test_message_about_a_wrong_planning_scene_names_its_key(
         ),
         (
             ("goal_constraints", [{"position_constraints": 2 * SPOTS}]),
+            "goal_constraints[0]",
+            "more than 64 combinations of regions",
+        ),
+        (
+            ("goal_constraints", [{"position_constraints": MANY}]),
             "goal_constraints[0]",
             "more than 64 combinations of regions",
         ),

@@ -12,6 +12,7 @@ tolerances of the request.
 from __future__ import annotations
 
 import itertools
+import math
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -791,7 +792,7 @@ class _GoalReader:
             alone = not places and not turns
             fixed = [self._joint_goal(joints, alone)] if joints else []
             choices = [self._place_goals(place, turns) for place in places]
-            if np.prod([len(regions) for regions in choices]) > MOST_GOALS:
+            if math.prod(map(len, choices)) > MOST_GOALS:
                 item.fail(f"holds more than {MOST_GOALS} combinations of regions")
             goals: list[Goal] = []
             for placed in itertools.product(*choices):
