@@ -23,7 +23,7 @@ from tominpmp.goals.base import Goal
 from tominpmp.goals.joints import joint_vector
 from tominpmp.goals.sets import passed, restricted
 from tominpmp.goals.turns import MOST_WAYS
-from tominpmp.kinematics import RobotKinematics, units_of
+from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits, kinds_of
 from tominpmp.notebook import card, skeletons, table
@@ -38,7 +38,7 @@ from tominpmp.problem.segments import (
     checked_segments,
     known_names,
 )
-from tominpmp.problem.state_checks import StateChecks, onto_limits
+from tominpmp.problem.state_checks import check_goal, check_start, onto_limits
 from tominpmp.robot.robot import Robot, datasheet_hint
 from tominpmp.scene.scene import Scene, SceneLike, as_scene
 
@@ -135,7 +135,7 @@ class Problem(Record):
             self._keep(segments=self._aiming_at([phase.goal for phase in phases]))
             self._keep(goal=self.segments[-1].goal)
         else:
-            self._check_start()
+            check_start(self, None, clear=False)
             snapped_goals = self._take_goal(self.goal)
         for message in (*snapped, *snapped_goals):
             warn_caller(message)
@@ -241,13 +241,8 @@ class Problem(Record):
         with naming("goal", "goal"):
             goal.validate(robot)
         before = self.segments[number - 1] if number else None
-        if before is None:
-            phase._check_start()
-        elif before.goal.configuration is not None:
-            if not same:
-                phase._checks.clear(q_start, "start")
-            passing, v = not before.stop, phase.v_start
-            phase._checks.admit(q_start, v, "start", passing=passing)
+        if before is None or before.goal.configuration is not None:
+            check_start(phase, before, clear=same and number > 0)
         rests, former = goal is segment.goal, before.goal if before else None
         return phase, phase._take_goal(segment.goal, former, rests)
 
@@ -280,7 +275,7 @@ class Problem(Record):
             rests: Whether the arm meets the goal itself; otherwise it passes there.
         """
         wrapped = self._wrapped(goal, before)
-        checked_goal, messages = self._checks.goal(wrapped, rests)
+        checked_goal, messages = check_goal(self, wrapped, rests)
         self._keep(goal=checked_goal if rests else passed(checked_goal))
         return messages
 
@@ -315,11 +310,6 @@ class Problem(Record):
             v, most = np.ones_like(v), 1 + 2 * angles.size
         return goal.wrapped(robot, near, v, most)
 
-    @property
-    def _checks(self) -> StateChecks:
-        """Checks of starts and goals, which need no planning."""
-        return StateChecks(self.checker, self.margin, self.ready_constraints)
-
     def _snap_start(self) -> list[str]:
         """Move the start onto limits that it exceeds by rounding; returns warnings."""
         robot = self.robot
@@ -331,28 +321,6 @@ class Problem(Record):
         self._keep(q_start=frozen_array(q), v_start=frozen_array(v))
         self._keep(a_start=frozen_array(a))
         return of_q + of_v
-
-    def _check_start(self) -> None:
-        """Check that the arm may begin in its state at the start.
-
-        Raises:
-            ProblemError: If the state is in collision, or exceeds a limit.
-        """
-        self._checks.start(self.q_start, self.v_start)
-        names, limits = self.robot.joint_names, self.motion_limits
-        if limits is None or not limits.continuous:
-            return
-        most = limits.by_joint("acceleration", names)
-        # The start may be a state of a planned motion, as in _slow_start.
-        beyond = np.abs(self.a_start) > (1.0 + USABLE) * most
-        for i in np.flatnonzero(beyond).tolist():
-            unit = f"{units_of(self.robot)[i]}/s^2"
-            raise ProblemError(
-                f"a_start: joint {names[i]!r} is {self.a_start[i]:.10g} {unit}, "
-                f"outside its acceleration limits [{-most[i]:.10g}, {most[i]:.10g}] "
-                f"{unit}",
-                "a_start",
-            )
 
     def _slow_start(self) -> list[str]:
         """Slow the start down to limits of speed; returns warnings.
@@ -472,7 +440,7 @@ class Problem(Record):
         snapped = other._snap_start()
         goal = goal.resolved(self.robot, other.q_start)
         goal.validate(self.robot)
-        other._check_start()
+        check_start(other, None, clear=False)
         for message in (*snapped, *other._take_goal(goal)):
             warn_caller(where + message)
         return other
