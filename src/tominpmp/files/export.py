@@ -178,8 +178,7 @@ def read_motion(
         TominpmpError: As raised by :func:`load_motion`.
     """
     read = FORMATS[checked_ending(path, FORMATS, NOT_KEPT)].read
-    if interpolation is not None:
-        choice(interpolation, INTERPOLATIONS, "interpolation")
+    choice(interpolation, (*INTERPOLATIONS, None), "interpolation")
     path, held = checked_path(path), is_message(path)
     try:
         content = read(read_bytes(path, MAX_MESSAGE if held else MAX_BYTES), path)
