@@ -85,7 +85,8 @@ class Goal(ABC):
         """Velocity part of the residual, and its derivatives with respect to q, v."""
         v = joint_row(kinematics, v, "v")
         by_v = np.eye(v.size)[: self.speed_count(v.size)]
-        return by_v @ (v - self.final_velocity(v.size)), 0.0 * by_v, by_v
+        off = v - self.final_velocity(v.size)
+        return off[: len(by_v)], 0.0 * by_v, by_v
 
     @property
     def fixes_velocity(self) -> bool:
