@@ -9,6 +9,7 @@ reading returns the same bits.
 
 from __future__ import annotations
 
+import codecs
 import csv
 import io
 import math
@@ -60,10 +61,8 @@ def write_csv(samples: Samples, file: BinaryIO) -> None:
         header.append(SEGMENT)
         for row, number in zip(rows, samples.segment_numbers.tolist(), strict=True):
             row.append(number)
-    text = io.TextIOWrapper(file, encoding="utf-8", newline="")
+    text = codecs.getwriter("utf-8")(file)
     csv.writer(text, lineterminator="\n").writerows([header, *rows])
-    text.flush()
-    text.detach()  # the caller closes the file
 
 
 def write_npz(samples: Samples, file: BinaryIO) -> None:
