@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import field
+from dataclasses import field, replace
 from functools import cached_property, partial
 from typing import Annotated, TypeAlias
 
@@ -13,17 +13,21 @@ import numpy as np
 
 from tominpmp.arrays import Array, Converted, Record, default, frozen_array, record
 from tominpmp.checks import JointsLike, instance, non_negative, of_type, optional
-from tominpmp.collision.checker import CollisionChecker
+from tominpmp.collision.checker import CollisionChecker, enclosure
+from tominpmp.collision.query import ROUNDING
 from tominpmp.constraints.base import USABLE
+from tominpmp.constraints.contradiction import contradiction
 from tominpmp.constraints.path import PathConstraint, checked
+from tominpmp.description.inertials import singular_directions
 from tominpmp.description.joint_table import example_values
 from tominpmp.description.model import sticks
+from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError, brief, naming, warn_caller
 from tominpmp.goals.base import Goal
 from tominpmp.goals.joints import joint_vector
 from tominpmp.goals.sets import passed, restricted
 from tominpmp.goals.turns import MOST_WAYS
-from tominpmp.kinematics import RobotKinematics
+from tominpmp.kinematics import RobotKinematics, units_of
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits, kinds_of
 from tominpmp.notebook import card, skeletons, table
@@ -38,13 +42,15 @@ from tominpmp.problem.segments import (
     checked_segments,
     known_names,
 )
-from tominpmp.problem.state_checks import check_goal, check_start, onto_limits
+from tominpmp.problem.state_checks import SNAP, onto_limits, unheld
 from tominpmp.robot.robot import Robot, datasheet_hint
 from tominpmp.scene.scene import Scene, SceneLike, as_scene
 
 # Largest number of combinations of alternative goals over several segments, which are
 # planned one by one, and of combinations of equivalent joint angles over the segments.
 MOST_ALTERNATIVES, MOST_TURNS = 256, 16
+# The field of a problem that holds the start or the goal.
+FIELDS = {"start": "q_start", "goal": "goal"}
 # Farthest way that a joint is assumed to need for a change of its velocity [rad or m].
 FARTHEST = 1e4
 
@@ -135,7 +141,7 @@ class Problem(Record):
             self._keep(segments=self._aiming_at([phase.goal for phase in phases]))
             self._keep(goal=self.segments[-1].goal)
         else:
-            check_start(self, None, clear=False)
+            _check_start(self, None, clear=False)
             snapped_goals = self._take_goal(self.goal)
         for message in (*snapped, *snapped_goals):
             warn_caller(message)
@@ -242,7 +248,7 @@ class Problem(Record):
             goal.validate(robot)
         before = self.segments[number - 1] if number else None
         if before is None or before.goal.configuration is not None:
-            check_start(phase, before, clear=same and number > 0)
+            _check_start(phase, before, clear=same and number > 0)
         rests, former = goal is segment.goal, before.goal if before else None
         return phase, phase._take_goal(segment.goal, former, rests)
 
@@ -275,7 +281,7 @@ class Problem(Record):
             rests: Whether the arm meets the goal itself; otherwise it passes there.
         """
         wrapped = self._wrapped(goal, before)
-        checked_goal, messages = check_goal(self, wrapped, rests)
+        checked_goal, messages = _check_goal(self, wrapped, rests)
         self._keep(goal=checked_goal if rests else passed(checked_goal))
         return messages
 
@@ -440,7 +446,7 @@ class Problem(Record):
         snapped = other._snap_start()
         goal = goal.resolved(self.robot, other.q_start)
         goal.validate(self.robot)
-        check_start(other, None, clear=False)
+        _check_start(other, None, clear=False)
         for message in (*snapped, *other._take_goal(goal)):
             warn_caller(where + message)
         return other
@@ -491,4 +497,282 @@ def _check_controls(robot: Robot, limits: MotionLimits | None) -> None:
             "with its dynamics, without kinematic=True"
             f"{datasheet_hint(robot, joints[0])}",
             "motion_limits",
+        )
+
+
+# -- checks of starts and goals that need no planning ----------------------------------
+
+
+def _check_start(problem: Problem, before: Segment | None, clear: bool) -> None:
+    """Check that the arm may begin a problem, or a segment, in its state at the start.
+
+    Args:
+        problem: The problem.
+        before: The segment before, whose end is the start; None for the first one.
+        clear: Whether collisions at the start are ruled out already.
+
+    Raises:
+        ProblemError: If the state is in collision, or exceeds a limit.
+    """
+    robot, q = problem.robot, problem.q_start
+    if not clear:
+        _check_clear(problem, q, "start", None if before else 0.0)
+    _check_mass(problem, q, "start")
+    passing = before is not None and not before.stop
+    _check_state(problem, q, problem.v_start, "start", passing=passing)
+    limits = problem.motion_limits
+    if limits is None or not limits.continuous:
+        return
+    most = limits.by_joint("acceleration", robot.joint_names)
+    # The start may be a state of a planned motion, which may exceed limits slightly.
+    for i in np.flatnonzero(np.abs(problem.a_start) > (1.0 + USABLE) * most).tolist():
+        unit = f"{units_of(robot)[i]}/s^2"
+        raise ProblemError(
+            f"a_start: joint {robot.joint_names[i]!r} is {problem.a_start[i]:.10g} "
+            f"{unit}, outside its acceleration limits [{-most[i]:.10g}, "
+            f"{most[i]:.10g}] {unit}",
+            "a_start",
+        )
+
+
+def _check_goal(problem: Problem, goal: Goal, rests: bool) -> tuple[Goal, list[str]]:
+    """Check a goal, which was validated against the robot.
+
+    Args:
+        problem: The problem.
+        goal: The goal.
+        rests: Whether the arm comes to rest at the goal.
+
+    Returns:
+        The goal, moved onto limits that it exceeds by rounding and without
+        alternatives that fail a check, and warnings.
+
+    Raises:
+        ProblemError: If the goal fails a check, or all of its alternatives do.
+    """
+    if goal.alternatives[0] is not goal:
+        return _check_any(problem, goal, rests)
+    robot = problem.robot
+    if goal.configuration is not None:
+        v = goal.final_velocity(robot.n)
+        q, of_q = onto_limits(robot, "position", goal.configuration, "goal.q")
+        v, of_v = onto_limits(robot, "velocity", v, "goal.v")
+        _check_clear(problem, q, "goal", None)
+        _check_mass(problem, q, "goal")
+        if rests and not np.any(v) and (fault := unheld(robot, q)):
+            raise ProblemError(f"goal: {fault}", "goal")
+        _check_state(problem, q, v, "goal")
+        return goal.with_state(q, v) if of_q or of_v else goal, of_q + of_v
+    messages = []
+    for item in goal.members:
+        q, name = item.positions(robot), "goal.q with its tolerance"
+        messages += onto_limits(robot, "position", q, name)[1]
+        _check_reach(problem, item)
+        _check_link(problem, item)
+    lower, upper = goal.joint_ranges(robot)
+    for i in np.flatnonzero(lower > upper + ROUNDING).tolist():
+        joint = robot.joint_names[i]
+        said = f"{lower[i]:.6g} at least and {upper[i]:.6g} at most [rad or m]"
+        raise ProblemError(f"goal: joint {joint!r} is to be {said}", "goal")
+    return goal, messages
+
+
+def _check_any(problem: Problem, goal: Goal, rests: bool) -> tuple[Goal, list[str]]:
+    """Drop alternatives that fail a check, if at least one alternative passes.
+
+    Each dropped alternative gets a warning, except equivalent joint angles: they
+    differ from the caller's goal by whole turns only.
+
+    Raises:
+        ProblemError: If no alternative passes.
+    """
+    goals = goal.choices
+    valid, messages = list[Goal](), list[str]()
+    faults = dict[int, ProblemError]()
+    for number, alternative in enumerate(goals, 1):
+        try:
+            checked, snapped = _check_goal(problem, alternative, rests)
+        except ProblemError as error:
+            faults[number] = error
+        else:
+            valid.append(checked)
+            messages += snapped
+    if goal.turning:
+        if not valid:
+            raise faults[1]
+        return restricted(goal, valid), list(dict.fromkeys(messages))
+    faulty = [f"goal {k} of {len(goals)}: {fault}" for k, fault in faults.items()]
+    if not valid:
+        raise ProblemError("; ".join(faulty), "goal")
+    messages += [f"{text}; it is left out" for text in faulty]
+    return restricted(goal, valid), messages
+
+
+def _check_clear(problem: Problem, q: Array, which: str, time: float | None) -> None:
+    """Check that the configuration at the "start" or the "goal" is collision-free.
+
+    Args:
+        problem: The problem.
+        q: The configuration, shape (n,).
+        which: "start" or "goal".
+        time: Time at which the arm is there [s]; None if it is not known yet:
+            moving obstacles may be elsewhere then.
+
+    Raises:
+        ProblemError: If it is in collision, naming the deepest collision pair.
+    """
+    checker = problem.checker
+    if checker.hulls_clear(q):
+        return
+    # The checker decomposes meshes into convex pieces for the margins of the pairs.
+    known = time is not None or not checker.moving
+    if known and checker.is_free(q, problem.margins, time or 0.0):
+        return
+    contact = checker.closest(q, problem.margins, time)
+    if contact is None or contact.distance >= contact.margin - ROUNDING:
+        return
+    depth, advice = f"overlap by {-contact.distance:.4g} m", ""
+    if contact.distance >= 0.0:
+        apart = f"are {contact.distance:.4g} m apart"
+        depth = f"{apart}, less than the margin {contact.margin:.4g} m"
+    elif contact.own:
+        advice = _advice_on_links(problem, q)
+    raise ProblemError(
+        f"{which} in collision: {contact.pair} {depth} at q = "
+        f"{np.round(q, 4).tolist()}{advice}",
+        FIELDS[which],
+    )
+
+
+def _advice_on_links(problem: Problem, q: Array) -> str:
+    """Advice on an overlap of two links that the robot description may allow."""
+    meshes = replace(problem.checker, scene=Scene(), geometry="mesh")
+    cause = " their meshes overlap, too;"
+    if meshes.is_free(q):
+        cause = " their meshes do not, only the convex pieces that stand for them;"
+    return (
+        f":{cause} links that may touch belong among the disable_collisions of an "
+        "SRDF, and self_collision=False lets all of them touch"
+    )
+
+
+def _check_state(
+    problem: Problem, q: Array, v: Array, which: str, *, passing: bool = False
+) -> None:
+    """Check that constraints hold at a state, and that no joint leaves its range.
+
+    A joint that moves at a position limit is outside its range before or after: at
+    a goal neither is allowed, at a start it may come from outside.
+
+    Args:
+        problem: The problem.
+        q: Positions, shape (n,).
+        v: Velocities, shape (n,).
+        which: "start" or "goal".
+        passing: Whether the arm passes the configuration at an unknown velocity:
+            then only constraints on the configuration are checked.
+
+    Raises:
+        ProblemError: If a constraint is violated by more than rounding, or, at a
+            start, by more than a motion may violate it between two rows.
+    """
+    robot = problem.robot
+    limits = robot.limits
+    outward = np.where(q >= limits.position_upper, v, 0.0)
+    outward -= np.where(q <= limits.position_lower, v, 0.0)
+    wrong = outward if which == "start" else np.abs(outward)
+    # A slower joint stops within rounding of its limit.
+    for i in np.flatnonzero(wrong > math.sqrt(SNAP)).tolist():
+        unit = units_of(robot)[i]
+        way = "leaves" if outward[i] > 0.0 else "enters"
+        raise ProblemError(
+            f"{which}: joint {robot.joint_names[i]!r} {way} its range there: "
+            f"it has {v[i]:.4g} {unit}/s at its limit of {q[i]:.4g} {unit}",
+            FIELDS[which],
+        )
+    for item in problem.ready_constraints:
+        begin, end = item.during or (0.0, math.inf)
+        # The arrival time at a goal is not known yet.
+        holds = begin <= 0.0 if which == "start" else math.isinf(end)
+        if not holds or (passing and item.order > 0):
+            continue
+        # A state of a planned motion may exceed it between two rows, by a share of
+        # its scale; a slack counts in units of the scale, and at least of 1.
+        slack = USABLE * min(item.scale, 1.0) if which == "start" else ROUNDING
+        if lack := item.lack(q, v, slack):
+            why = contradiction(item, problem.ready_constraints, robot, q)
+            raise ProblemError(f"{which}: {lack}{why}", FIELDS[which])
+
+
+def _check_mass(problem: Problem, q: Array, which: str) -> None:
+    """Check that the mass matrix is regular, so that accelerations are bounded.
+
+    Args:
+        problem: The problem.
+        q: The configuration, shape (n,).
+        which: "start" or "goal".
+
+    Raises:
+        ProblemError: Naming the joints that can move without any inertia.
+    """
+    robot = problem.robot
+    if robot.kinematic:
+        return
+    mass = RobotDynamics(robot).mass(np.asarray(q)[None])[0]
+    light = np.flatnonzero(singular_directions(mass)).tolist()
+    if light:
+        joints = [robot.joint_names[i] for i in light]
+        raise ProblemError(
+            f"{which}: {' and '.join(joints)} can move without any inertia there, "
+            "so that any torque would accelerate them without bound: give "
+            f"armature={example_values(joints)} [kg m^2 or kg], or lock one",
+            FIELDS[which],
+        )
+
+
+def _check_link(problem: Problem, goal: Goal) -> None:
+    """Check that the link at the goal's frame has an orientation without collision.
+
+    Raises:
+        ProblemError: If the link overlaps an obstacle in every orientation.
+    """
+    ball, frame = goal.ball, goal.frame_name
+    if ball is None or frame is None or not len(problem.checker.scene):
+        return
+    found = enclosure(problem.checker, frame, ball.centre, ball.radius)
+    if found is not None:
+        raise ProblemError(
+            f"goal: {np.round(ball.centre, 4).tolist()} is {found.lack:.4g} m deep "
+            f"in obstacle {found.obstacle!r}, and link {found.link!r} with frame "
+            f"{frame!r} there overlaps it in every orientation",
+            "goal",
+        )
+
+
+def _check_reach(problem: Problem, goal: Goal) -> None:
+    """Check that the goal's frame can come as far, and be as fast, as it is to be.
+
+    Raises:
+        ProblemError: If the goal is out of reach, or its velocity beyond a limit.
+    """
+    target, frame = goal.nearest_point(), goal.frame_name
+    given = getattr(goal, "v", None)
+    v = 0.0 if given is None else float(np.linalg.norm(given))
+    for limited, top in filter(None, (c.top_speed for c in problem.ready_constraints)):
+        if limited == frame and v > top * (1.0 + ROUNDING):
+            raise ProblemError(
+                f"goal: the speed of frame {frame} is {v:.4g} m/s, {v - top:.2g} "
+                f"m/s more than its limit {top:.4g} m/s",
+                "goal",
+            )
+    if target is None or frame is None:
+        return
+    reach = RobotKinematics(problem.robot).reach(frame)
+    distance = math.hypot(*target)  # does not overflow
+    if distance > reach * (1.0 + 1e-9):
+        raise ProblemError(
+            f"goal: {np.round(target, 4).tolist()} is {distance:.4g} m from the "
+            f"base, and frame {frame!r} reaches {reach:.4g} m at most: "
+            f"outside reach by {distance - reach:.4g} m",
+            "goal",
         )
