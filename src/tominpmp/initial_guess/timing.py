@@ -23,8 +23,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, BoolArray
 from tominpmp.constraints.base import States
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError
@@ -62,30 +63,21 @@ class PathTiming:
 
     Attributes:
         path: The path.
-        s: Grid of the path parameter from 0 to 1, shape (m,).
-        t: Time at each grid point [s], shape (m,).
-        x: Squared speed of s at each grid point [1/s^2], shape (m,).
+        s: The path parameter, from 0 to 1, as a curve of time; s'' is constant between
+            the points of the grid.
     """
 
     path: RoundedPath
-    s: Array
-    t: Array
-    x: Array
+    s: CubicHermiteSpline
 
     @property
     def duration(self) -> float:
         """T [s]."""
-        return float(self.t[-1])
+        return float(self.s.x[-1])
 
     def position(self, times: Array) -> Array:
-        """Configurations at times, shape (k, n); s'' is constant on each interval."""
-        index = np.searchsorted(self.t, times, side="right") - 1
-        index = np.clip(index, 0, self.t.size - 2)
-        step = times - self.t[index]
-        speed = np.sqrt(self.x)
-        slope = (speed[index + 1] - speed[index]) / (self.t[index + 1] - self.t[index])
-        s = self.s[index] + step * (speed[index] + 0.5 * step * slope)
-        return self.path.evaluate(np.clip(s, 0.0, 1.0))[0]
+        """Configurations at times, shape (k, n)."""
+        return self.path.evaluate(np.clip(self.s(times), 0.0, 1.0))[0]
 
 
 def time_path(system: ProblemFunctions, path: RoundedPath) -> PathTiming | None:
@@ -163,44 +155,45 @@ def _integrate(
         step, target = steps[i], controllable[i + 1]
         # Trapezoidal rule: friction changes along the step.
         brake = 0.5 * (lower[i] + np.interp(target, table[i + 1], lower[i + 1]))
-        reachable = (
-            allowed[i]
-            & (table[i] + 2.0 * step * brake <= target + 1e-12)
-            & (table[i] + 2.0 * step * upper[i] >= 0.0)
-        )
-        if not reachable[0]:
-            return None
+        usable = allowed[i] & (table[i] + 2.0 * step * upper[i] >= 0.0)
         # The controllable set is an interval from rest: the first failure ends it.
-        last = int(np.argmin(np.append(reachable, False))) - 1
-        controllable[i] = _refine(last, table[i], brake, target, step)
+        fastest = _largest(table[i], table[i] + 2.0 * step * brake - target, usable)
+        if fastest is None:
+            return None
+        controllable[i] = fastest
     x = np.zeros(count)
     for i in range(count - 1):
         step = steps[i]
         # Trapezoidal rule, for the next speed that fits the largest s'' there.
         target = x[i] + step * float(np.interp(x[i], table[i], upper[i]))
-        push = -0.5 * upper[i + 1]
-        beyond = table[i + 1] + 2.0 * step * push > target
-        last = int(np.argmax(np.append(beyond, True))) - 1
-        if last >= 0:
-            ahead = _refine(last, table[i + 1], push, target, step)
-            x[i + 1] = min(controllable[i + 1], ahead)
+        ahead = _largest(table[i + 1], table[i + 1] - step * upper[i + 1] - target)
+        x[i + 1] = min(controllable[i + 1], ahead or 0.0)
         if x[i + 1] <= 0.0 and i + 1 < count - 1:
             return None
     speed = np.sqrt(x)
     t = np.concatenate([[0.0], np.cumsum(2.0 * steps / (speed[:-1] + speed[1:]))])
-    return PathTiming(path, s, t, x)
+    return PathTiming(path, CubicHermiteSpline(t, s, speed))
 
 
-def _refine(last: int, table: Array, brake: Array, target: float, step: float) -> float:
-    """Largest x between two table entries that can still brake to the target."""
-    if last + 1 >= table.size:
-        return float(table[last])
-    x0, x1 = table[last], table[last + 1]
-    f0 = x0 + 2.0 * step * brake[last] - target
-    f1 = x1 + 2.0 * step * brake[last + 1] - target
-    if not (np.isfinite(f1) and f1 > 0.0 >= f0):
-        return float(x0)
-    return float(x0 + (x1 - x0) * (-f0) / (f1 - f0))
+def _largest(
+    table: Array, excess: Array, usable: BoolArray | bool = True
+) -> float | None:
+    """Largest x, by interpolation, before the first entry that is beyond a bound.
+
+    Args:
+        table: Values of x, increasing, shape (speeds,).
+        excess: Their excess over the bound, shape (speeds,).
+        usable: Whether each entry may be taken at all.
+
+    Returns:
+        The largest x; None if the first entry is beyond the bound.
+    """
+    last = int(np.argmin(np.append(usable & (excess <= 1e-12), False))) - 1
+    if last < 0:
+        return None
+    x, beyond = table[last : last + 2], excess[last : last + 2]
+    crossed = np.all(np.isfinite(beyond)) and beyond[0] <= 0.0 < beyond[-1]
+    return float(np.interp(0.0, beyond, x) if crossed else x[0])
 
 
 def fastest_between(
