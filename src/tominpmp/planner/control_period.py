@@ -14,12 +14,11 @@ from __future__ import annotations
 import contextlib
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from tominpmp.arrays import Array
 from tominpmp.certificate.dwells import no_certificate, with_dwells
 from tominpmp.certificate.minimum_principle import TOLERANCE, certify, clock_share
 from tominpmp.exceptions import OptionsError
@@ -30,7 +29,6 @@ from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.first_program import with_active_rows
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import NUMERICAL, Work, make_and_repair
-from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import Segment, Span, arrival_window, spans_of
 from tominpmp.solution import Solution
 from tominpmp.solvers.exchange import RowExchange
@@ -206,6 +204,8 @@ def status_on_clock(
 def _bring_to_clock(period: float, former: Candidate, state: PlanState) -> Candidate:
     """Move a candidate to the clock.
 
+    If no motion on the knots of a trial is feasible, the next trial has more periods.
+
     Args:
         period: The period [s].
         former: The candidate without a clock.
@@ -214,193 +214,137 @@ def _bring_to_clock(period: float, former: Candidate, state: PlanState) -> Candi
     Returns:
         The motion on the clock; the last trial if no trial succeeds.
     """
-    candidate = former
-    trial = ClockTrial.of(state.problem, former.trajectory, period)
+    problem, motion = state.problem, former.trajectory
+    dwells = [whole_periods(phase.dwell, period) for phase in problem.segments]
+    rounded = with_dwells(problem.alternative_of(motion), dwells)
+    system = ProblemFunctions.of(rounded)
+    segments = rounded.segments or (Segment(rounded.goal),)
+    spans = spans_of(motion, problem.segments)
+    begins, arrivals, _ = np.array(spans).T
+    # Durations of the segments without a clock and without their dwells, in periods.
+    lengths = np.maximum((arrivals - begins) / period, 1.0)
+    # A segment that waits for its earliest arrival takes what this time asks for.
+    earliest = [arrival_window(segment)[0] for segment in segments]
+    waits = arrivals <= (1.0 + TRACE) * np.array(earliest)
+    counts = [ticks_of(length, 1.0) for length in np.where(waits, 0.0, lengths)]
+    wanted, halvings = np.array(_within_windows(counts, segments, period)), 0
+    candidate, knots = former, np.zeros(0)
     for _ in range(TRIALS):
-        tried, knots = trial.candidate(state, candidate), trial.layout.shares
-        logger.info("%d periods of %g s: %s", trial.count, period, tried.status.value)
-        candidate, trial = tried.after(candidate), trial.after(tried)
-        if tried.confirmed or np.array_equal(trial.layout.shares, knots):
+        periods = _within_windows(wanted.tolist(), segments, period)
+        layout = Layout.on_clock(motion, spans, period, periods, halvings)
+        if np.array_equal(layout.shares, knots):
             break  # the windows of arrival allow no other knots
+        knots = layout.shares
+        make = partial(_on_knots, layout, motion, spans, period, state)
+        # Rows against self-collision that the former program had are kept.
+        tried = make_and_repair(
+            state, Work(system, make, self_collision_rows=candidate.clearance_rows)
+        )
+        count, candidate = sum(periods), tried.after(candidate)
+        logger.info("%d periods of %g s: %s", count, period, tried.status.value)
+        if tried.confirmed:
+            break
+        needed = (1.0 - TRACE) * (tried.trajectory.duration - sum(dwells))
+        more = ticks_of(needed, period) - count
+        if tried.violation <= RESTORABLE and more > 0:
+            motion, halvings = tried.trajectory, 0
+            spans = spans_of(motion, rounded.segments)
+            # With several segments the duration also depends on the rounding of each,
+            # which is another one for every number of periods.
+            more = more if len(segments) == 1 else (more + 1) // 2
+        else:
+            more = 1 + int(LONGER * halvings * count)
+            halvings += 1
+        # Each further period goes to the segment that is shortest compared with the
+        # motion without a clock: the fastest segment determines the duration.
+        for _ in range(more):
+            wanted[np.argmin(wanted / lengths)] += 1
     return replace(candidate, remark=former.remark)
 
 
-@dataclass(frozen=True, eq=False)
-class ClockTrial:
-    """A trial to fit a motion into a number of periods.
+def _within_windows(
+    wanted: Sequence[int], segments: Sequence[Segment], period: float
+) -> list[int]:
+    """Periods of segments, without dwells, within their windows of arrival.
 
-    Attributes:
-        system: Functions of the problem, with dwells of whole periods.
+    Args:
+        wanted: Numbers of periods before they are adapted to the windows.
+        segments: The segments, whose dwells are whole periods.
+        period: The period [s].
+    """
+    counts: list[int] = []
+    now = since = 0
+    for count, segment in zip(wanted, segments, strict=True):
+        rests = segment is segments[-1] or segment.stop
+        earliest, latest = arrival_window(segment)
+        tick = max(now + count, ticks_of(earliest, period))
+        if latest < np.inf:
+            tick = min(tick, -ticks_of(-latest, period))
+        # A segment whose goal is passed may take a single period, but a motion from
+        # rest to rest takes FEWEST_PERIODS.
+        fewest = max(FEWEST_PERIODS - since, 1) if rests else 1
+        counts.append(max(tick - now, fewest))
+        since = 0 if rests else since + counts[-1]
+        now += counts[-1] + ticks_of(segment.dwell, period)
+    return counts
+
+
+def _on_knots(
+    layout: Layout,
+    motion: Trajectory,
+    spans: Sequence[Span],
+    period: float,
+    state: PlanState,
+    system: ProblemFunctions,
+    *_: object,
+) -> Candidate:
+    """The motion on given knots, replayed.
+
+    It is not feasible if no motion with the duration of the layout was found.
+
+    Args:
+        layout: The knots, which are ticks.
         motion: The motion that serves as warm start.
         spans: When its segments begin, meet their goals, and end.
         period: The period [s].
-        lengths: Durations of the segments without a clock and without their dwells, in
-            periods, shape (k,).
-        wanted: Number of periods of each segment, without its dwell, before they are
-            adapted to the windows of arrival.
-        halvings: How often intervals of the motion are halved.
+        state: The plan.
+        system: Functions of the problem, with dwells of whole periods.
     """
 
-    system: ProblemFunctions
-    motion: Trajectory
-    spans: Sequence[Span]
-    period: float
-    lengths: Array
-    wanted: tuple[int, ...]
-    halvings: int = 0
+    def shown(record: IterationRecord) -> None:
+        # A callback that has interrupted the plan sees no more iterations. A motion
+        # that is feasible before the tick ends no iteration: it needs more periods.
+        if not state.deadline.interrupted:
+            state(record)
 
-    @classmethod
-    def of(cls, problem: Problem, motion: Trajectory, period: float) -> ClockTrial:
-        """The first trial for a motion: its segments rounded up to periods.
-
-        Args:
-            problem: The problem that the motion solves.
-            motion: The motion without a clock.
-            period: The period [s].
-        """
-        spans = spans_of(motion, problem.segments)
-        dwells = [whole_periods(phase.dwell, period) for phase in problem.segments]
-        rounded = with_dwells(problem.alternative_of(motion), dwells)
-        first = [arrival_window(segment)[0] for segment in problem.segments] or [0.0]
-        begins, arrivals, _ = np.array(spans).T
-        # A segment that waits for its earliest arrival takes what this time asks for.
-        waits = arrivals <= (1.0 + TRACE) * np.array(first)
-        lengths = np.maximum((arrivals - begins) / period, 1.0)
-        counts = tuple(
-            ticks_of(length, 1.0) for length in np.where(waits, 0.0, lengths)
-        )
-        system = ProblemFunctions.of(rounded)
-        trial = cls(system, motion, spans, period, lengths, counts)
-        return replace(trial, wanted=trial.periods)
-
-    @property
-    def segments(self) -> Sequence[Segment]:
-        """The segments; a single one if the problem has no segments."""
-        problem = self.system.problem
-        return problem.segments or (Segment(problem.goal),)
-
-    @cached_property
-    def layout(self) -> Layout:
-        """Layout with the knots of the trial: ticks near the nodes of the motion."""
-        grid = self.motion, self.spans, self.period, self.periods
-        return Layout.on_clock(*grid, self.halvings)
-
-    @property
-    def count(self) -> int:
-        """Number of periods of all segments."""
-        return sum(self.periods)
-
-    @cached_property
-    def periods(self) -> tuple[int, ...]:
-        """Periods of the segments, without dwells, within their windows of arrival."""
-        counts: list[int] = []
-        now = since = 0
-        for count, segment in zip(self.wanted, self.segments, strict=True):
-            last = len(counts) == len(self.wanted) - 1
-            tick, rests = now + count, last or segment.stop
-            earliest, latest = arrival_window(segment)
-            tick = max(tick, ticks_of(earliest, self.period))
-            if latest < np.inf:
-                tick = min(tick, -ticks_of(-latest, self.period))
-            # A segment whose goal is passed may take a single period, but a motion from
-            # rest to rest takes FEWEST_PERIODS.
-            fewest = max(FEWEST_PERIODS - since, 1) if rests else 1
-            counts.append(max(tick - now, fewest))
-            since = 0 if rests else since + counts[-1]
-            now += counts[-1] + ticks_of(segment.dwell, self.period)
-        return tuple(counts)
-
-    def candidate(self, state: PlanState, former: Candidate) -> Candidate:
-        """The motion on the knots of the trial, with self-collision rows if needed.
-
-        Args:
-            state: The plan.
-            former: The candidate of the trial before, or without a clock. If its
-                program has rows against self-collision, so has the first program here.
-
-        Returns:
-            The motion; it is not feasible if no motion with the duration of the trial
-            was found.
-        """
-        make = partial(self._made, state)
-        work = Work(self.system, make, self_collision_rows=former.clearance_rows)
-        return make_and_repair(state, work)
-
-    def _made(
-        self, state: PlanState, system: ProblemFunctions, *_: object
-    ) -> Candidate:
-        """The motion on the knots of the trial, replayed."""
-
-        def shown(record: IterationRecord) -> None:
-            # A callback that has interrupted the plan sees no more iterations. A motion
-            # that is feasible before the tick ends no iteration: it needs more periods.
-            if not state.deadline.interrupted:
-                state(record)
-
-        T = float(self.layout.eta[0])
-        known = self.motion, self.spans
-        represented = self.layout.represented(system, *known, within=True)
-        feasibility = max(state.options.feasibility, SLIGHT)
-        options = replace(state.options, objective="time", feasibility=feasibility)
-        warm = warm_start_options(options, ITERATIONS)
-        step, stop = trust_regions(warm, accuracy=EXACT)
-        program, z = with_active_rows(*represented)
-        result = solve(
-            replace(program, least_duration=T),
-            minimum_time(system, warm, T),
-            z,
-            step,
-            first_of(reaches_tick(T, feasibility), stop),
-            exchange=RowExchange(longest=(1.0 + TRACE) * T),
-            callback=shown,
-        )
-        best = result.best
-        if best is not None:
-            # With slack in its rows T may exceed the tick by more than a trace: it is
-            # set to the tick, and the rows are evaluated again.
-            z = np.append(best.z[:-1], T)
-            best = replace(best, z=z, values=result.program.evaluate(z))
-            feasible = best if best.violation <= feasibility else None
-            result = replace(result, best=feasible)
-        clocked = Candidate.of(self.motion, result)
-        if clocked.feasible:
-            motion = on_ticks(clocked.trajectory, self.period)
-            clocked = replace(clocked, trajectory=motion)
-        return clocked.verified(state.problem, state.options)
-
-    def after(self, candidate: Candidate) -> ClockTrial:
-        """The next trial after a candidate that is slower, infeasible or refuted.
-
-        Args:
-            candidate: The candidate of this trial.
-        """
-        motion = candidate.trajectory
-        dwells = sum(segment.dwell for segment in self.segments)
-        needed = ticks_of((1.0 - TRACE) * (motion.duration - dwells), self.period)
-        if candidate.violation <= RESTORABLE and needed > self.count:
-            spans = spans_of(motion, self.system.problem.segments)
-            slower = replace(self, motion=motion, spans=spans, halvings=0)
-            # With several segments the duration also depends on the rounding of each,
-            # which is another one for every number of periods.
-            missing = needed - self.count
-            more = missing if len(self.wanted) == 1 else (missing + 1) // 2
-            return replace(slower, wanted=self._longer(more))
-        wanted = self._longer(1 + int(LONGER * self.halvings * self.count))
-        return replace(self, wanted=wanted, halvings=self.halvings + 1)
-
-    def _longer(self, more: int) -> tuple[int, ...]:
-        """Periods of the segments with further periods.
-
-        Each further period goes to the segment that is shortest compared with the
-        motion without a clock: the fastest segment determines the duration.
-
-        Args:
-            more: Number of further periods.
-        """
-        wanted = np.array(self.wanted)
-        for _ in range(more):
-            wanted[np.argmin(wanted / self.lengths)] += 1
-        return tuple(wanted.tolist())
+    T = float(layout.eta[0])
+    represented = layout.represented(system, motion, spans, within=True)
+    feasibility = max(state.options.feasibility, SLIGHT)
+    options = replace(state.options, objective="time", feasibility=feasibility)
+    warm = warm_start_options(options, ITERATIONS)
+    step, stop = trust_regions(warm, accuracy=EXACT)
+    program, z = with_active_rows(*represented)
+    result = solve(
+        replace(program, least_duration=T),
+        minimum_time(system, warm, T),
+        z,
+        step,
+        first_of(reaches_tick(T, feasibility), stop),
+        exchange=RowExchange(longest=(1.0 + TRACE) * T),
+        callback=shown,
+    )
+    best = result.best
+    if best is not None:
+        # With slack in its rows T may exceed the tick by more than a trace: it is set
+        # to the tick, and the rows are evaluated again.
+        z = np.append(best.z[:-1], T)
+        best = replace(best, z=z, values=result.program.evaluate(z))
+        feasible = best if best.violation <= feasibility else None
+        result = replace(result, best=feasible)
+    clocked = Candidate.of(motion, result)
+    if clocked.feasible:
+        clocked = replace(clocked, trajectory=on_ticks(clocked.trajectory, period))
+    return clocked.verified(state.problem, state.options)
 
 
 def reaches_tick(duration: float, feasibility: float) -> Rule:
