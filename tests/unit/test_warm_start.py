@@ -54,7 +54,7 @@ def test_former_motion_is_represented_within_rounding(stepped):
     assert guess.bend is None and guess.entry == 0.0
     # On the grid of the motion, and on a finer grid that splits its intervals.
     for intervals in (stepped.trajectory.t.size - 1, 57):
-        transcription, z = guess.spline(system, intervals, "cosine", 2)
+        transcription, z = guess.iterate(system, intervals, "cosine", 2)
         program = NonlinearProgram.of(transcription).at(z)
         motion = program.trajectory(z)
         assert motion.t.size == intervals + 1
@@ -72,7 +72,7 @@ def test_former_splines_are_represented_within_rounding(free, control):
     system = ProblemFunctions.of(free.problem)
     guess = warm_start(system, solution.trajectory)
     degree = 3 if control == "linear" else 5
-    transcription, z = guess.spline(system, 24, "cosine", degree)
+    transcription, z = guess.iterate(system, 24, "cosine", degree)
     times = np.linspace(0, solution.T, 300)
     expected = solution.trajectory(times).q
     np.testing.assert_allclose(

@@ -33,7 +33,7 @@ def test_warm_start_keeps_the_nodes_of_the_former_motion(
     assert former.trajectory is not None
     system = ProblemFunctions.of(problem)
     guess = warm_start(system, former.trajectory)
-    of, z = guess.spline(system, intervals, "cosine", 3)
+    of, z = guess.iterate(system, intervals, "cosine", 3)
     assert of.shares.shape == (expected, 1)
     nodes = np.append(0.0, np.cumsum(of.shares))
     kept = [

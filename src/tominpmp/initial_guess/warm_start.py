@@ -25,10 +25,15 @@ from tominpmp.problem.joint_limits import joint_limits
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import spans_of
 from tominpmp.transcription.bspline import BSplineTranscription
-from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.curve import nodes_of
 from tominpmp.transcription.grid import interval_shares
-from tominpmp.transcription.layout import QUADRATIC, SHORTEST, Layout
+from tominpmp.transcription.layout import (
+    LIFTED,
+    QUADRATIC,
+    SHORTEST,
+    Gridded,
+    Layout,
+)
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification.stages import checked_in_segments
 
@@ -90,63 +95,47 @@ class WarmStart(Guess):
             return self.motion
         return self.motion.with_torques(system.motor_dynamics.inverse)
 
-    @property
-    def nodes(self) -> Array:
-        """Times of the nodes after the entry [s]."""
-        t = self.motion.t - self.entry
-        later = t[t > 1e-9 * self.duration]
-        return np.concatenate([[0.0], later])
-
-    def grid(self, intervals: int) -> Array | None:
-        """Nodes of the motion, with its longest intervals halved, if necessary [s].
-
-        None if the motion has too many nodes, or nodes that are too close.
-        """
-        nodes = self.nodes
-        h = np.diff(nodes)
-        if h.size > FINEST * intervals or h.min() < SHORTEST * h.mean():
-            return None
-        while nodes.size - 1 < intervals:
-            longest = int(np.argmax(np.diff(nodes)))
-            middle = 0.5 * (nodes[longest] + nodes[longest + 1])
-            nodes = np.insert(nodes, longest + 1, middle)
-        return nodes
-
-    def spline(
+    def iterate(
         self, system: ProblemFunctions, intervals: int, kind: str, degree: int
-    ) -> tuple[BSplineTranscription, Array]:
-        """Transcription by splines, and the motion as its iterate.
+    ) -> tuple[Gridded, Array]:
+        """Transcription of a degree, and the motion as its iterate.
 
         A motion of the same degree keeps its nodes if it has at least the requested
         number of intervals, as a coarser grid would lose its refinement, or if its
-        accelerations jump at them. Other motions are interpolated on the usual grid.
-        """
-        same = self.motion.degree == degree
-        fine = degree == QUADRATIC or self.nodes.size > intervals
-        nodes = self.grid(intervals) if same and fine else None
-        shares = interval_shares(kind, intervals, sudden=system.sudden)
-        if nodes is not None:
-            shares = np.diff(nodes)[:, None] / self.duration
-        eta = np.array([self.duration])
-        transcription = Layout(degree, shares, eta, ()).transcription(system)
-        assert isinstance(transcription, BSplineTranscription)  # noqa: S101
-        z = transcription.interpolated(eta, self.position)
-        return transcription, transcription.within_limits(z)
+        accelerations jump at them: the longest intervals are then halved, if necessary.
+        So does every motion that is lifted. Motions with far more nodes, or with nodes
+        that are too close, and all others are interpolated on the usual grid.
 
-    def lifted(
-        self, system: ProblemFunctions, intervals: int, kind: str
-    ) -> tuple[CollocationTranscription, Array]:
-        """Transcription by collocation, and the motion as its iterate."""
-        T, nodes = self.duration, self.grid(intervals)
-        if nodes is None:
-            nodes = T * nodes_of(interval_shares(kind, intervals)[:, 0])
-        transcription = CollocationTranscription(system, np.diff(nodes)[:, None] / T, T)
+        Args:
+            system: Functions of the problem.
+            intervals: Number of intervals that is requested.
+            kind: Kind of the usual grid.
+            degree: Degree of the transcription, see
+                :class:`~tominpmp.transcription.layout.Layout`.
+        """
+        T, eta = self.duration, np.array([self.duration])
+        since = self.motion.t - self.entry
+        h = np.diff(since[since > 1e-9 * T], prepend=0.0)
+        kept = degree in (LIFTED, self.motion.degree)
+        kept = kept and (degree <= QUADRATIC or h.size >= intervals)
+        if kept and h.size <= FINEST * intervals and h.min() >= SHORTEST * h.mean():
+            while h.size < intervals:
+                longest = int(np.argmax(h))
+                h[longest] *= 0.5
+                h = np.insert(h, longest, h[longest])
+            shares = h[:, None] / T
+        else:
+            shares = interval_shares(kind, intervals, sudden=system.sudden)
+        of = Layout(degree, shares, eta, ()).transcription(system)
+        if isinstance(of, BSplineTranscription):
+            return of, of.within_limits(of.interpolated(eta, self.position))
         if self.bend is not None:
-            return transcription, transcription.start(self.position, T, np.array([T]))
-        there = np.clip(self.entry + nodes, 0.0, self.motion.duration)
-        x = np.hstack([self.position(nodes), self.motion(there).v])
-        u = self._net_torque(system, 0.5 * (nodes[1:] + nodes[:-1]))
-        return transcription, transcription.pack(x, u, np.array([T]))
+            return of, of.start(self.position, T, eta)
+        times = T * nodes_of(of.shares[:, 0])
+        there = np.clip(self.entry + times, 0.0, self.motion.duration)
+        x = np.hstack([self.position(times), self.motion(there).v])
+        u = self._net_torque(system, 0.5 * (times[1:] + times[:-1]))
+        return of, of.pack(x, u, eta)
 
     def _net_torque(self, system: ProblemFunctions, times: Array) -> Array:
         """Torques without dry friction, shape (k, n)."""

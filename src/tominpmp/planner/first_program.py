@@ -20,7 +20,7 @@ from tominpmp.transcription.grid import (
     segment_intervals,
     segmented_shares,
 )
-from tominpmp.transcription.layout import QUADRATIC, Layout
+from tominpmp.transcription.layout import LIFTED, QUADRATIC, Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 
@@ -50,23 +50,20 @@ def first_program(
     system: ProblemFunctions, options: Options, guess: Guess
 ) -> InitialProgram:
     """Nonlinear program for a guess, and the guess as its initial iterate."""
-    system = system.passing(guess.ends)
-    grid = options.intervals, options.grid
+    system, lifted = system.passing(guess.ends), options.method == "collocation"
+    degree = LIFTED if lifted else DEGREES.get(options.control, QUADRATIC)
+    if isinstance(guess, WarmStart) and (lifted or not system.parts):
+        of, z = guess.iterate(system, options.intervals, options.grid, degree)
+        program = NonlinearProgram.of(of).at(z)
+        return (program, z) if lifted else with_active_rows(program, z)
     timed = GUESS_TIME_SCALE if guess.timed else 1.0
-    if options.method == "collocation":
-        if isinstance(guess, WarmStart):
-            lifted, z = guess.lifted(system, *grid)
-            return NonlinearProgram.of(lifted).at(z), z
+    if lifted:
         return _collocated(system, options, guess, timed * guess.duration)
-    degree = DEGREES.get(options.control)
-    if isinstance(guess, WarmStart) and not system.parts:
-        spline, z = guess.spline(system, *grid, degree or QUADRATIC)
-        return with_active_rows(NonlinearProgram.of(spline).at(z), z)
     shares, ends = _guess_grid(system, options, guess)
-    if degree is not None:
+    if degree != QUADRATIC:
         timed = 1.0 if guess.solved else SMOOTH_TIME_SCALE
     eta = np.full(shares.shape[1], guess.duration)
-    layout = Layout(degree or QUADRATIC, shares, eta, ends)
+    layout = Layout(degree, shares, eta, ends)
     transcription = layout.transcription(system)
     if ends:
         eta = eta * _waiting_scales(system.problem.segments, timed * guess.durations)
