@@ -197,3 +197,15 @@ def test_start_is_checked_in_the_scene_of_the_first_segment() -> None:
     with pytest.raises(tm.ProblemError, match=r"start in collision.*'part'") as raised:
         tm.Problem(robot, start, segments=[tm.Segment(away, scene=part)])
     assert raised.value.field == "segments[0].q_start"
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_segments_of_an_arm_without_a_motor_are_rejected(count: int) -> None:
+    """Regression: a ValueError of zip(), or an error on a time that nobody gave."""
+    arm = tm.load_robot("planar3r").with_changes(
+        effort={"joint3": 0.0}, gravity=(0, 0, 0)
+    )
+    segments = [tm.Segment(tm.JointGoal((0.6, 1.7, -1.7)))] * count
+    problem = tm.Problem(arm, (0.5, 1.7, -1.7), segments=segments)
+    with pytest.raises(tm.ProblemError, match=r"segments: joint3 has no motor"):
+        tm.plan(problem)

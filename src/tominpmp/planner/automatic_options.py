@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from tominpmp.exceptions import OptionsError
+from tominpmp.exceptions import OptionsError, ProblemError
 from tominpmp.linear_programs.choice import make_solver
 from tominpmp.options import Control, Options
 from tominpmp.problem.joint_limits import need_smooth
@@ -33,6 +33,7 @@ def resolve_options(problem: Problem, options: Options) -> Options:
 
     Raises:
         OptionsError: If an option does not fit the problem.
+        ProblemError: If no method plans motions of the problem.
     """
     robot = problem.robot
     method = options.method
@@ -110,11 +111,17 @@ def _check_combinations(problem: Problem, options: Options) -> None:
 
     Raises:
         OptionsError: If there is a conflict.
+        ProblemError: If the problem has segments, and joints without a motor.
     """
     robot, period, weight = problem.robot, options.control_period, options.energy_weight
     inverse, followed = ("auto", "inverse"), ("auto", "grid", None)
     if robot.passive_joints:
         passive = ", ".join(robot.passive_joints)
+        if problem.segments:
+            raise ProblemError(
+                f"segments: {passive} has no motor, expected one at every joint",
+                "segments",
+            )
         _check_values(
             options,
             f"{passive} has no motor to follow given accelerations, or samples",
