@@ -15,7 +15,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import cycle, takewhile
 
 import numpy as np
@@ -39,6 +38,9 @@ CHECKS = 80_000
 # Distances beyond both ends to which joints without narrow limits are sampled, in turn
 # [rad]: most ways out of narrow ends are close to these.
 MARGINS = (np.pi, 1.0)
+# The multiples of this share of a line, modulo 1, lie apart from each other, however
+# many there are (golden ratio).
+GOLDEN = 0.618
 # Number of shortcuts tried on a path; half of them are shortcuts of a single joint.
 SHORTCUTS = 120
 # Weight of the displacements of all joints in the length of a path, relative to the
@@ -241,19 +243,9 @@ class _Space:
         place = np.arange(piece.size) - np.repeat(np.cumsum(counts) - counts, counts)
         share = (place + 1.0) / counts[piece]
         points = corners[piece] + share[:, None] * steps[piece]
-        return all(self.each_free(points[_bisection_order(len(points))]))
-
-
-@lru_cache(maxsize=1024)
-def _bisection_order(count: int) -> IntArray:
-    """Indices of points along a line in bisection order: the last, then midpoints."""
-    order, intervals = [count - 1], [(0, count - 1)]
-    for begin, end in intervals:
-        if begin < end:
-            middle = (begin + end) // 2
-            order.append(middle)
-            intervals += [(begin, middle), (middle + 1, end)]
-    return np.array(order)
+        # The last point is checked first, then points far from those before.
+        order = np.argsort(np.argsort(GOLDEN * np.arange(len(points)) % 1.0))
+        return all(self.each_free(points[::-1][order]))
 
 
 class _Tree:
