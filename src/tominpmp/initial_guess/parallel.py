@@ -71,32 +71,73 @@ def run_parallel(
         Exception: The first exception that the function raised.
         Stop: If it is time to stop this process.
     """
+    # The import takes a while, and most plans run in a single process.
+    from loky import get_reusable_executor
+    from loky.backend.reduction import dumps
+
+    global _idle_since, _ending
     deadline = time.perf_counter() + seconds
-    pool = _WorkerPool(processes, function)
+    stop_event = _shared_stop_event()
+    stop_event.clear()
+    # New workers must not take the place of workers that are still being killed, as
+    # this would revoke the kill.
+    ending, _ending = _ending, False
+    executor = get_reusable_executor(
+        max_workers=processes,
+        timeout=KEEP,
+        kill_workers=ending,
+        initializer=_prepare,
+        initargs=(os.getpid(), stop_event),
+    )
+    copy = uuid.uuid4().hex, bytes(dumps(function))
+    pending: dict[Future[Result], int] = {}
     numbered = enumerate(items)
+
+    def completed(until: float) -> list[Future[Result]]:
+        """Completed futures in the order of their items; none at the deadline."""
+        while True:
+            done, _ = wait(pending, TICK, return_when=FIRST_COMPLETED)
+            if done or time.perf_counter() > until:
+                return sorted(done, key=lambda future: pending[future])
+            check()
+
+    def request_stop() -> None:
+        """Request all workers to stop; items that wait are cancelled."""
+        for future in list(pending):
+            if future.cancel():
+                del pending[future]
+        stop_event.set()
+
     try:
         while True:
             # One item is submitted in advance, so that no process waits for an item.
-            free = processes + 1 - len(pool.pending)
-            for task in itertools.islice(numbered, free):
-                pool.submit(*task)
-            if not pool.pending:
-                return
-            done = pool.wait(deadline + LATE)
+            free = processes + 1 - len(pending)
+            for number, item in itertools.islice(numbered, free):
+                pending[executor.submit(_apply, *copy, item)] = number
+            done = completed(deadline + LATE) if pending else []
             if not done:
                 return
-            yield from pool.results(done)
+            for future in done:
+                yield pending.pop(future), future.result()
     except (Stop, KeyboardInterrupt):
-        pool.request_stop()
+        request_stop()
         # Near the deadline workers end by themselves: the grace period is shorter.
         patience = min(GRACE, seconds_to_end())
         end = time.perf_counter() + patience
         with grace(patience):
-            while pool.pending and (done := pool.wait(end)):
-                yield from pool.results(done)
+            while pending and (done := completed(end)):
+                for future in done:
+                    yield pending.pop(future), future.result()
         raise
     finally:
-        pool.release()
+        # The workers are free for other calls, or are killed if they do not finish.
+        request_stop()
+        if pending:
+            wait(pending, min(LATE, seconds_to_end()))
+        _idle_since = time.perf_counter()
+        if not all(future.done() for future in pending):
+            _idle_since, _ending = -math.inf, True
+            executor.shutdown(wait=False, kill_workers=True)
 
 
 _idle_since = -math.inf
@@ -107,70 +148,6 @@ _ending = False
 def ready() -> bool:
     """Whether idle workers of a former call are still available."""
     return time.perf_counter() - _idle_since < READY
-
-
-class _WorkerPool:
-    """Worker processes of a call; idle workers are kept for the next call."""
-
-    def __init__(self, processes: int, function: Callable[[Any], Any]) -> None:
-        # The import takes a while, and most plans run in a single process.
-        from loky import get_reusable_executor
-        from loky.backend.reduction import dumps
-
-        global _ending
-        self._stop_event = _shared_stop_event()
-        self._stop_event.clear()
-        # New workers must not take the place of workers that are still being killed, as
-        # this would revoke the kill.
-        ending, _ending = _ending, False
-        self._executor = get_reusable_executor(
-            max_workers=processes,
-            timeout=KEEP,
-            kill_workers=ending,
-            initializer=_prepare,
-            initargs=(os.getpid(), self._stop_event),
-        )
-        self.pending: dict[Future[Any], int] = {}
-        self._function = uuid.uuid4().hex, bytes(dumps(function))
-
-    def submit(self, number: int, item: Any) -> None:
-        """Submit an item to the next free worker."""
-        self.pending[self._executor.submit(_apply, *self._function, item)] = number
-
-    def wait(self, until: float) -> set[Future[Any]]:
-        """Wait for completed futures; the set is empty at the deadline ``until`` [s].
-
-        Raises:
-            Stop: If it is time to stop this process.
-        """
-        while True:
-            done, _ = wait(self.pending, TICK, return_when=FIRST_COMPLETED)
-            if done or time.perf_counter() > until:
-                return done
-            check()
-
-    def results(self, done: set[Future[Any]]) -> Iterator[tuple[int, Any]]:
-        """Results of completed futures, in the order of their items."""
-        for future in sorted(done, key=lambda f: self.pending[f]):
-            yield self.pending.pop(future), future.result()
-
-    def request_stop(self) -> None:
-        """Request all workers to stop; pending items are cancelled."""
-        for future in list(self.pending):
-            if future.cancel():
-                del self.pending[future]
-        self._stop_event.set()
-
-    def release(self) -> None:
-        """Release the workers for other calls, or kill them if they do not finish."""
-        self.request_stop()
-        if self.pending:
-            wait(self.pending, min(LATE, seconds_to_end()))
-        global _idle_since, _ending
-        _idle_since = time.perf_counter()
-        if not all(future.done() for future in self.pending):
-            _idle_since, _ending = -math.inf, True
-            self._executor.shutdown(wait=False, kill_workers=True)
 
 
 @cache
