@@ -60,27 +60,20 @@ def hindrance(problem: Problem) -> str:
         if phase.goal.alternatives[1:]:
             return ""
         system = ProblemFunctions.of(phase._altered(q_start=q))
-        reason = _hindrance(system)
+        target, end = Target(system, phase.goal), phase.goal.configuration
+        reason = _lost_path(system)
+        if end is None and not reason:
+            ik = target.configurations(KINEMATIC_STARTS, np.random.default_rng(0))
+            unusable = _why_unusable(target, ik)
+            reason = unusable and f"goal: {unusable}"
         if reason:
             return f"on segment {number + 1}, {reason}" if problem.segments else reason
-        end = phase.goal.configuration
         if end is None:
-            end, missing = Target(system, phase.goal).solve(q)
+            end, missing = target.solve(q)
             if missing > REACHED:
                 return ""
         q = end
     return ""
-
-
-def _hindrance(system: ProblemFunctions) -> str:
-    """What may keep an arm from the goal of one segment, see :func:`hindrance`."""
-    goal, lost = system.problem.goal, _lost_path(system)
-    if lost or goal.configuration is not None:
-        return lost
-    target = Target(system, goal)
-    ik = target.configurations(KINEMATIC_STARTS, np.random.default_rng(0))
-    reason = _why_unusable(target, ik)
-    return reason and f"goal: {reason}"
 
 
 def _why_unusable(target: Target, ik: GoalSearch) -> str:
