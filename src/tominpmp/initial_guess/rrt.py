@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from itertools import cycle, takewhile
 
 import numpy as np
+from scipy.constants import golden_ratio
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.initial_guess.path import RESOLUTION
@@ -38,9 +39,6 @@ CHECKS = 80_000
 # Distances beyond both ends to which joints without narrow limits are sampled, in turn
 # [rad]: most ways out of narrow ends are close to these.
 MARGINS = (np.pi, 1.0)
-# The multiples of this share of a line, modulo 1, lie apart from each other, however
-# many there are (golden ratio).
-GOLDEN = 0.618
 # Number of shortcuts tried on a path; half of them are shortcuts of a single joint.
 SHORTCUTS = 120
 # Weight of the displacements of all joints in the length of a path, relative to the
@@ -243,8 +241,10 @@ class _Space:
         place = np.arange(piece.size) - np.repeat(np.cumsum(counts) - counts, counts)
         share = (place + 1.0) / counts[piece]
         points = corners[piece] + share[:, None] * steps[piece]
-        # The last point is checked first, then points far from those before.
-        order = np.argsort(np.argsort(GOLDEN * np.arange(len(points)) % 1.0))
+        # The last point is checked first, then points that lie apart, as the multiples
+        # of the golden ratio do, modulo 1.
+        shares = golden_ratio * np.arange(len(points)) % 1.0
+        order = np.argsort(np.argsort(shares))
         return all(self.each_free(points[::-1][order]))
 
 
