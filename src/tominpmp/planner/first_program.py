@@ -52,7 +52,7 @@ def first_program(
     """Nonlinear program for a guess, and the guess as its initial iterate."""
     system, lifted = system.passing(guess.ends), options.method == "collocation"
     degree = LIFTED if lifted else DEGREES.get(options.control, QUADRATIC)
-    if isinstance(guess, WarmStart) and (lifted or not system.parts):
+    if isinstance(guess, WarmStart) and not system.parts:
         of, z = guess.iterate(system, options.intervals, options.grid, degree)
         program = NonlinearProgram.of(of).at(z)
         return (program, z) if lifted else with_active_rows(program, z)

@@ -142,7 +142,7 @@ def starts(
             # The search has tried the first guess and compared the usual ones.
             wanted = 0 if wanted == usual else wanted - 1
             tried = 1
-    elif _can_be_joined(system, options):
+    elif _can_be_joined(system):
         yield from _first_of_segments(system, state, first)
         wanted, rescues, tried = wanted - 1, rescues - 1, 1
     yield from _descents(system, state, guesses.since(tried), wanted, rescues)
@@ -343,12 +343,11 @@ def descend_in_process(
 # is a problem with one goal, for which the search on coarse grids applies.
 
 
-def _can_be_joined(system: ProblemFunctions, options: Options) -> bool:
+def _can_be_joined(system: ProblemFunctions) -> bool:
     """Whether segments can be planned one by one: neither goals nor obstacles move."""
     scenes = any(part.problem.scene.moving for part in system.parts)
     goals = any(part.problem.goal.ends_moving for part in system.parts[:-1])
-    inverse = options.method == "inverse" and options.refine != "switching"
-    return bool(system.parts) and inverse and not (scenes or goals)
+    return bool(system.parts) and not (scenes or goals)
 
 
 def _segments_joined(system: ProblemFunctions, guess: Guess, state: PlanState) -> Work:

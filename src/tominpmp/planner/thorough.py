@@ -82,9 +82,8 @@ def _waves(system: ProblemFunctions, state: PlanState) -> Iterator[Schedule[None
         filter(coarse.untried, itertools.chain(straight, guesses)),
         _around_best(system, state, around_best),
     ]
-    shooting: Iterator[Work] = iter(())
-    if torques_may_lead(system):
-        shooting = torque_starts(system, state, MOST_WAVES)
+    swings = torques_may_lead(system)
+    shooting = iter(torque_starts(system, state, MOST_WAVES) if swings else ())
     while True:
         yield _wave(coarse, sources, shooting)
 
@@ -130,7 +129,5 @@ def _around_best(
     for spread in itertools.cycle(SPREADS):
         heights = spread * rng.normal(size=(2, system.n))
         best = state.incumbent
-        if best is None:
-            yield None
-            continue
-        yield bumped(system, Guess.of_motion(best.trajectory), heights)
+        guess = None if best is None else Guess.of_motion(best.trajectory)
+        yield None if guess is None else bumped(system, guess, heights)
