@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
-
-import numpy as np
 
 from tominpmp.exceptions import ProblemError
 from tominpmp.initial_guess.warm_start import former_motion
@@ -53,51 +52,42 @@ def candidates_of_alternatives(
     one_place = state.problem.goal.configuration is not None
     worth = 1.0 - PROMISE if one_place else 1.0
     bounds = [state.lower_bound(part).T for part in parts]
-    order = np.argsort(bounds, kind="stable").tolist()
-    if entered is not None:
-        order = [entered, *(i for i in order if i != entered)]
+    order = sorted(range(len(parts)), key=lambda i: (i != entered, bounds[i]))
     forgiven = state.options.tolerances.contact
     free = [i for i in order if not barrier_on_way(parts[i], forgiven)]
-    order = free or order
+    waiting = deque(free or order)
     answers: list[Candidate | None] = [None] * len(parts)
     wrong: list[str] = []
-    while order:
-        again: list[int] = []
-        for place, i in enumerate(order):
-            if bounds[i] >= worth * state.best_duration:
-                continue
-            # Alternatives of one configuration differ by full turns of joints, of which
-            # the nearest ones are the likely ones.
-            rivals = len(order) - place + len(again)
-            state.share_time(min(rivals, 2) if one_place else rivals)
-            try:
-                while True:
-                    work = schedules[i].send(answers[i])
-                    answers[i] = yield work
-                    if work.replay or state.cut_short:
-                        break
-            except StopIteration:
-                continue
-            except Stop as stop:
-                state.stopped(stop)
-                if state.ended:
-                    raise
-                continue  # the share of the time is used up
-            except ProblemError as error:
-                wrong.append(f"goal {i + 1} of {len(parts)}: {error}")
-                continue
-            again.append(i)
-        order = again
+    while waiting:
+        i = waiting.popleft()
+        if bounds[i] >= worth * state.best_duration:
+            continue
+        # Alternatives of one configuration differ by full turns of joints, of which the
+        # nearest ones are the likely ones.
+        rivals = 1 + len(waiting)
+        state.share_time(min(rivals, 2) if one_place else rivals)
+        try:
+            while True:
+                work = schedules[i].send(answers[i])
+                answers[i] = yield work
+                if work.replay or state.cut_short:
+                    break
+            waiting.append(i)
+        except StopIteration:
+            continue
+        except Stop as stop:  # the share of the time is used up, or all of it
+            state.stopped(stop)
+            if state.ended:
+                raise
+        except ProblemError as error:
+            wrong.append(f"goal {i + 1} of {len(parts)}: {error}")
     if len(wrong) == len(parts):
         raise ProblemError("; ".join(wrong), "goal")
 
 
 def _entered(problem: Problem, former: Trajectory | Samples) -> int:
     """Index of the alternative whose goal is nearest to the end of a former motion."""
-    parts = problem.alternatives
     nearest = problem.alternative_of(former_motion(problem, former))
-    goals = [[phase.goal for phase in part.phases] for part in (nearest, *parts)]
-    same = [
-        all(a is b for a, b in zip(goals[0], each, strict=True)) for each in goals[1:]
-    ]
-    return same.index(True)
+    every = nearest, *problem.alternatives
+    goals = [[id(phase.goal) for phase in part.phases] for part in every]
+    return goals.index(goals[0], 1) - 1
