@@ -88,8 +88,8 @@ def plan(
 
     Raises:
         OptionsError: If an option does not fit the problem.
-        ProblemError: If the goal cannot be reached at all, or the former motion has
-            other joints.
+        ProblemError: If the goal cannot be reached at all, the former motion has other
+            joints, or the problem has segments and the arm joints without a motor.
         SolverNotFound: If the solver of linear programs is not installed.
         Exception: Any error of ``options.callback``.
     """
