@@ -29,7 +29,7 @@ from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.planner.automatic_options import JUMPS_SHARE, SHOOTING, WARM_RADIUS
-from tominpmp.planner.candidate import Candidate, KeptIterate, best_of
+from tominpmp.planner.candidate import Candidate, best_of
 from tominpmp.planner.coarse_search import GAP, MOST_PATHS, coarse_grids_apply, search
 from tominpmp.planner.descent import (
     descend,
@@ -46,14 +46,11 @@ from tominpmp.planner.torque_starts import (
 )
 from tominpmp.planner.work import NUMERICAL, Schedule, Work, run, single, use_fallback
 from tominpmp.problem.problem import Problem
-from tominpmp.problem.segments import spans_of
 from tominpmp.problem.sequence import joined
-from tominpmp.solvers.iterate import Iterate
 from tominpmp.solvers.loop import Loop, first_of
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Stop
 from tominpmp.transcription.grid import interval_shares
-from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Number of guesses for a goal on a frame, whose final configuration is free, and where
@@ -456,16 +453,14 @@ def _as_candidate(
     system: ProblemFunctions, parts: Sequence[Candidate], state: PlanState
 ) -> Candidate:
     """The joined motion as a replayed candidate, with the dwells of its segments."""
-    motion = joined([part.trajectory for part in parts], [0.0] * (len(parts) + 1))
-    layout = Layout.of_motion(motion)
-    assert layout is not None  # noqa: S101
-    program, z = layout.represented(system, motion, spans_of(motion, ()))
-    iterate = Iterate.of(program, z, 1.0)
-    kept = KeptIterate(system.problem, program, iterate, True)
+    dwells = [segment.dwell for segment in system.problem.segments]
+    motion = joined([part.trajectory for part in parts], [0.0, *dwells])
     converged = all(part.status is Status.CONVERGED for part in parts)
     status = Status.CONVERGED if converged else Status.STALLED
+    rows = system.clearance is not None
+    whole = Candidate(status, True, motion, motion, {}, clearance_rows=rows)
     with state.saving():
-        return kept.candidate(status).verified(system.problem, state.options)
+        return whole.verified(system.problem, state.options)
 
 
 # -- warm starts -----------------------------------------------------------------------
