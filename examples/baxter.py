@@ -17,7 +17,6 @@ from pathlib import Path
 import numpy as np
 
 import tominpmp as tm
-from tominpmp.viz.motion_plot import plot_motion
 
 # Head and fingers do not move.
 LOCKED = {
@@ -77,7 +76,7 @@ def main() -> int:
     figure, page, table = (
         arguments.out / f"baxter.{ending}" for ending in ("png", "html", "csv")
     )
-    plot_motion(task, {"both": solution.trajectory}, figure, instants=5)
+    solution.plot(figure)
     solution.play(page)
     solution.export(table)
     for path in (figure, page, table):

@@ -16,7 +16,6 @@ from pathlib import Path
 import numpy as np
 
 import tominpmp as tm
-from tominpmp.viz.motion_plot import plot_motion
 
 # The belt runs along y in front of the arm [m].
 BELT = tm.Box("belt", size=(0.25, 2.4, 0.08), position=(0.55, 0.0, -0.05))
@@ -64,7 +63,7 @@ def main() -> int:
     solution.play(path=page, ghosts=6)
     solution.export(table)
     figure = arguments.out / "conveyor.png"
-    plot_motion(solution.problem, {"crate": solution.trajectory}, figure, instants=5)
+    solution.plot(figure)
     for path in (page, table, figure):
         print(path)
     return 0 if solution.success else 1

@@ -19,7 +19,6 @@ import pinocchio as pin
 
 import tominpmp as tm
 from tominpmp.files.export import export
-from tominpmp.viz.motion_plot import plot_motion
 
 APART = 0.6  # distance of the bases from the middle [m]
 LENGTH, WIDTH, MASS = 0.3, 0.04, 0.8  # of the bar [m, kg]
@@ -103,7 +102,7 @@ def main() -> int:
     print(f"  the smallest clearance is {1e3 * room:.1f} mm")
     arguments.out.mkdir(parents=True, exist_ok=True)
     figure = arguments.out / "handing_over.png"
-    plot_motion(task, {"both": solution.trajectory}, figure, instants=5)
+    solution.plot(figure)
     page = arguments.out / "handing_over.html"
     solution.play(page, frame="taker/tool0")
     paths = [figure, page]

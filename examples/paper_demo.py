@@ -20,6 +20,7 @@ from string import ascii_lowercase
 from typing import cast
 
 import numpy as np
+from matplotlib.patches import Circle
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
@@ -27,8 +28,8 @@ from rich.table import Table
 import tominpmp as tm
 from tominpmp.options import Method
 from tominpmp.viz import figures
-from tominpmp.viz.motion_plot import plot_motion
 from tominpmp.viz.plots import curve_states
+from tominpmp.viz.skeleton import skeleton
 
 METHODS = ("adjoint", "collocation", "inverse", "penalty")
 CASES = ("control limits only", "joint limits + obstacle")
@@ -218,6 +219,43 @@ def plot_controls(
         figures.finish(figure, path)
 
 
+# Instants at which the arm is drawn, and opacity at the first of them.
+INSTANTS, LIGHTEST = 15, 0.16
+ARM_COLOR, OBSTACLE_COLOR = "#12375f", "#d6453a"
+
+
+def plot_motions(
+    task: tm.Problem, motions: Mapping[str, tm.Trajectory], path: Path
+) -> None:
+    """Plot the arm at several instants, from light to dark, side by side by label."""
+    with figures.styled():
+        figure = figures.new_figure(0.5 + 4.2 * len(motions), 4.9)
+        panels = figure.subplots(1, len(motions), sharex=True, sharey=True)
+        shades = np.linspace(LIGHTEST, 1.0, INSTANTS)
+        # In the legend the line of the first instant would be too light.
+        labels = {INSTANTS // 4: "start", INSTANTS - 1: "end"}
+        for panel, (name, motion) in zip(panels, motions.items(), strict=True):
+            q = motion(np.linspace(0.0, motion.duration, INSTANTS)).q
+            for i, joints in enumerate(skeleton(task.robot, q, "tip").points):
+                look = {"color": ARM_COLOR, "alpha": shades[i], "lw": 1.2, "ms": 2.2}
+                look |= {"mew": 0.0, "label": labels.get(i)}
+                panel.plot(*joints[:, :2].T, "o-", **look)
+            q = curve_states(motion)[1].q
+            path_of_tip = skeleton(task.robot, q, "tip").points[:, -1, :2]
+            look = {"color": figures.color(1), "lw": 1.1, "label": "path of the end"}
+            panel.plot(*path_of_tip.T, **look)
+            look = {"color": figures.GOAL_COLOR, "ms": 8.0, "mew": 2.0, "ls": ""}
+            panel.plot(*GOAL.position[:2], marker="x", label="goal", **look)
+            for ball in task.scene:
+                look = {"color": OBSTACLE_COLOR, "alpha": 0.25, "label": "obstacle"}
+                panel.add_patch(Circle(ball.position[:2], ball.radius, **look))
+            panel.set(title=f"{name}: T = {motion.duration:.4g} s", xlabel="x [m]")
+            panel.set_aspect("equal")
+        panels[0].set_ylabel("y [m]")
+        figures.add_legend(figure, 5)
+        figures.finish(figure, path)
+
+
 LINE_STYLES = {"adjoint": "-", "collocation": "--", "inverse": "-.", "penalty": ":"}
 # Least violation that is drawn, as the axis is logarithmic; and marks of iterations.
 LEAST_VIOLATION = 1e-12
@@ -264,7 +302,7 @@ def draw(folder: Path, solutions: Mapping[Key, tm.Solution]) -> list[Path]:
         "penalty": solutions[CASES[1], gravity, "penalty"].initial,
     }
     plot_controls(first.problem, starts, path("figure_2_initial_controls.png"))
-    plot_motion(first.problem, starts, path("figure_3_initial_motion.png"))
+    plot_motions(first.problem, starts, path("figure_3_initial_motion.png"))
     for case, controls, motion in (
         (CASES[0], "figure_4_controls_unconstrained", "figure_5_motion_unconstrained"),
         (CASES[1], "figure_6_controls_constrained", "figure_7_motion_constrained"),
@@ -272,7 +310,7 @@ def draw(folder: Path, solutions: Mapping[Key, tm.Solution]) -> list[Path]:
         found = {m: solutions[case, gravity, m] for m in ("adjoint", "penalty")}
         motions = {label(m, s): s.trajectory for m, s in found.items()}
         plot_controls(found["adjoint"].problem, motions, path(f"{controls}.png"))
-        plot_motion(found["adjoint"].problem, motions, path(f"{motion}.png"))
+        plot_motions(found["adjoint"].problem, motions, path(f"{motion}.png"))
     # Only the first start: refinements count their iterations from zero.
     histories = {
         m: [r for r in solutions[CASES[1], gravity, m].history if r.start == 0]

@@ -18,7 +18,6 @@ import pinocchio as pin
 
 import tominpmp as tm
 from tominpmp.files.export import export
-from tominpmp.viz.motion_plot import plot_motion
 
 # Distance of the bases from the middle of the table [m].
 APART = 0.51
@@ -68,7 +67,7 @@ def main() -> int:
     print(f"a single arm without obstacles: T = {alone.T:.4f} s")
     arguments.out.mkdir(parents=True, exist_ok=True)
     figure = arguments.out / "two_ur5.png"
-    plot_motion(task, {"both": solution.trajectory}, figure, instants=5)
+    solution.plot(figure)
     page = arguments.out / "two_ur5.html"
     solution.play(page)
     paths = [figure, page]

@@ -40,6 +40,29 @@ def legend_texts(figure: Figure) -> list[str]:
     return [text.get_text() for text in legend.get_texts()]
 
 
+def test_motion_figure_shows_the_arm_at_instants(
+    drawn: list[Figure], tmp_path: Path
+) -> None:
+    problem, held, braked = planar_motions()
+    path = tmp_path / "motion.png"
+    paper_demo.plot_motions(problem, {"a": held, "b": braked}, path)
+    (figure,) = drawn
+    for panel, motion in zip(figure.axes, (held, braked), strict=True):
+        arms = [line for line in panel.get_lines() if line.get_marker() == "o"]
+        assert len(arms) == paper_demo.INSTANTS
+        angles = np.cumsum(motion(np.linspace(0.0, motion.duration, 15)).q, axis=1)
+        for line, angle in zip(arms, angles, strict=True):
+            links = np.column_stack([np.cos(angle), np.sin(angle)])
+            ends = np.cumsum([[3.0], [2.0], [1.0]] * links, axis=0)
+            np.testing.assert_allclose(points(line)[2:], ends, atol=1e-12)
+        alphas = [line.get_alpha() for line in arms]
+        assert alphas == sorted(alphas)
+        (circle,) = panel.patches
+        assert circle.get_radius() == 0.8
+    assert figure.axes[1].get_title("left") == "b: T = 0.95 s"
+    assert "obstacle" in legend_texts(figure)
+
+
 def test_controls_figure_overlays_the_torques_of_motions(
     drawn: list[Figure], tmp_path: Path
 ) -> None:

@@ -1,4 +1,4 @@
-"""Figures of motions: curves, limits, labels, arms, obstacles and files."""
+"""Figures of motions: curves, limits, labels and files."""
 
 from __future__ import annotations
 
@@ -9,41 +9,29 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
-import pinocchio as pin
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, Polygon
 from motion_samples import (
-    END,
-    START,
-    four_shapes,
     planar_motions,
-    planar_problem,
     quintic,
     simple_arm,
-    speed_up_and_brake,
 )
 from sample_arms import describe, slide
 
 from tominpmp.exceptions import (
-    FrameNotFound,
     MissingDependency,
     ProblemError,
     ScenarioError,
 )
-from tominpmp.goals.frames import AxisGoal, PoseGoal
 from tominpmp.goals.joints import JointGoal
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.planner.planning import plan
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import load_robot
-from tominpmp.scene.meshes import Mesh
-from tominpmp.scene.scene import Scene
 from tominpmp.viz.figures import color
-from tominpmp.viz.motion_plot import plot_motion
 from tominpmp.viz.plots import curve_states, plot_trajectory
 
 Motions = tuple[Problem, Trajectory, Trajectory]
@@ -225,47 +213,6 @@ def test_long_names_leave_room_for_the_bars(tmp_path: Path) -> None:
     assert "a_joint_of_the_linea\u2026y_long_name: effort  +1 %" in labels
 
 
-# Motion
-
-
-def arm_lines(panel: Axes) -> list[Line2D]:
-    return [line for line in panel.get_lines() if line.get_marker() == "o"]
-
-
-def test_motion_shows_the_arm_at_instants(motions: Motions) -> None:
-    problem, held, braked = motions
-    figure = plot_motion(problem, {"a": held, "b": braked})
-    assert len(figure.axes) == 2
-    for panel, motion in zip(figure.axes, (held, braked), strict=True):
-        arms = arm_lines(panel)
-        assert len(arms) == 15
-        # Base, first joint at the base, two more joints, and the tip.
-        angles = np.cumsum(motion(np.linspace(0.0, motion.duration, 15)).q, axis=1)
-        for line, angle in zip(arms, angles, strict=True):
-            ways = np.array([3.0, 2.0, 1.0])[:, None]
-            ways = ways * np.column_stack([np.cos(angle), np.sin(angle)])
-            expected = np.vstack([[0, 0], [0, 0], np.cumsum(ways, axis=0)])
-            np.testing.assert_allclose(points(line), expected, atol=1e-12)
-        alphas = [line.get_alpha() for line in arms]
-        assert alphas == sorted(alphas)
-        assert alphas[-1] == 1.0
-        (end,) = [line for line in panel.get_lines() if len(line.get_xdata()) > 100]
-        np.testing.assert_allclose(points(end)[0], points(arms[0])[-1], atol=1e-12)
-        np.testing.assert_allclose(points(end)[-1], points(arms[-1])[-1], atol=1e-12)
-        (goal,) = [line for line in panel.get_lines() if line.get_marker() == "x"]
-        assert points(goal).tolist() == [[4.0, 1.0]]
-        (circle,) = panel.patches
-        assert isinstance(circle, Circle)
-        assert circle.get_center() == (4.0, 0.0)
-        assert circle.get_radius() == 0.8
-        assert panel.get_aspect() == 1.0
-        assert panel.get_xlabel() == "x [m]"
-    assert figure.axes[0].get_ylabel() == "y [m]"
-    assert figure.axes[0].get_xlim() == figure.axes[1].get_xlim()
-    assert figure.axes[1].get_title("left") == "b: T = 0.95 s"
-    assert "obstacle" in legend_texts(figure)
-
-
 def test_rounding_of_a_joint_at_rest_is_not_magnified(motions: Motions) -> None:
     """Regression: rounding filled the panel; its power of ten met the next column."""
     problem, held, _ = motions
@@ -274,98 +221,18 @@ def test_rounding_of_a_joint_at_rest_is_not_magnified(motions: Motions) -> None:
         assert np.ptp(panel.get_ylim()) > 0.01
 
 
-@pytest.mark.parametrize("count", [1, 2, 4])
-def test_labels_of_panels_are_inside_the_figure(count: int, motions: Motions) -> None:
-    """Regression: the labels of the lowest axes were cut where panels are high."""
-    problem, held, _ = motions
-    q = np.linspace([0.8, 0.0, 0.0], [-0.8, 0.0, 0.0], held.t.size)
-    high = replace(held, q=q, v=0.0 * q)
-    figure = plot_motion(problem, {str(k): high for k in range(count)})
-    figure.draw_without_rendering()
-    for panel in figure.axes:
-        around = panel.get_tightbbox()
-        assert around is not None and around.min.min() >= 0.0
-        assert np.all(around.max <= figure.bbox.max)
-
-
-def test_a_goal_without_a_point_is_not_in_the_legend(motions: Motions) -> None:
-    problem, held, _ = motions
-    turned = replace(problem, goal=AxisGoal("tip", (1, 0, 0), (0, 1, 0)))
-    figure = plot_motion(turned, {"": held})
-    assert "goal" not in legend_texts(figure)
-    assert "goal" in legend_texts(plot_motion(problem, {"": held}))
-
-
-def test_boxes_cylinders_and_capsules_are_drawn_as_outlines() -> None:
-    problem = planar_problem(scene=four_shapes())
-    motion = quintic(problem.robot, START, END, 1.0, 5)
-    (panel,) = plot_motion(problem, {"motion": motion}).axes
-    ball, crate, can, pill = panel.patches
-    assert isinstance(ball, Circle)
-    expected = {
-        crate: ([-2.5, -4.0], [-1.5, -2.0], 4),
-        can: ([-0.4, -3.4], [0.4, -2.6], 40),
-        pill: ([1.7, -3.3], [2.3, -2.7], 40),
-    }
-    for patch, (low, high, corners) in expected.items():
-        assert isinstance(patch, Polygon)
-        outline = patch.get_xy()[:-1]
-        assert len(outline) == corners
-        np.testing.assert_allclose(outline.min(axis=0), low, atol=2e-3)
-        np.testing.assert_allclose(outline.max(axis=0), high, atol=2e-3)
-        assert panel.get_xlim()[0] < low[0]
-        assert panel.get_ylim()[0] < low[1]
-
-
-def test_a_flat_obstacle_is_drawn_as_a_line_from_its_edge() -> None:
-    """Regression: the outline of the obstacle ended in an error of Qhull."""
-    corners = np.array([[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1.0]])
-    triangles = np.array([[0, 1, 2], [0, 2, 3]])
-    wall = Mesh("wall", vertices=corners, triangles=triangles, position=(0, -3, 0))
-    problem = planar_problem(scene=Scene([wall]))
-    motion = quintic(problem.robot, START, END, 1.0, 5)
-    (panel,) = plot_motion(problem, {"motion": motion}).axes
-    (patch,) = panel.patches
-    np.testing.assert_allclose(patch.get_xy(), [[-1, -3], [1, -3], [-1, -3]])
-
-
-def test_spatial_motion_is_projected_where_it_is_largest(tmp_path: Path) -> None:
-    # Joints about z, y and x: the end leaves every plane.
-    robot = simple_arm(tmp_path, ["0 0 1", "0 1 0", "1 0 0"])
-    goal = PoseGoal(
-        robot.frame_names[-1], pin.SE3(np.eye(3), np.array([0.1, 0.2, 0.3]))
-    )
-    problem = Problem(robot, np.zeros(3), goal)
-    motion = speed_up_and_brake(robot, np.zeros(3), [0.4, -0.9, 0.7], 1.0, 10)
-    (panel,) = plot_motion(problem, {"motion": motion}, instants=4).axes
-    shown = {"x": 0, "y": 1, "z": 2}
-    axes = [shown[panel.get_xlabel()[0]], shown[panel.get_ylabel()[0]]]
-    assert axes[0] < axes[1]
-    assert len(arm_lines(panel)) == 4
-    (goal_mark,) = [line for line in panel.get_lines() if line.get_marker() == "x"]
-    np.testing.assert_allclose(points(goal_mark)[0], np.array([0.1, 0.2, 0.3])[axes])
-
-
-def test_joint_goal_is_marked_at_the_chosen_frame(motions: Motions) -> None:
-    problem = planar_problem(JointGoal(END))
-    motion = quintic(problem.robot, START, END, 1.0, 5)
-    (panel,) = plot_motion(problem, {"motion": motion}, frame="link3").axes
-    (goal,) = [line for line in panel.get_lines() if line.get_marker() == "x"]
-    first, second = END[0], END[0] + END[1]
-    elbow = 3 * np.array([np.cos(first), np.sin(first)])
-    wrist = elbow + 2 * np.array([np.cos(second), np.sin(second)])
-    np.testing.assert_allclose(points(goal)[0], wrist, atol=1e-12)
-
-
 # Files and wrong arguments
 
 
 def test_names_that_look_like_formulas_are_shown_verbatim(
-    motions: Motions, tmp_path: Path
+    tmp_path: Path,
 ) -> None:
-    problem, held, _ = motions
-    figure = plot_motion(problem, {r"$\frac{$": held}, tmp_path / "formula.svg")
-    assert figure.axes[0].get_title("left").startswith(r"$\frac{$: T = ")
+    path = tmp_path / "arm.urdf"
+    path.write_text(describe([slide(1.0)]).replace("joint1", r"$\frac{$"))
+    robot = load_robot(path, effort=1.0, velocity=1.0)
+    motion = quintic(robot, [0.0], [1.0], 1.0, 5)
+    problem = Problem(robot, [0.0], JointGoal([1.0]))
+    plot_trajectory(problem, motion, tmp_path / "formula.svg")
     assert "frac{$" in (tmp_path / "formula.svg").read_text("utf-8")
 
 
@@ -373,7 +240,7 @@ def test_names_that_look_like_formulas_are_shown_verbatim(
 def test_figures_are_written(motions: Motions, ending: str, tmp_path: Path) -> None:
     problem, held, _ = motions
     path = tmp_path / f"figure.{ending}"
-    figure = plot_motion(problem, {"held": held}, path)
+    figure = plot_trajectory(problem, held, path)
     assert isinstance(figure, Figure)
     content = path.read_bytes()
     start = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}[ending]
@@ -382,7 +249,7 @@ def test_figures_are_written(motions: Motions, ending: str, tmp_path: Path) -> N
         pixels = imread(path)
         assert min(pixels.shape[:2]) > 300
         assert pixels[..., :3].std() > 0.05
-    plot_motion(problem, {"held": held}, path)
+    plot_trajectory(problem, held, path)
     assert path.read_bytes() == content
 
 
@@ -394,12 +261,6 @@ def test_wrong_arguments_are_refused_and_no_file_is_written(
         plot_trajectory(problem, held, tmp_path / "figure.xyz")
     with pytest.raises(ScenarioError, match="No such file or directory"):
         plot_trajectory(problem, held, tmp_path / "nowhere" / "figure.png")
-    with pytest.raises(ProblemError, match="no trajectory"):
-        plot_motion(problem, {})
-    with pytest.raises(ProblemError, match="instants is 1"):
-        plot_motion(problem, {"held": held}, instants=1)
-    with pytest.raises(FrameNotFound):
-        plot_motion(problem, {"held": held}, frame="hand")
     robot = simple_arm(tmp_path, ["0 0 1"] * 2)
     other = quintic(robot, [0.0, 0.0], [0.1, 0.2], 1.0, 5)
     with pytest.raises(ProblemError, match="expected a motion of joint1, joint2"):

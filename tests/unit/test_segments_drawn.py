@@ -1,4 +1,4 @@
-"""Pages and figures show payloads, obstacles and ends of segments at their places."""
+"""Pages show payloads, obstacles and ends of segments at their places."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from tests.sample_arms import make_arm, slide
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.viz.meshcat_scene import Recorder, draw
-from tominpmp.viz.motion_plot import plot_motion
 from tominpmp.viz.surroundings import drawn_path, scene_items
 
 meshcat = pytest.importorskip("meshcat")
@@ -141,14 +140,6 @@ def test_page_has_payloads_obstacles_and_ends_of_segments(solution):
     }
     assert tracks["/meshcat/loads/crate/crate"] == {".position", ".quaternion"}
     assert tracks["/meshcat/obstacles/ball"] == {".visible"}
-
-
-def test_figure_has_payloads_obstacles_and_ends_of_segments(solution, tmp_path):
-    path = tmp_path / "motion.png"
-    figure = plot_motion(solution.problem, {"": solution.trajectory}, path, instants=4)
-    labels = {text.get_text() for text in figure.legends[0].get_texts()}
-    assert {"load", "end of a segment", "obstacle"} <= labels
-    assert path.stat().st_size > 5000
 
 
 def test_payload_handed_over_to_another_frame_is_one_body():

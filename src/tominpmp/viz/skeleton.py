@@ -1,13 +1,12 @@
 """The skeleton of a robot in motion, and the direction of view that shows it best.
 
-Plots project onto a plane. A picture in space looks along the normal of the plane of a
-flat arm; at any other arm it looks from the side on which the bounding boxes of the
-obstacles hide least.
+A picture looks along the normal of the plane of a flat arm; at any other arm it looks
+from the side on which the bounding boxes of the obstacles hide least.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -17,7 +16,6 @@ import pinocchio as pin
 from tominpmp.arrays import Array
 from tominpmp.checks import instance
 from tominpmp.collision.placements import JointPlacements
-from tominpmp.exceptions import ProblemError
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import Robot
@@ -45,23 +43,17 @@ class View:
     Attributes:
         right: Unit vector to the right, shape (3,).
         up: Unit vector upwards, shape (3,).
-        labels: Names of the two axes.
         planar: Whether the motion is perpendicular to the direction of view.
     """
 
     right: Array
     up: Array
-    labels: tuple[str, str]
     planar: bool
 
     @property
     def normal(self) -> Array:
         """Unit vector towards the viewer, shape (3,)."""
         return np.cross(self.right, self.up)
-
-    def project(self, points: Array) -> Array:
-        """Coordinates to the right and upwards, shape (..., 3) to (..., 2)."""
-        return points @ np.stack([self.right, self.up], axis=1)
 
     def distance(self, points: Array, slope: float, aspect: float) -> float:
         """Least distance from the origin at which a camera sees all points [m].
@@ -71,7 +63,8 @@ class View:
             slope: Tangent of half the vertical field of view.
             aspect: Width of the picture over its height.
         """
-        across = np.abs(self.project(points)) / (slope * np.array([aspect, 1.0]))
+        across = np.abs(points @ np.stack([self.right, self.up], axis=1))
+        across /= slope * np.array([aspect, 1.0])
         return float((points @ self.normal + across.max(axis=1)).max())
 
 
@@ -82,33 +75,24 @@ class Skeleton:
     Attributes:
         placements: Placements joint_to_world, homogeneous, by instant and joint of the
             model (0 is the world), shape (m, joints, 4, 4).
-        chains: Positions of the joints from the base to each end of the robot, the end
-            frame last, each of shape (m, k, 3) [m].
-        arms: Number of the robot of a workcell that each chain belongs to, from 0.
+        points: Positions of the base, of all joints, and of the ends of the robot,
+            shape (m, k, 3) [m].
     """
 
     placements: Array
-    chains: tuple[Array, ...]
-    arms: tuple[int, ...] = ()
-
-    @property
-    def points(self) -> Array:
-        """All positions of joints and ends, shape (m, k, 3) [m]."""
-        return np.concatenate(self.chains, axis=1)
+    points: Array
 
 
-def check_motions(problem: Problem, trajectories: Collection[Trajectory]) -> None:
-    """Check that there are trajectories, and all are of the problem's robot.
+def check_motions(problem: Problem, trajectories: Iterable[Trajectory]) -> None:
+    """Check that all trajectories are of the problem's robot.
 
     Raises:
-        ProblemError: If there is no trajectory, or the joints of a trajectory differ.
+        ProblemError: If the joints of a trajectory differ.
     """
     instance(problem, Problem, "problem")
     for trajectory in trajectories:
         instance(trajectory, Trajectory, "trajectory")
         trajectory._check_joints(problem.robot.joint_names)
-    if not trajectories:
-        raise ProblemError("there is no trajectory to plot", "trajectories")
 
 
 def end_frame(problem: Problem) -> str:
@@ -149,72 +133,42 @@ def skeleton(robot: Robot, q: Array, frame: str) -> Skeleton:
     model, index = robot.model, robot.frame_id(frame)
     rotation, origin = JointPlacements(model).joints(robot.expand(q))
     placements = transform(origin, rotation)
-    chains, arms = [], []
+    # The world's origin is the base of a robot alone, but not of those of a workcell.
+    points = [origin[:, 1:] if robot.parts else origin]
     for joint in range(1, model.njoints):
         if len(model.children[joint]):
             continue
-        origins = placements[:, list(model.supports[joint])][..., :3, 3]
-        part = str(model.names[joint]).partition("/")[0]
-        if part in robot.parts:
-            # The chain begins at the base of the arm, not at the origin of the world.
-            origins[:, 0] = _base(robot, part)
-        arms.append(robot.parts.index(part) if part in robot.parts else 0)
         at_end = model.frames[index].parentJoint == joint
         last = model.frames[index if at_end else _tip(robot, joint)]
         tip = placements[:, joint, :3] @ np.append(last.placement.translation, 1.0)
-        chains.append(np.concatenate([origins, tip[:, None]], axis=1))
-    return Skeleton(placements, tuple(chains), tuple(arms))
+        points.append(tip[:, None])
+    return Skeleton(placements, np.concatenate(points, axis=1))
 
 
-def _base(robot: Robot, arm: str) -> Array:
-    """Base of a robot of a workcell, (3,) [m]; the origin if on another robot."""
-    for frame in robot.model.frames:
-        if frame.parentJoint == 0 and str(frame.name).startswith(f"{arm}/"):
-            return np.array(frame.placement.translation)
-    return np.zeros(3)
-
-
-def best_view(points: Array) -> View:
-    """Find the direction of view that shows a motion best.
-
-    A planar motion is viewed along the normal of its plane. Any other is projected onto
-    the coordinate plane in which its area is largest, so that the axes keep their
-    names.
+def _plane_normal(points: Array) -> Array | None:
+    """Unit normal of the plane of a planar motion, shape (3,); None for others.
 
     Args:
         points: Positions by instant, shape (m, k, 3) [m].
     """
     displacement = (points - points[:1]).reshape(-1, 3)
-    flat = points.reshape(-1, 3)
-    extent = float(np.ptp(flat, axis=0).max()) or 1.0
+    extent = float(np.ptp(points.reshape(-1, 3), axis=0).max()) or 1.0
     moments, axes = np.linalg.eigh(displacement.T @ displacement / len(displacement))
     spread = np.sqrt(np.maximum(moments, 0.0))  # least first
-    if spread[1] > FLAT * extent >= spread[0]:
-        return _facing(axes[:, 0])
-    width = np.ptp(flat, axis=0)
-    pairs = [(0, 2), (1, 2), (0, 1)]
-    areas = [width[i] * width[j] for i, j in pairs]
-    # Rounding must not choose between planes of equal area.
-    best = next(k for k, area in enumerate(areas) if area >= max(areas) * (1.0 - 1e-6))
-    i, j = pairs[best]
-    return View(np.eye(3)[i], np.eye(3)[j], ("xyz"[i], "xyz"[j]), False)
+    return axes[:, 0] if spread[1] > FLAT * extent >= spread[0] else None
 
 
 def _facing(normal: Array) -> View:
     """View onto a plane: z upwards in it, or x to the right if it is horizontal."""
     x, y, z = np.eye(3)
     if abs(normal @ z) > 1.0 - FLAT:
-        return View(x, y, ("x", "y"), True)
+        return View(x, y, True)
     up = z - normal * (normal @ z)
     up /= np.linalg.norm(up)
     right = np.cross(up, normal)
     if right @ x < -FLAT or (abs(right @ x) <= FLAT and right @ y < 0.0):
         right = -right
-    label = "z" if up @ z > 1.0 - FLAT else "up in the plane"
-    across = (
-        "x" if right @ x > 1.0 - FLAT else "y" if right @ y > 1.0 - FLAT else "along"
-    )
-    return View(right, up, (across, label), True)
+    return View(right, up, True)
 
 
 def camera_view(
@@ -230,15 +184,15 @@ def camera_view(
         thickness: Thickness of its bodies [m].
         obstacles: Points of each obstacle, shape (j, 3) [m].
     """
-    plane, flat = best_view(points), points.reshape(-1, 3)
-    extent = np.ptp(flat, axis=0) + thickness
-    if plane.planar and np.abs(plane.normal) @ extent < FLAT_ARM * extent.max():
-        return plane
+    normal, flat = _plane_normal(points), points.reshape(-1, 3)
+    extent = float(np.ptp(flat, axis=0).max()) + thickness
+    if normal is not None and np.ptp(flat @ normal) + thickness < FLAT_ARM * extent:
+        return _facing(normal)
     boxes = [(rows.min(axis=0), rows.max(axis=0)) for rows in obstacles]
     normal = min(SIDES, key=lambda side: _hidden(flat, side, boxes))
     right = np.cross([0.0, 0.0, 1.0], normal)
     right /= np.linalg.norm(right)
-    return View(right, np.cross(normal, right), ("", ""), False)
+    return View(right, np.cross(normal, right), False)
 
 
 def _hidden(points: Array, side: Array, boxes: Sequence[tuple[Array, Array]]) -> float:
