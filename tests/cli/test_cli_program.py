@@ -249,12 +249,17 @@ def test_full_standard_error_does_not_change_the_exit_code() -> None:
         assert program("info", "no.urdf", **streams).returncode == 2
 
 
+@pytest.mark.parametrize("words", [["--version"], ["--help"], ["plan", "--help"]])
 def test_closed_standard_output_ends_with_exit_code_74(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    words: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """Regression: a shell's ``>&-`` lost the motion, and the exit code was 0."""
+    """Regression: a shell's ``>&-`` lost the motion, or the help of a command, and the
+    exit code was 0.
+    """
     monkeypatch.setattr(sys, "stdout", None)
-    assert run_words(["--version"]) == 74
+    assert run_words(words) == 74
     assert capsys.readouterr().err == "error: standard output: Bad file descriptor\n"
 
 

@@ -77,7 +77,7 @@ def test_tour_is_written_to_standard_output(tmp_path: Path) -> None:
     ("text", "named"),
     [
         ("", "stations"),
-        (STATIONS.replace("0.2", "-1"), "dwell"),
+        (STATIONS.replace("0.2", "-1"), "stations[0].dwell: is -1, expected"),
         (STATIONS.replace('["drill"]', '["mill"]'), "mill"),
         (STATIONS.replace("0.9,", "90.0,"), "drill"),
         ('[tour]\nend = "home"\n' + STATIONS, "end"),

@@ -276,5 +276,6 @@ def test_iteration_limit_names_its_option() -> None:
     solution = tm.plan(problem, initial_duration=1.5, **few)
     assert solution.status is Status.ITERATION_LIMIT and not solution.success
     assert solution.message.endswith(
-        " 5 iterations a start were allowed; max_iterations allows more."
+        " max_iterations = 5 was reached; "
+        "a larger number allows more iterations a start."
     )

@@ -110,7 +110,9 @@ def test_baxter_group_is_planned_and_all_other_joints_are_locked(
     with pytest.warns(TominpmpWarning) as caught:
         problem = load_moveit("baxter", *paths)
     messages = " ".join(str(item.message) for item in caught)
-    assert "l_gripper_l_finger_joint is locked at 0.05, outside its limits" in messages
+    assert (
+        "l_gripper_l_finger_joint is locked at 0.05 m, outside its limits" in messages
+    )
     assert "no joints 'virtual_joint'" in messages
     assert "r_gripper_l_finger_joint" in messages  # the start has no value for it
     assert set(problem.robot.joint_names) == set(moved)
@@ -130,7 +132,7 @@ def test_panda_fingers_beyond_their_limits_are_locked_with_a_warning(
     fingers = {"panda_finger_joint1": 0.065, "panda_finger_joint2": 0.065}
     paths = files(tmp_path, "panda_arm", {**start, **fingers}, wanted)
     robot: str | Robot = "panda" if named else load_robot("panda", limits="urdf")
-    with pytest.warns(TominpmpWarning, match="locked at 0.065, outside its limits"):
+    with pytest.warns(TominpmpWarning, match="locked at 0.065 m, outside its limits"):
         problem = load_moveit(robot, *paths)
     assert problem.robot.joint_names == tuple(PANDA)
     assert problem.robot.locked_joints == fingers

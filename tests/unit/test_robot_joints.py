@@ -152,7 +152,7 @@ def test_locked_joint_becomes_part_of_the_link(tmp_path: Path) -> None:
 
 def test_lock_outside_the_limits_warns(tmp_path: Path) -> None:
     with pytest.warns(
-        TominpmpWarning, match=r"j1 is locked at 5, .*\[-1, 2\]"
+        TominpmpWarning, match=r"j1 is locked at 5 rad, .*\[-1, 2\]"
     ) as caught:
         arm = load_robot(write(tmp_path, chain("", "")), locked_joints={"j1": 5})
     assert caught[0].filename == __file__

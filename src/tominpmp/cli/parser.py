@@ -106,7 +106,11 @@ def _labels(entry: HelpEntry, metavar: str) -> str:
 
 
 class HelpFormatter(PlainFormatter):
-    """Writes the names on the left and the texts on the right."""
+    """Writes the names on the left and the texts on the right.
+
+    The help is written by :func:`~tominpmp.cli.terminal.say`, which reports that there
+    is no standard output; Rich would write nothing, and say nothing.
+    """
 
     def __call__(
         self, console: Console, options: ConsoleOptions, panel: HelpPanel
@@ -134,7 +138,7 @@ class HelpFormatter(PlainFormatter):
                 break_long_words=False,
                 break_on_hyphens=False,
             )
-        console.print("\n".join(lines), "", sep="\n", soft_wrap=True, markup=False)
+        say("\n".join((*lines, "")))
 
     def render_description(
         self, console: Console, options: ConsoleOptions, description: Any
@@ -144,7 +148,7 @@ class HelpFormatter(PlainFormatter):
         for part in _unwrapped(console, options, description).rstrip().split("\n\n"):
             filled = textwrap.fill(part, width, break_on_hyphens=False)
             text = part if "\n " in part else filled
-            console.print(text, "", sep="\n", soft_wrap=True, markup=False)
+            say(f"{text}\n")
 
 
 def _unwrapped(console: Console, options: ConsoleOptions, text: Any) -> str:

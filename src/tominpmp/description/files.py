@@ -17,7 +17,7 @@ from urllib.parse import unquote
 
 from tominpmp.description.paths import checked_path
 from tominpmp.description.xml_reader import given_text
-from tominpmp.exceptions import RobotLoadError, brief, closest, shortened, unknown
+from tominpmp.exceptions import RobotLoadError, brief, closest, shortened
 
 # Folder of the files of example-robot-data, below an installation prefix.
 _EXAMPLE_SHARE = Path("share", "example-robot-data", "robots")
@@ -111,7 +111,7 @@ def find_robot(name_or_path: str | os.PathLike[str]) -> RobotFiles:
     Anything with a folder or a suffix is a path.
 
     Raises:
-        RobotLoadError: If the robot is unknown; lists the known names.
+        RobotLoadError: If the robot is unknown; names similar ones.
     """
     known = _known_robots(_example_folder(), _bundled_folder())
     if isinstance(name_or_path, str) and name_or_path in known:
@@ -119,9 +119,12 @@ def find_robot(name_or_path: str | os.PathLike[str]) -> RobotFiles:
     expected = "the name of a robot or the path of a file"
     path = checked_path(name_or_path, "the robot", RobotLoadError, expected)
     if isinstance(name_or_path, str) and path.name == name_or_path and not path.suffix:
-        message = unknown("robot", name_or_path, sorted(known))
-        hint = "" if _example_folder() else ", or install example-robot-data"
-        raise RobotLoadError(f"{message}; or give the path of a .urdf file{hint}")
+        meant = closest(name_or_path, sorted(known))
+        hint = "" if _example_folder() else "; example-robot-data has more robots"
+        raise RobotLoadError(
+            f"there is no robot {brief(name_or_path)}{meant}; expected a name that "
+            f"'tominpmp robots' lists, or the path of a .urdf file{hint}"
+        )
     return RobotFiles(path.absolute(), find_srdf(path.absolute()))
 
 

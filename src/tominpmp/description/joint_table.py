@@ -146,8 +146,9 @@ class Linkage:
             if position is None or not joint.lower < joint.upper:
                 continue
             if not joint.lower - 1e-9 <= position <= joint.upper + 1e-9:
+                unit = "m" if joint.kind == "prismatic" else "rad"
                 warn_caller(
-                    f"joint {joint.name} is locked at {position:g}, outside its "
+                    f"joint {joint.name} is locked at {position:g} {unit}, outside its "
                     f"limits [{joint.lower:g}, {joint.upper:g}]"
                 )
 

@@ -102,6 +102,7 @@ from tominpmp.exceptions import (
     RobotLoadError,
     ScenarioError,
     TominpmpError,
+    brief,
     quiet,
     unknown,
 )
@@ -331,7 +332,9 @@ def read_phase(
     try:
         return kind(goal=goal, **conditions)
     except ProblemError as error:
-        _key_of(table, error.field, known).fail(str(error))
+        # The key names the station.
+        said = str(error).removeprefix(f"station {brief(conditions.get('name'))}: ")
+        _key_of(table, error.field, known).fail(said)
 
 
 def _key_of(table: Field, field: str | None, keys: Collection[str]) -> Field:

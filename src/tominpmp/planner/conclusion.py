@@ -166,8 +166,8 @@ def _advice(
     advice = ""
     if best is not None and not best.confirmed:
         if status is Status.ITERATION_LIMIT:
-            allowed = f"{options.max_iterations} iterations a start were allowed"
-            advice = f" {allowed}; max_iterations allows more."
+            reached = f"max_iterations = {options.max_iterations} was reached"
+            advice = f" {reached}; a larger number allows more iterations a start."
         elif status is not Status.INTERRUPTED and options.method != "inverse":
             longest = float(np.max(np.diff(best.trajectory.t)))
             advice = (
