@@ -32,7 +32,8 @@ from motion_samples import (
 )
 from robot_samples import INERTIAL, link, write_tetrahedron
 from trimesh import Trimesh
-from trimesh.creation import box
+from trimesh.creation import box, icosphere
+from trimesh.util import concatenate
 
 from tominpmp.exceptions import (
     FrameNotFound,
@@ -68,7 +69,6 @@ from tominpmp.viz.surfaces import (
     robot_bodies,
     shaded,
     sphere,
-    triangle_colors,
 )
 
 CAMERA = "/Cameras/default/rotated"
@@ -115,19 +115,16 @@ def test_smooth_bodies_have_smooth_normals_and_boxes_sharp_ones() -> None:
     assert set(heights.tolist()) == {0, 127}
 
 
-def test_shading_keeps_triangles_and_colours() -> None:
+def test_shading_keeps_triangles() -> None:
     plain = box([1, 1, 1])
-    colors = np.linspace(0, 255, 36).astype(np.uint8).reshape(12, 3)
     soup = Trimesh(
         plain.vertices[plain.faces].reshape(-1, 3),
         np.arange(36).reshape(12, 3),
-        face_colors=colors,
         process=False,
     )
     drawn = shaded(soup)
     corners = plain.vertices[plain.faces]
     np.testing.assert_allclose(drawn["position"][drawn["index"]], corners)
-    np.testing.assert_array_equal(drawn["color"][drawn["index"][:, 0]], colors)
     flat = shaded(Trimesh(np.eye(3), [[0, 1, 2], [0, 1, 1]], process=False))
     assert len(flat["index"]) == 1
 
@@ -255,12 +252,25 @@ def write_colored(folder: Path, stretch: float) -> str:
 def test_colours_of_mesh_files_are_read(tmp_path: Path) -> None:
     inside = write_colored(tmp_path, 1.0)
     robot = simple_arm(tmp_path, ["0 0 1"], inside=inside)
-    (body,) = robot_bodies(robot)
-    colors = triangle_colors(body.surface)
-    assert colors is not None
-    found = {tuple(color) for color in colors.tolist()}
-    assert found == {(255, 0, 0), (0, 0, 255)}
-    assert body.surface.volume == pytest.approx(1 / 6)
+    blue, red = robot_bodies(robot)
+    assert blue.color == (0.0, 0.0, 1.0, 1.0) and red.color == (1.0, 0.0, 0.0, 1.0)
+    assert blue.name != red.name
+    assert concatenate([blue.surface, red.surface]).volume == pytest.approx(1 / 6)
+
+
+def test_a_mesh_of_many_colours_has_bodies_of_a_few(tmp_path: Path) -> None:
+    ball = icosphere(2)
+    shares = 0.5 * (ball.triangles_center + 1.0)
+    ball.visual.face_colors = (255.0 * shares).astype(np.uint8)
+    ball.export(tmp_path / "ball.ply")
+    inside = '<visual><geometry><mesh filename="ball.ply"/></geometry></visual>'
+    bodies = robot_bodies(simple_arm(tmp_path, ["0 0 1"], inside=inside))
+    assert 8 < len(bodies) <= 27
+    assert len({body.name for body in bodies}) == len(bodies)
+    for body in bodies:
+        centers = 0.5 * (body.surface.triangles_center + 1.0)
+        assert np.abs(centers - body.color[:3]).max() < 0.27
+    assert sum(len(body.surface.faces) for body in bodies) == len(ball.faces)
 
 
 def test_colours_are_dropped_if_their_reader_yields_another_shape(
@@ -271,7 +281,6 @@ def test_colours_are_dropped_if_their_reader_yields_another_shape(
     assert robot.visual_model.ngeoms == 1
     write_colored(tmp_path, 1.1)  # as if another reader saw another size
     (body,) = robot_bodies(robot)
-    assert triangle_colors(body.surface) is None
     assert np.ptp(body.surface.vertices, axis=0)[0] == pytest.approx(1.0)
 
 
@@ -280,7 +289,6 @@ def test_colour_of_the_urdf_replaces_colours_of_the_mesh_file(tmp_path: Path) ->
         "</visual>", '<material name="m"><color rgba="0 1 0 0.5"/></material></visual>'
     )
     (body,) = robot_bodies(simple_arm(tmp_path, ["0 0 1"], inside=inside))
-    assert triangle_colors(body.surface) is None
     assert body.color == pytest.approx((0.0, 1.0, 0.0, 0.5))
 
 

@@ -19,9 +19,7 @@ from tominpmp.viz.surfaces import (
     geometry_bodies,
     obstacle_surface,
     path_tube,
-    plain,
     shaded,
-    triangle_colors,
 )
 from tominpmp.viz.surroundings import GOAL_RGB, PATH_RGB, START_RGB
 
@@ -32,8 +30,6 @@ GHOST_OPACITY, GHOSTS = 0.28, {START_RGB: 1.015, GOAL_RGB: 1.025}
 # Field of view of the camera [rad], aspect ratio of the window between the panels that
 # it is placed for, and factor of the distance at which it sees the links' axes.
 FIELD_OF_VIEW, ASPECT, MARGIN = 0.75, 0.67, 1.25
-# Largest number of colours of a body; more colours are averaged.
-MOST_COLORS = 8
 PATH_RADIUS = 0.0025  # as a share of the robot's size
 # Largest number of triangles of a ghost; larger robots have their collision geometry.
 MOST_TRIANGLES = 20_000
@@ -94,23 +90,21 @@ def outlines(robot: Robot, bodies: Sequence[Body]) -> list[Body]:
 
 
 def _put(scene: Any, name: str, body: Body, tint: Color | None) -> None:
-    """Put a body on the stage: one mesh for each of its colours."""
+    """Put a body on the stage."""
     place = pin.SE3ToXYZQUAT(pin.SE3(body.placement))
     look = {"position": place[:3], "wxyz": place[[6, 3, 4, 5]], "side": "double"}
-    parts, opacity = _by_color(body), float(body.color[3])
+    color, opacity = body.color[:3], body.color[3]
     if tint is not None:
-        parts, opacity = [(body.surface, tint)], GHOST_OPACITY
+        color, opacity = tint, GHOST_OPACITY
         look |= {"scale": GHOSTS[tint], "cast_shadow": False, "receive_shadow": False}
-    for number, (surface, color) in enumerate(parts):
-        put_surface(scene, f"{name}/{number}", surface, color, opacity, **look)
+    put_surface(scene, name, body.surface, color, opacity, **look)
 
 
 def put_surface(
     scene: Any, name: str, surface: Trimesh, color: Color, opacity: float, **look: Any
 ) -> None:
     """Put a surface of one colour on the stage; ``look`` has options for viser."""
-    # With colours of triangles, shared vertices would not be merged.
-    mesh = shaded(plain(surface))
+    mesh = shaded(surface)
     scene.add_mesh_simple(
         name,
         mesh["position"],
@@ -119,22 +113,6 @@ def put_surface(
         opacity=None if opacity >= 1.0 else opacity,
         **look,
     )
-
-
-def _by_color(body: Body) -> list[tuple[Trimesh, Color]]:
-    """Split a body into parts of one colour each."""
-    surface, colors = body.surface, triangle_colors(body.surface)
-    if colors is None:
-        return [(surface, body.color[:3])]
-    shares = np.round(colors / 255.0, 2)
-    shown, which = np.unique(shares, axis=0, return_inverse=True)
-    if len(shown) > MOST_COLORS:
-        shown = np.mean(colors / 255.0, axis=0)[None]
-        which = np.zeros_like(which)
-    return [
-        (Trimesh(surface.vertices, surface.faces[which.ravel() == k]), tuple(color))
-        for k, color in enumerate(shown.tolist())
-    ]
 
 
 def draw_path(scene: Any, path: Array, size: float) -> None:

@@ -39,7 +39,6 @@ from tominpmp.viz.surfaces import (
     cylinder,
     obstacle_surface,
     path_tube,
-    plain,
     robot_bodies,
     shaded,
     sphere,
@@ -70,7 +69,6 @@ Command = dict[str, Any]
 # Typed arrays by NumPy type: name in JavaScript, extension code in MessagePack.
 ARRAY_CODES = {
     "int8": ("Int8Array", 0x11),
-    "uint8": ("Uint8Array", 0x12),
     "uint32": ("Uint32Array", 0x16),
     "float32": ("Float32Array", 0x17),
 }
@@ -194,8 +192,7 @@ def _robot(
     paths = {i: f"{path}/{node_name(str(robot.model.names[i]))}" for i in joints}
     for body in bodies:
         node = viewer[f"{paths[body.joint]}/{node_name(body.name)}"]
-        surface = body.surface if tint is None else plain(body.surface)
-        put_body(node, surface, tint or body.color, body.placement)
+        put_body(node, body.surface, tint or body.color, body.placement)
     for joint in joints:
         viewer[paths[joint]].set_transform(poses[0, joint])
     return {paths[joint]: poses[:, joint] for joint in joints if joint}
@@ -340,7 +337,7 @@ def node_name(name: str) -> str:
 
 @dataclass(frozen=True)
 class ShadedGeometry:
-    """A geometry of Meshcat: triangles with normals, and with colours if there are any.
+    """A geometry of Meshcat: triangles with normals.
 
     Attributes:
         uuid: Identifier in the references of meshes.
@@ -391,21 +388,18 @@ def put_body(
 
 def _mesh(path: str, surface: Trimesh, color: Sequence[float]) -> Any:
     """A ``meshcat.geometry.Mesh`` with a fixed identifier, for repeatable pages."""
-    geometry, buffers = import_meshcat().geometry, shaded(surface)
-    colored = "color" in buffers
+    geometry = import_meshcat().geometry
     *rgb, opacity = np.clip(color, 0.0, 1.0).tolist()
     red, green, blue = (round(255 * value) for value in rgb)
     material = geometry.MeshPhongMaterial(
-        # The colours of vertices are multiplied by the colour of the material.
-        color=0xFFFFFF if colored else red << 16 | green << 8 | blue,
+        color=red << 16 | green << 8 | blue,
         opacity=opacity,
-        vertexColors=colored,
         specular=0x222222,
         shininess=25,
         depthWrite=opacity >= 1.0,
     )
     material.uuid = f"{path}#m"
-    body = geometry.Mesh(ShadedGeometry(f"{path}#g", buffers), material)
+    body = geometry.Mesh(ShadedGeometry(f"{path}#g", shaded(surface)), material)
     body.uuid = path
     return body
 

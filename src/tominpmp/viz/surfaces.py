@@ -2,7 +2,7 @@
 
 Solids of revolution, boxes, tubes and meshes all become meshes of trimesh here, so that
 drawing code needs no case for each shape. The bodies of a robot are surfaces on its
-joints; a surface has colours by triangle, or the colour of its body.
+joints, of one colour each.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ import trimesh
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from trimesh import Trimesh
-from trimesh.util import concatenate
-from trimesh.visual import ColorVisuals
+from trimesh.triangles import to_kwargs
+from trimesh.util import append_faces, concatenate
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.collision.bodies import obstacle_shape
@@ -35,8 +35,11 @@ from tominpmp.scene.obstacles import Obstacle
 # around the path of a frame.
 AROUND, FACETS = 40, 8
 
-# Colour of uncoloured surfaces that are joined with coloured ones.
+# Colour of uncoloured parts of coloured meshes.
 LIGHT = (230, 230, 230, 255)
+
+# Most colours of a mesh; of more colours each component is rounded to 0, 0.5 or 1.
+MOST_COLORS = 32
 
 # Least angle between triangles at a sharp edge; others are shaded smoothly [rad].
 CREASE = np.radians(35.0)
@@ -48,9 +51,9 @@ STEEL = (0.52, 0.58, 0.66, 1.0)
 MESH_AGREEMENT = 1e-3
 
 
-# Arrays of graphics hardware by the names of three.js: "position" [m], "normal" (unit
-# vectors times 127) and, with colours, "color" (0 to 255), shape (m, 3) each with a row
-# for each vertex; "index" of the vertices of the triangles, shape (k, 3).
+# Arrays of graphics hardware by the names of three.js: "position" [m] and "normal"
+# (unit vectors times 127) have a row for each vertex, shape (m, 3), and "index" has the
+# vertices of each triangle, shape (k, 3).
 Buffers: TypeAlias = dict[str, NDArray[Any]]
 
 
@@ -163,17 +166,6 @@ def transform(position: ArrayLike, rotation: ArrayLike | None = None) -> Array:
     return placements
 
 
-def triangle_colors(surface: Trimesh) -> NDArray[np.uint8] | None:
-    """Colours of the triangles, 0 to 255, shape (k, 3); None for one of the body."""
-    visual: Any = surface.visual
-    return visual.face_colors[:, :3] if visual.kind == "face" else None
-
-
-def plain(surface: Trimesh) -> Trimesh:
-    """A surface without colours of its own."""
-    return Trimesh(surface.vertices, surface.faces, process=False)
-
-
 def shaded(surface: Trimesh) -> Buffers:
     """Buffers of a surface, with normals: smooth ones, except at sharp edges.
 
@@ -193,15 +185,10 @@ def shaded(surface: Trimesh) -> Buffers:
     unit = cross / double_area[:, None]
     normals = _corner_normals(faces, unit, cross)
     corner, normal = faces.reshape(-1), np.rint(127.0 * normals).astype(np.int8)
-    corner_values = {"position": points[corner], "normal": normal}
-    colors = triangle_colors(surface)
-    if colors is not None:
-        corner_values["color"] = np.repeat(colors[solid], 3, axis=0)
-    # Corners with equal position, normal and colour become one vertex.
-    keys = [corner[:, None], *list(corner_values.values())[1:]]
-    first, back = unique(np.concatenate(keys, axis=1, dtype=np.int64))
-    buffers = {name: values[first] for name, values in corner_values.items()}
-    return buffers | {"index": back.reshape(-1, 3).astype(np.uint32)}
+    # Corners with equal position and normal become one vertex.
+    first, back = unique(np.column_stack([corner, normal]))
+    index = back.reshape(-1, 3).astype(np.uint32)
+    return {"position": points[corner[first]], "normal": normal[first], "index": index}
 
 
 def _corner_normals(faces: IntArray, unit: Array, weighted: Array) -> Array:
@@ -250,7 +237,7 @@ def native_surface(geometry: Any) -> Trimesh:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A rigid part of a robot.
+    """A rigid part of a robot, of one colour.
 
     Attributes:
         name: Name, unique in its robot.
@@ -298,56 +285,76 @@ def geometry_bodies(
 
     Args:
         model: The model.
-        color: Colour of all bodies; None for the colour of each body.
+        color: Colour of all bodies; None for the colours in their files.
     """
     bodies = []
     for item in model.geometryObjects:
-        red, green, blue, opacity = map(float, item.meshColor)
-        shown = color or (red, green, blue, opacity)
+        surface = native_surface(item.geometry)
+        red, green, blue, opacity = color or map(float, item.meshColor)
+        parts = [(surface, (red, green, blue))]
+        if color is None and is_mesh(item.geometry) and not item.overrideMaterial:
+            parts = _colored_parts(item, surface) or parts
         joint, place = int(item.parentJoint), np.array(item.placement.homogeneous)
-        bodies.append(Body(item.name, joint, place, _body_surface(item), shown))
+        for number, (part, rgb) in enumerate(parts):
+            name = f"{item.name}#{number}" if number else item.name
+            bodies.append(Body(name, joint, place, part, (*rgb, opacity)))
     return bodies
 
 
-def _body_surface(item: pin.GeometryObject) -> Trimesh:
-    """Surface of a geometry object, with the colours in its file unless overridden."""
-    surface = native_surface(item.geometry)
-    if item.overrideMaterial or not is_mesh(item.geometry):
-        return surface
-    colored = _colored_mesh(item.meshPath)
-    if colored is None:
-        return surface
-    colored.apply_scale(item.meshScale)
-    # Readers differ in units and axes; Pinocchio's mesh is authoritative, and colours
-    # are not worth a link in the wrong place.
-    apart = np.abs(surface.bounds - colored.bounds).max()
-    agree = apart <= MESH_AGREEMENT * surface.extents.max()
-    return colored if agree else surface
+def _colored_parts(
+    item: pin.GeometryObject, surface: Trimesh
+) -> list[tuple[Trimesh, tuple[float, float, float]]]:
+    """Parts of a mesh by the colours in its file: red, green and blue from 0 to 1.
 
+    Args:
+        item: The mesh.
+        surface: Its surface as Pinocchio reads it. Readers differ in units and axes;
+            Pinocchio's mesh is authoritative, and colours are not worth a link in the
+            wrong place.
 
-def _colored_mesh(path: str) -> Trimesh | None:
-    """Read a mesh with its colours; None if it has no colours or cannot be read."""
+    Returns:
+        The parts; empty if the mesh has no colours, cannot be read, or differs.
+    """
+    path = item.meshPath
     if Path(path).suffix.lower() not in (".dae", ".obj", ".ply", ".glb", ".gltf"):
-        return None  # colours of STL files are not standard
+        return []  # colours of STL files are not standard
     try:
         with quiet(Warning):  # trimesh warns of files that violate their standard
             scene: Any = trimesh.load(path, force="scene", process=False)
-            parts = [mesh for mesh in scene.dump() if isinstance(mesh, Trimesh)]
-            colors = [_colors(mesh) for mesh in parts]
+            meshes: list[Any] = [m for m in scene.dump() if isinstance(m, Trimesh)]
+            found = [_colors(mesh) for mesh in meshes]
     except Exception:  # a mesh reader may raise any error; the shape is known already
-        return None
-    if all(color is None for color in colors):
-        return None
-    for mesh, color in zip(parts, colors, strict=True):
-        mesh.visual = ColorVisuals(mesh, LIGHT if color is None else color)
-    return cast("Trimesh", concatenate(parts))
+        return []
+    if not any(mesh.visual.kind for mesh in meshes):
+        return []
+    vertices, faces = append_faces(
+        [mesh.vertices for mesh in meshes], [mesh.faces for mesh in meshes]
+    )
+    whole = Trimesh(vertices, faces, process=False)
+    whole.apply_scale(item.meshScale)
+    apart = np.abs(surface.bounds - whole.bounds).max()
+    if apart > MESH_AGREEMENT * surface.extents.max():
+        return []
+    shares = np.round(np.concatenate(found)[:, :3] / 255.0, 2)
+    if len(np.unique(shares, axis=0)) > MOST_COLORS:
+        shares = np.round(2.0 * shares) / 2.0
+    shown, which = np.unique(shares, axis=0, return_inverse=True)
+    parts = []
+    for k, (red, green, blue) in enumerate(shown.tolist()):
+        own = to_kwargs(whole.triangles[which.ravel() == k])
+        part = Trimesh(**own, process=False)
+        parts.append((part, (red, green, blue)))
+    return parts
 
 
-def _colors(mesh: Any) -> ArrayLike | None:
-    """Colours of the triangles of a mesh, or the colour of all; None without any."""
+def _colors(mesh: Any) -> Array:
+    """Colours of the triangles of a mesh, 0 to 255, shape (k, 4)."""
+    color = LIGHT
     if mesh.visual.kind == "texture":
-        return np.asarray(mesh.visual.material.main_color)
-    return mesh.visual.face_colors if mesh.visual.kind else None
+        color = mesh.visual.material.main_color
+    elif mesh.visual.kind:
+        color = mesh.visual.face_colors
+    return np.broadcast_to(np.asarray(color), (len(mesh.faces), 4))
 
 
 def _sticks(robot: Robot) -> list[Body]:
