@@ -112,7 +112,7 @@ BAD = {
     ),
     "obstacle as far as numbers go": (
         "plan planar3r --start start --goal 1,1,1 --obstacle sphere:a:r=1:at=1e308,0,0",
-        "position is [1e+308, 0.0, 0.0], expected three coordinates [m], all finite, "
+        ".position: is [1e+308, 0.0, 0.0], expected three coordinates [m], all finite, "
         "within 1e+06",
     ),
     "unknown ROS message": (
@@ -171,7 +171,7 @@ BAD = {
     ),
     "obstacle size": (
         "plan planar3r --start start --goal 1,1,1 --obstacle sphere:x:r=-1:at=9,9,0",
-        "radius is -1.0, expected a positive length",
+        ".radius: is -1.0, expected a positive length",
     ),
     "obstacle twice": (
         "plan planar3r --start start --goal 1,1,1 --obstacle sphere:x:r=1:at=9,9,0 "

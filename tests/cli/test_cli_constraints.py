@@ -68,11 +68,11 @@ def test_planned_motion_satisfies_its_tool_speed_constraint(run: Run) -> None:
             "tool_speed:frame=tip:limits=1",
             "did you mean limit?); there are: during, frame, limit",
         ),
-        ("tool_speed:frame=tip:limit=0", "limit is 0.0, expected a positive number"),
+        ("tool_speed:frame=tip:limit=0", "limit: is 0.0, expected a positive number"),
         ("tool_speed:frame=nose:limit=1", "no frame 'nose'"),
         (
             "keep_upright:frame=tip:axis=0,0,0",
-            "axis is [0.0, 0.0, 0.0], expected three",
+            "axis: is [0.0, 0.0, 0.0], expected three",
         ),
         ("", "there is no kind ''"),
     ],

@@ -87,7 +87,8 @@ def check_port(host: str, port: int) -> None:
         socket.create_server((host, port), family=family).close()
     except (OSError, OverflowError) as error:
         raise OptionsError(
-            f"port {port} of {host} cannot be used ({error}); try another port or host",
+            f"port {port} of host {host!r} cannot be used ({error}); try another port "
+            "or host",
             "port",
         ) from error
 

@@ -65,6 +65,9 @@ class Typed(Field):
         Raises:
             OptionsError: Always.
         """
+        # The key ends in the name of the field: "limit is", "obstacle 'o': radius is".
+        name = re.escape(self.key.rpartition(".")[2])
+        message = re.sub(rf"^(obstacle .*: )?{name} (?=is )", "", message)
         said = f"{self.key}: {message}" if self.key else message
         said += f"; expected {self.form}" if self.form else ""
         raise OptionsError(said, self.key)
