@@ -437,11 +437,9 @@ def _refuse(what: str, args: RobotOptions, keep: Collection[str]) -> None:
     """Refuse options that repeat or contradict a file."""
     for field in fields(args):
         if field.name not in keep and getattr(args, field.name) != field.default:
-            raise OptionsError(
-                f"{_flag(field.name)} contradicts {what}, which holds the whole "
-                "problem",
-                field.name,
-            )
+            flag = _flag(field.name)
+            fault = f"{flag} contradicts {what}, which holds the whole problem"
+            raise OptionsError(fault, field.name)
 
 
 def _flag(name: str) -> str:

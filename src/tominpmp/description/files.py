@@ -119,12 +119,10 @@ def find_robot(name_or_path: str | os.PathLike[str]) -> RobotFiles:
     expected = "the name of a robot or the path of a file"
     path = checked_path(name_or_path, "the robot", RobotLoadError, expected)
     if isinstance(name_or_path, str) and path.name == name_or_path and not path.suffix:
-        meant = closest(name_or_path, sorted(known))
-        hint = "" if _example_folder() else "; example-robot-data has more robots"
-        raise RobotLoadError(
-            f"there is no robot {brief(name_or_path)}{meant}; expected a name that "
-            f"'tominpmp robots' lists, or the path of a .urdf file{hint}"
-        )
+        meant = closest(path.name, sorted(known))
+        valid = f"expected {expected}; 'tominpmp robots' lists the names"
+        valid += "" if _example_folder() else ", example-robot-data has more robots"
+        raise RobotLoadError(f"there is no robot {brief(path.name)}{meant}; {valid}")
     return RobotFiles(path.absolute(), find_srdf(path.absolute()))
 
 
