@@ -11,10 +11,10 @@ import tominpmp as tm
 from tests.schedules import carried_out
 from tominpmp.certificate.dwells import no_certificate
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.planner import improvements
+from tominpmp.planner import optimality
 from tominpmp.planner.automatic_options import resolve_options
 from tominpmp.planner.candidate import Candidate
-from tominpmp.planner.improvements import certified
+from tominpmp.planner.optimality import certified
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.solvers import exchange
 from tominpmp.solvers.loop import solve
@@ -101,7 +101,7 @@ def test_certified_motion_with_a_considerable_predicted_gain_is_improved(
     [found] = results_of_last_stage(free, candidate)
     assert found.status is tm.Status.CONVERGED
     assert found.duration < candidate.duration / 1.005
-    monkeypatch.setattr(improvements, "WORTH_A_TRY", 1.0)
+    monkeypatch.setattr(optimality, "WORTH_A_TRY", 1.0)
     [left] = results_of_last_stage(free, candidate)
     assert left.status is tm.Status.CONVERGED
     assert left.duration == candidate.duration
@@ -111,7 +111,7 @@ def test_predicted_gain_that_no_round_achieves_ends_as_stalled(free, monkeypatch
     """A motion with a predicted gain that no iteration achieves is not called an
     optimum.
     """
-    monkeypatch.setattr(improvements, "ROUNDS", 0)
+    monkeypatch.setattr(optimality, "ROUNDS", 0)
     (found,) = results_of_last_stage(free, slower(free))
     assert found.status is tm.Status.STALLED
     assert "Small changes promise" in found.remark
@@ -132,7 +132,7 @@ def test_interrupted_certification_does_not_count_as_converged(
     def fails(*_):
         raise cause
 
-    monkeypatch.setattr(improvements, "_settled", fails)
+    monkeypatch.setattr(optimality, "_settled", fails)
     (found,) = results_of_last_stage(free, slower(free))
     assert found.status is status
 
@@ -142,7 +142,7 @@ def test_certification_that_keeps_only_a_slower_motion_does_not_count_as_converg
 ):
     """Regression: the certificate had failed, and the motion was called optimal."""
     kept = replace(slower(free, 1.1), status=tm.Status.NUMERICAL_FAILURE)
-    monkeypatch.setattr(improvements, "_settled", lambda *_: kept)
+    monkeypatch.setattr(optimality, "_settled", lambda *_: kept)
     *_, found = results_of_last_stage(free, slower(free))
     assert found.status is tm.Status.STALLED
 
@@ -190,8 +190,8 @@ def test_iteration_limit_is_no_convergence(free):
 
 
 def test_message_of_a_stalled_plan_has_the_predicted_gain(monkeypatch, free):
-    monkeypatch.setattr(improvements, "tolerance_of", lambda options: 1e-12)
-    monkeypatch.setattr(improvements, "ROUNDS", 0)
+    monkeypatch.setattr(optimality, "tolerance_of", lambda options: 1e-12)
+    monkeypatch.setattr(optimality, "ROUNDS", 0)
     solution = tm.plan(free.problem, OPTIONS)
     assert solution.success
     assert solution.status is tm.Status.STALLED
@@ -200,9 +200,7 @@ def test_message_of_a_stalled_plan_has_the_predicted_gain(monkeypatch, free):
 
 def test_tolerance_of_thorough_plans_is_a_tenth():
     thorough = replace(OPTIONS, effort="thorough")
-    assert improvements.tolerance_of(thorough) == 0.1 * improvements.tolerance_of(
-        OPTIONS
-    )
+    assert optimality.tolerance_of(thorough) == 0.1 * optimality.tolerance_of(OPTIONS)
 
 
 @pytest.mark.parametrize("method", ["collocation", "adjoint", "penalty"])

@@ -12,7 +12,7 @@ import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.planner import candidate, descent
-from tominpmp.planner.descent import ITERATIONS, intervals_to_halve, round_ends
+from tominpmp.planner.finer_grid import ITERATIONS, intervals_to_halve, round_ends
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.solvers.loop import Loop
 from tominpmp.solvers.objective import MinimumTime

@@ -1,62 +1,25 @@
 """Improvements of the incumbent: a table of stages, in their order.
 
-Exact switches free the switching times of torques from the nodes of the grid.
-
-An iteration ends when it makes no more progress, which proves nothing: it may be held
-up by distance rows that miss the instants of closest approach, by a small trust region,
-or by padding of distances that costs time. The incumbent is therefore certified. If
-small changes predict too large a gain, it is improved, with less padding where the
-padding causes the gain. Only a motion that passes is called locally optimal, or one
-that the lower bound proves to be optimal. Otherwise the status says which limit was
-reached, and the message has the remaining predicted gain.
+Exact switches free the switching times of torques from the nodes of the grid. The
+certificate checks the first-order conditions; only a motion that satisfies them, or
+that the lower bound proves to be optimal, is called optimal.
 """
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from importlib import import_module
 
-import numpy as np
-
-from tominpmp.certificate.dwells import no_certificate
-from tominpmp.certificate.minimum_principle import TOLERANCE, Examination, examine
-from tominpmp.options import Options
-from tominpmp.planner.automatic_options import warm_start_options
 from tominpmp.planner.candidate import Candidate, best_of
 from tominpmp.planner.descent import descent_work, guess_of
-from tominpmp.planner.first_program import with_active_rows
+from tominpmp.planner.optimality import certified
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.planner.work import LESS_PADDING, Schedule, Work
-from tominpmp.solvers.objective import MinimumTime
-from tominpmp.solvers.trust_region_step import trust_regions
-from tominpmp.status import Status
+from tominpmp.planner.work import Schedule, Work
 from tominpmp.transcription.bspline import DEGREES
-from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-logger = logging.getLogger(__name__)
-
 SMOOTH = "Its switches were not placed exactly: that is not done for control {!r}."
-# Most rounds of improvement, each of which ends with a certificate, and iterations of a
-# round.
-ROUNDS, ITERATIONS = 4, 25
-# If removing the padding of distances accounts for PADDING_SHARE of the predicted gain,
-# the padding is multiplied by LESS_PADDING for the next round.
-PADDING_SHARE = 0.3
-# Distances are evaluated only if the predicted gain without them exceeds this share of
-# the tolerance, as meshes may have to be decomposed first.
-ENOUGH = 0.3
-# A round that gains no more than this share of T is the last one.
-LEAST_GAIN = 5e-4
-# Largest predicted gain of an optimal motion, as a share of T, for effort "thorough".
-THOROUGH = 1e-3
-# A motion that the certificate accepts is nevertheless improved if its predicted gain
-# exceeds this share of T: two of 120 motions in clutter, for which other orders of
-# obstacles and other solvers find the gain at once.
-WORTH_A_TRY = 5e-3
 
 
 def with_exact_switches(state: PlanState) -> Schedule[None]:
@@ -88,137 +51,6 @@ def with_exact_switches(state: PlanState) -> Schedule[None]:
     candidate = yield descent_work(system, finer, guess_of(system, best), state)
     if candidate is not None:
         state.amend(candidate, remark=best.remark)
-
-
-def certified(state: PlanState) -> Schedule[None]:
-    """Improve the incumbent until it satisfies the first-order conditions.
-
-    Motions with dwells among moving obstacles have no certificate: they are not
-    changed, and called optimal only if the lower bound proves it.
-
-    Args:
-        state: The plan.
-    """
-    best, problem = state.incumbent, state.problem
-    tolerance = tolerance_of(state.options)
-    if best is None:
-        return
-    converged = best.status is Status.CONVERGED
-    if (1.0 - tolerance) * best.duration <= state.lower_bound(problem).T:
-        # By the lower bound no motion at all gains more than the tolerance.
-        state.amend(best, status=Status.CONVERGED)
-        return
-    if reason := no_certificate(problem):
-        if converged:
-            remark = f"{reason.capitalize()}."
-            state.amend(best, status=Status.STALLED, remark=remark)
-        return
-
-    make = partial(_settled, best, state, tolerance)
-    system = ProblemFunctions.of(problem.alternative_of(best.trajectory))
-    settled = yield Work(system, make, self_collision_rows=best.clearance_rows)
-    if converged and (settled is None or settled.duration > best.duration):
-        # A certificate that was cut short, or failed, does not certify the motion.
-        state.amend(best, status=state.cut_short or Status.STALLED)
-
-
-def tolerance_of(options: Options) -> float:
-    """Largest predicted gain of small changes of an optimal motion, as a share of T."""
-    return THOROUGH if options.effort == "thorough" else TOLERANCE
-
-
-def _settled(
-    candidate: Candidate,
-    state: PlanState,
-    tolerance: float,
-    system: ProblemFunctions,
-    *_arguments: object,
-) -> Candidate:
-    """A motion or a faster one, with its certified status.
-
-    Rounds of improvement end when the certificate accepts the motion.
-
-    Args:
-        candidate: The motion.
-        state: The plan.
-        tolerance: Largest predicted gain of an optimal motion, as a share of T.
-        system: Functions of the problem.
-    """
-    best, findings = candidate, _examined(candidate, system, tolerance)
-    segments = system.problem.segments
-    layout = candidate.layout or Layout.of_motion(candidate.trajectory, segments)
-    gain, enough = np.inf, min(tolerance, WORTH_A_TRY)
-    for _ in range(ROUNDS):
-        spent = _is_spent_on_padding(findings, tolerance)
-        system = system.padded(LESS_PADDING) if spent else system
-        certificate = findings.certificate
-        optimal = certificate.ok and certificate.stationarity <= enough
-        idle = gain <= LEAST_GAIN and not spent
-        over = len(state.records) >= state.options.max_iterations
-        if optimal or layout is None or idle or over:
-            break
-        further = _improved(best, layout, state, system)
-        gain = 1.0 - further.duration / best.duration
-        if gain > 0.0:
-            best, layout = further, further.layout
-            findings = _examined(best, system, tolerance)
-    return _concluded(best, findings, tolerance)
-
-
-def _examined(
-    candidate: Candidate, system: ProblemFunctions, tolerance: float
-) -> Examination:
-    """The certificate of a motion, with the multipliers behind it."""
-    motion, replay = candidate.trajectory, candidate.verification
-    assert replay is not None  # noqa: S101
-    enough = ENOUGH * tolerance
-    findings = examine(system.problem, motion, replay, tolerance, enough=enough)
-    promise = findings.certificate.stationarity
-    logger.info("T %.5f s, small changes promise %.1e", candidate.duration, promise)
-    return findings
-
-
-def _is_spent_on_padding(findings: Examination, tolerance: float) -> bool:
-    """Whether the padding of distances causes the predicted gain."""
-    if findings.dual is None:
-        return False
-    multipliers = findings.dual.multipliers
-    gained = float(multipliers.predicted_gain[multipliers.of("clearance")].sum())
-    promised = max(findings.certificate.stationarity, tolerance)
-    return gained > PADDING_SHARE * promised
-
-
-def _improved(
-    best: Candidate, layout: Layout, state: PlanState, system: ProblemFunctions
-) -> Candidate:
-    """A faster motion whose replay keeps all limits, or the same motion."""
-    program, z = with_active_rows(*layout.represented(system, best.trajectory))
-    warm = warm_start_options(state.options, ITERATIONS)
-    quickest = MinimumTime.of(warm, warm.smoothing or 0.0)
-    result = state.solve(program, quickest, z, *trust_regions(warm))
-    if result.best is None:
-        return best
-    faster = replace(Candidate.of(best.initial, result), remark=best.remark)
-    if faster.trajectory.duration >= best.duration:
-        return best
-    faster = faster.verified(system.problem, state.options)
-    return faster if faster.confirmed else best
-
-
-def _concluded(best: Candidate, findings: Examination, tolerance: float) -> Candidate:
-    """The motion with its certified status, and a remark on the predicted gain."""
-    if findings.certificate.ok:
-        return replace(best, status=Status.CONVERGED)
-    status = Status.STALLED if best.status is Status.CONVERGED else best.status
-    promise = 100.0 * findings.certificate.stationarity
-    remark = f"Small changes promise {promise:.2g} % of T"
-    intervals = best.trajectory.t.size - 1
-    if findings.certificate.t.size - 1 > intervals:
-        remark += f", some of them on a grid finer than its {intervals} intervals"
-    if findings.certificate.stationarity <= tolerance:  # other condition
-        remark += f". {findings.certificate.message}".rstrip(".")
-    remark = f"{best.remark} {remark}.".strip()
-    return replace(best, status=status, remark=remark)
 
 
 # Schedules that improve the incumbent or update its status, by name. The gain of each

@@ -13,16 +13,19 @@ every iteration. A plan passes through these modules:
 - :mod:`~tominpmp.planner.barriers`: is there a proof that no motion exists?
 - :mod:`~tominpmp.planner.alternatives`: the goals of a set take turns;
 - :mod:`~tominpmp.planner.starts`: initial guesses for one goal, and their number;
-  several segments are planned one by one by the same schedule, and joined;
 - :mod:`~tominpmp.planner.coarse_search`: guesses compared by descents on a coarse grid;
 - :mod:`~tominpmp.planner.torque_starts`: shooting from given or random torques, for
   small arms that may have to swing, and for the shooting methods;
+- :mod:`~tominpmp.planner.segment_by_segment`: several segments, planned one by one by
+  the same schedule, and joined;
 - :mod:`~tominpmp.planner.descent`: sequential convex programming turns a guess into a
-  locally optimal motion; in the end, intervals are halved where the controls bend;
+  locally optimal motion;
 - :mod:`~tominpmp.planner.first_program`: the convex programs begin on a grid that fits
   the guess;
-- :mod:`~tominpmp.planner.improvements`: a table of stages that improve the incumbent,
-  the last of which is the certificate;
+- :mod:`~tominpmp.planner.finer_grid`: in the end, intervals are halved where the
+  controls bend;
+- :mod:`~tominpmp.planner.improvements`: a table of stages that improve the incumbent;
+- :mod:`~tominpmp.planner.optimality`: one of these stages, the certificate;
 - :mod:`~tominpmp.planner.thorough`: further starts while planning time remains;
 - :mod:`~tominpmp.planner.conclusion`: turns the incumbent into a solution;
 - :mod:`~tominpmp.planner.control_period`, :mod:`~tominpmp.planner.smoothing` and

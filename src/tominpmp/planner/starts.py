@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 
@@ -18,7 +18,6 @@ import numpy as np
 
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.constraints.base import USABLE
-from tominpmp.goals.joints import JointGoal
 from tominpmp.initial_guess.guess import CachedGuesses, Guess, GuessRequest
 from tominpmp.initial_guess.parallel import ready, run_parallel, stop_requested
 from tominpmp.initial_guess.path_velocity import guesses_of
@@ -32,13 +31,12 @@ from tominpmp.planner.automatic_options import JUMPS_SHARE, SHOOTING, WARM_RADIU
 from tominpmp.planner.candidate import Candidate, best_of
 from tominpmp.planner.coarse_search import GAP, MOST_PATHS, coarse_grids_apply, search
 from tominpmp.planner.descent import (
-    descend,
     descent_work,
-    guess_of,
     stop_if_hopeless,
 )
 from tominpmp.planner.improvements import improvements
 from tominpmp.planner.plan_state import PlanState
+from tominpmp.planner.segment_by_segment import can_be_joined, segments_joined
 from tominpmp.planner.torque_starts import (
     shooting_work,
     torque_starts,
@@ -46,7 +44,6 @@ from tominpmp.planner.torque_starts import (
 )
 from tominpmp.planner.work import NUMERICAL, Schedule, Work, run, single, use_fallback
 from tominpmp.problem.problem import Problem
-from tominpmp.problem.sequence import joined
 from tominpmp.solvers.loop import Loop, first_of
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Stop
@@ -139,7 +136,7 @@ def starts(
             # The search has tried the first guess and compared the usual ones.
             wanted = 0 if wanted == usual else wanted - 1
             tried = 1
-    elif _can_be_joined(system):
+    elif can_be_joined(system):
         yield from _first_of_segments(system, state, first)
         wanted, rescues, tried = wanted - 1, rescues - 1, 1
     yield from _descents(system, state, guesses.since(tried), wanted, rescues)
@@ -159,7 +156,13 @@ def _first_of_segments(
         candidate = yield descent_work(system, state.options, guess, state, stop)
         if candidate is not None and candidate.confirmed:
             return
-    yield _segments_joined(system, guess, state)
+    yield segments_joined(system, guess, state, _of_one_segment)
+
+
+def _of_one_segment(state: PlanState, problem: Problem) -> Schedule[None]:
+    """The schedule of a segment that is planned alone."""
+    yield from starts(state, problem)
+    yield from improvements(state)
 
 
 def _descents(
@@ -331,136 +334,6 @@ def descend_in_process(
         if best and best.status in STOPPED and not best.confirmed:
             use_fallback(state, best.status)
     return best_of(state.candidates), state.failures, state.history
-
-
-# -- several segments ------------------------------------------------------------------
-#
-# Among obstacles a straight line through the goals of all segments is far from any
-# motion, and a path around the obstacles is needed on each segment. Alone, each segment
-# is a problem with one goal, for which the search on coarse grids applies.
-
-
-def _can_be_joined(system: ProblemFunctions) -> bool:
-    """Whether segments can be planned one by one: neither goals nor obstacles move."""
-    scenes = any(part.problem.scene.moving for part in system.parts)
-    goals = any(part.problem.goal.ends_moving for part in system.parts[:-1])
-    return bool(system.parts) and not (scenes or goals)
-
-
-def _segments_joined(system: ProblemFunctions, guess: Guess, state: PlanState) -> Work:
-    """Work that plans each segment alone, joins the motions, and improves the result.
-
-    The joined motion, which stops at every goal, is the fastest one if all goals are
-    configurations at which the arm stops. Otherwise it is improved as a whole.
-
-    Args:
-        system: Functions of the problem.
-        guess: The guess, which has the final configurations of the segments.
-        state: The plan.
-    """
-
-    def make(
-        system: ProblemFunctions, doublings: int, former: Candidate | None
-    ) -> Candidate:
-        better = guess
-        parts = [] if former else _planned_alone(system, guess, state)
-        if parts:
-            whole = _as_candidate(system, parts, state)
-            if whole.confirmed and _is_separable(system):
-                return whole
-            if whole.confirmed:
-                state.candidates.append(replace(whole, status=Status.STALLED))
-            better = guess_of(system, whole)
-        return descend(state.options, better, state, None, system, doublings, former)
-
-    return Work(system, make, self_collision_rows=True)
-
-
-def _is_separable(system: ProblemFunctions) -> bool:
-    """Whether the fastest motions of the segments are the fastest motion together."""
-    return all(
-        part.final_configuration is not None
-        and part.problem.goal.stopped is part.problem.goal
-        and not part.motion_limits.continuous
-        for part in system.parts
-    )
-
-
-def _planned_alone(
-    system: ProblemFunctions, guess: Guess, state: PlanState
-) -> list[Candidate]:
-    """The segments from rest to rest; empty if one of them is not found."""
-    found: list[Candidate] = []
-    q = system.problem.q_start
-    for k, (part, end) in enumerate(zip(system.parts, guess.ends, strict=True)):
-        phase = part.problem
-        goal = phase.goal.stopped
-        if goal.configuration is None:
-            goal = JointGoal(end).resolved(phase.robot, q)
-        problem = phase._altered(goal=goal, q_start=q)
-        others = guess.duration - guess.durations[k]
-        seconds = state.remaining_time / (len(system.parts) - k)
-        candidate = _alone(problem, state, others, seconds)
-        if candidate is None:
-            if state.searches.impasse:
-                state.searches.impasse = f"on segment {k + 1}, {state.searches.impasse}"
-            return []
-        found.append(candidate)
-        q = candidate.trajectory.q[-1]
-    return found
-
-
-def _alone(
-    problem: Problem, state: PlanState, others: float, seconds: float
-) -> Candidate | None:
-    """The fastest candidate for one segment; None if no motion is found in time.
-
-    Args:
-        problem: The problem of the segment.
-        state: The plan of all segments, which sees the iterations.
-        others: Estimated duration of the other segments [s].
-        seconds: Planning time [s].
-    """
-
-    def show(record: IterationRecord) -> bool:
-        state(replace(record, duration=record.duration + others))
-        return False
-
-    control = state.options.control
-    options = replace(
-        state.options,
-        # The joined motion has one layout, and so accelerations of one kind.
-        control="constant" if control == "auto" else control,
-        max_planning_time=seconds,
-        callback=show,
-        starts=None,
-        processes=1,
-    )
-    alone = PlanState(problem, options, stop_requested=lambda: state.deadline.due)
-    with alone.deadline.in_force():
-        run(alone, _of_one_segment(alone, problem))
-    state.searches = alone.searches
-    return alone.incumbent
-
-
-def _of_one_segment(state: PlanState, problem: Problem) -> Schedule[None]:
-    """The schedule of a segment that is planned alone."""
-    yield from starts(state, problem)
-    yield from improvements(state)
-
-
-def _as_candidate(
-    system: ProblemFunctions, parts: Sequence[Candidate], state: PlanState
-) -> Candidate:
-    """The joined motion as a replayed candidate, with the dwells of its segments."""
-    dwells = [segment.dwell for segment in system.problem.segments]
-    motion = joined([part.trajectory for part in parts], [0.0, *dwells])
-    converged = all(part.status is Status.CONVERGED for part in parts)
-    status = Status.CONVERGED if converged else Status.STALLED
-    rows = system.clearance is not None
-    whole = Candidate(status, True, motion, motion, {}, clearance_rows=rows)
-    with state.saving():
-        return whole.verified(system.problem, state.options)
 
 
 # -- warm starts -----------------------------------------------------------------------

@@ -22,7 +22,8 @@ from tominpmp.initial_guess.path_velocity import guesses_of
 from tominpmp.initial_guess.segments import segmented_guesses
 from tominpmp.planner.coarse_search import CoarseSearch, coarse_grids_apply
 from tominpmp.planner.descent import descent_work, stop_if_hopeless, torques_rule
-from tominpmp.planner.improvements import improvements, tolerance_of
+from tominpmp.planner.improvements import improvements
+from tominpmp.planner.optimality import tolerance_of
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.torque_starts import torque_starts, torques_may_lead
 from tominpmp.planner.work import Schedule, Work, single
