@@ -35,7 +35,7 @@ status = Path("/proc/self/status")
 if status.exists():  # what is above counts what the parent had when it forked, too
     (line,) = [one for one in status.read_text().splitlines() if "VmHWM" in one]
     peak = int(line.split()[1]) * 1024
-rows = found.verification.replay.t.size
+rows = found.verification.replay.t.size if found.verification else 0
 print(json.dumps([peak, rows, found.success, found.message]))
 """
 

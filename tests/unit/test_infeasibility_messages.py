@@ -52,6 +52,19 @@ def test_unreachable_arrival_time_is_infeasible_at_once() -> None:
     )
 
 
+def test_motions_that_are_too_long_for_a_replay_are_not_searched_for() -> None:
+    """Regression: the search used up its time, and more time was the advice."""
+    slow = tm.MotionLimits(acceleration=1e-9)
+    goal = tm.JointGoal([1.0])
+    arm = make_arm(ROD, effort=5.0)
+    solution = tm.plan(tm.Problem(arm, [0.0], goal, motion_limits=slow))
+    assert solution.status is Status.INFEASIBLE and solution.iterations == 0
+    assert "No motion takes less than 6.32e+04 s: joint joint1 has 1 rad to go" in (
+        solution.message
+    )
+    assert solution.message.endswith("no more than 1e+04 s can be replayed.")
+
+
 def test_earliest_arrival_includes_earlier_segments_and_dwells() -> None:
     fastest = lower_bound(rushed(None)).T
     least = 2.0 * fastest + 0.5

@@ -24,7 +24,7 @@ from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
 from tominpmp.verification.diagnosis import GAVE_UP, explain
-from tominpmp.verification.verification import LONGEST, verify
+from tominpmp.verification.verification import verify
 
 # Shape of the accelerations on an interval, by the degree of the positions.
 ACCELERATIONS = {2: "constant", 3: "linear", 5: "cubic"}
@@ -52,11 +52,7 @@ def conclude(state: PlanState, status: Status | None) -> Solution:
         ended = status
     elif best is not None and best.refuted:
         ended = Status.UNVERIFIED
-    bound = None
-    if best is not None:
-        with contextlib.suppress(Stop):
-            bound = state.lower_bound(state.problem)
-    message = _message(state, ended, best, bound, reason)
+    message = _message(state, ended, best, reason)
     if not reason:
         message += _advice(state.problem, state.options, ended, best)
     solution = Solution(
@@ -68,12 +64,12 @@ def conclude(state: PlanState, status: Status | None) -> Solution:
         trajectory=None,
         history=tuple(state.history),
         planning_time=state.seconds,
-        lower_bound=bound,
     )
     if best is None:
         return solution
     return replace(
         solution,
+        lower_bound=state.lower_bound(state.problem),
         trajectory=best.trajectory,
         initial=best.initial,
         violations=best.violations,
@@ -227,11 +223,7 @@ def _scope(options: Options, motion: Trajectory) -> str:
 
 
 def _message(
-    state: PlanState,
-    status: Status,
-    best: Candidate | None,
-    bound: LowerBound | None,
-    reason: str,
+    state: PlanState, status: Status, best: Candidate | None, reason: str
 ) -> str:
     """Message of a solution: its status, and its duration or its violations."""
     if best is not None and best.confirmed:
@@ -242,7 +234,7 @@ def _message(
         sentence = (
             f"{said} T = {T:.3g} s" if T < BRIEF_TIME else f"{said} T = {T:.4f} s"
         )
-        gap = "" if bound is None else bound.comparison(T)
+        gap = state.lower_bound(state.problem).comparison(T)
         if gap:
             sentence = f"{sentence}, {gap}"
         return f"{sentence}. {best.remark}".rstrip()
@@ -251,10 +243,7 @@ def _message(
     if best.verification is None:
         return f"{status.value} There was no time to verify the motion that was found."
     ended = f"{GAVE_UP[status]}:" if status in STOPPED else status.value
-    sentence = f"{ended} {best.verification.message}"
-    if bound is not None and bound.T > LONGEST:
-        sentence += f" No motion takes less than {bound.T:.3g} s: {bound.reason}."
-    return sentence
+    return f"{ended} {best.verification.message}"
 
 
 def _reason(state: PlanState) -> str:

@@ -62,6 +62,7 @@ from tominpmp.planner.work import Schedule, run, use_fallback
 from tominpmp.problem.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
+from tominpmp.verification.verification import LONGEST
 
 
 @on_one_thread
@@ -169,6 +170,12 @@ def _full_schedule(
     problem, options = state.problem, state.options
     proof = why_impossible(problem, options.limit_tolerance)
     state.impossible = proof or find_barrier(problem, options.contact_tolerance)
+    bound = state.lower_bound(problem)
+    if bound.T > LONGEST and not state.impossible:
+        state.impossible = (
+            f"No motion takes less than {bound.T:.3g} s: {bound.reason}; and no more "
+            f"than {LONGEST:.3g} s can be replayed."
+        )
     if state.impossible:
         return
     yield from candidates_of_alternatives(state, partial(starts, state), former)
