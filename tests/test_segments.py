@@ -15,7 +15,10 @@ from scipy.optimize import minimize_scalar
 import tominpmp as tm
 from tests.reference_optima import rail_time
 from tests.sample_arms import make_arm, rod, slide
+from tominpmp.initial_guess.inverse_kinematics import Target
+from tominpmp.initial_guess.segments import segmented_guesses
 from tominpmp.kinematics import RobotKinematics
+from tominpmp.stopping import Stop
 from tominpmp.transcription.bspline import BSplineTranscription, InverseTranscription
 from tominpmp.transcription.grid import segmented_shares
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -219,6 +222,55 @@ def test_lower_bound_of_a_plan_holds_for_all_alternative_goals():
     solution = planned(problem)
     assert solution.lower_bound.T == tm.lower_bound(problem).T
     assert solution.lower_bound.T <= solution.T
+
+
+def two_via_points_and_goals() -> tm.Problem:
+    """Two links that pass one of two positions, and end at one of two others."""
+    vias = [tm.PositionGoal("tip", (0.6, y, 0.0)) for y in (-0.5, -0.3)]
+    ends = [tm.PositionGoal("tip", (x, -0.9, 0.0)) for x in (0.1, 0.2)]
+    segments = [tm.Segment(tm.AnyGoal(goals)) for goals in (vias, ends)]
+    return tm.Problem(two_links(), [-1.2, 0.3], segments=segments)
+
+
+def test_inverse_kinematics_is_solved_once_for_each_of_several_goals(monkeypatch):
+    """Regression: every combination of goals had its own, and each of them two."""
+    sought, usual = [], Target.configurations
+
+    def seen(self, *arguments):
+        sought.append(id(self.goal))
+        return usual(self, *arguments)
+
+    monkeypatch.setattr(Target, "configurations", seen)
+    problem = two_via_points_and_goals()
+    assert len(problem.alternatives) == 4
+    assert planned(problem).success
+    assert len(sought) == len(set(sought)) <= 4
+
+
+def test_combinations_whose_shares_end_early_are_tried_again(monkeypatch):
+    """Regression: no motion to a combination of goals without a guess in its share."""
+    calls = []
+
+    def late(*arguments):
+        calls.append(1)
+        if len(calls) <= 4:
+            raise Stop(requested=False)
+        return segmented_guesses(*arguments)
+
+    monkeypatch.setattr("tominpmp.planner.starts.segmented_guesses", late)
+    assert planned(two_via_points_and_goals()).success
+
+
+def test_message_says_that_no_combination_of_goals_had_a_start(monkeypatch):
+    def late(*arguments):
+        raise Stop(requested=False)
+
+    monkeypatch.setattr("tominpmp.planner.starts.segmented_guesses", late)
+    solution = tm.plan(two_via_points_and_goals(), **QUICK)
+    assert solution.status is tm.Status.TIME_LIMIT
+    assert "before the first start to any of 4 combinations of goals: no motion" in (
+        solution.message
+    )
 
 
 def test_scene_of_a_segment_belongs_to_its_phase():

@@ -10,7 +10,7 @@ divides it into two or three arcs.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -164,6 +164,10 @@ class GuessRequest:
         onward: Estimates the time that the motion takes after the goal [s] from its
             final configuration, shape (n,); None if it ends there, or for no estimate.
         searches: Success of the searches for paths, which further searches update.
+        place: Number of the segment, from 0.
+        reached: Final configurations by segment, goal and scene, see
+            :meth:`final_configurations`; combinations of goals share them, which
+            otherwise would seek those of each goal many times.
     """
 
     rng: np.random.Generator
@@ -172,6 +176,8 @@ class GuessRequest:
     passes: bool = False
     onward: Callable[[Array], float] | None = None
     searches: PathSearches = field(default_factory=PathSearches)
+    place: int = 0
+    reached: dict[Hashable, tuple[list[Array], bool]] = field(default_factory=dict)
 
     def guesses(self, system: ProblemFunctions) -> Iterator[Guess]:
         """Initial guesses for a problem, the most promising first.
@@ -208,6 +214,9 @@ class GuessRequest:
         goal = system.problem.goal
         if goal.configuration is not None:
             return [goal.configuration], False
+        key = self.place, id(goal), system.problem.scene
+        if key in self.reached:
+            return self.reached[key]
         target = Target(system, goal, beyond=self.beyond)
         found, lost = list[Array](), False
         for count in (KINEMATIC_STARTS, MORE_STARTS):
@@ -216,7 +225,8 @@ class GuessRequest:
             lost = target.all_unusable(found, passes=self.passes)
             if search.free and not lost:
                 break
-        return [] if lost else found[:STRAIGHT_LINES], not search.free
+        self.reached[key] = [] if lost else found[:STRAIGHT_LINES], not search.free
+        return self.reached[key]
 
 
 class CachedGuesses:

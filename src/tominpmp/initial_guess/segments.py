@@ -8,14 +8,13 @@ be feasible only at its ends.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache, partial
 
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.constraints.path import PathConstraint
 from tominpmp.initial_guess.constrained import constraints_of
 from tominpmp.initial_guess.guess import REST_GUESS, CachedGuesses, Guess, GuessRequest
 from tominpmp.initial_guess.inverse_kinematics import end_velocity
@@ -37,10 +36,18 @@ def segmented_guesses(
     Raises:
         ProblemError: If no configuration was found to reach a goal.
     """
-    share = request.duration and request.duration / len(system.parts)
-    each = replace(request, duration=share)
-    lone = len(system.parts) == 1
-
+    count = len(system.parts)
+    beyond = [*(constraints_of(part, 0) for part in system.parts[1:]), []]
+    each = [
+        replace(
+            request,
+            place=place,
+            duration=request.duration and request.duration / count,
+            beyond=beyond[place],
+            passes=part.problem.goal.stopped is not part.problem.goal,
+        )
+        for place, part in enumerate(system.parts)
+    ]
     onward = _times_onward(system, each)
 
     @cache
@@ -48,33 +55,24 @@ def segmented_guesses(
         place: int, q: tuple[float, ...], v: tuple[float, ...]
     ) -> tuple[ProblemFunctions, CachedGuesses]:
         """The functions and the guesses of a segment from a state."""
-        part, ahead = system.parts[place], _constraints_after(system, place)
-        single = _alone(part, np.array(q), np.array(v)).passing(np.array([q]))
-        passes = part.problem.goal.stopped is not part.problem.goal
-        own = replace(
-            each,
-            beyond=ahead,
-            passes=passes,
-            onward=onward[place],
-            searches=PathSearches(),
-        )
+        single = _alone(system.parts[place], np.array(q), np.array(v))
+        own = replace(each[place], onward=onward[place], searches=PathSearches())
         guesses = guesses_of(single, own)
         # A guess at rest at the start does not lead to the start of the next segment.
-        moving = (guess for guess in guesses if lone or guess.name != REST_GUESS)
+        moving = (guess for guess in guesses if count == 1 or guess.name != REST_GUESS)
         return single, CachedGuesses(moving)
 
     for number in itertools.count():
         pieces: list[Guess] = []
         q, v = system.problem.q_start, system.problem.v_start
-        for place in range(len(system.parts)):
+        for place in range(count):
             single, guesses = from_state(place, tuple(q), tuple(v))
             guess = next(guesses.since(number), None)
             if guess is None:
                 if number:
                     return
-                where = f"segment {place + 1} of {len(system.parts)}: "
-                ahead = _constraints_after(system, place)
-                raise unreachable(single, request.rng, ahead, where)
+                where = f"segment {place + 1} of {count}: "
+                raise unreachable(single, request.rng, each[place].beyond, where)
             pieces.append(guess)
             final = single.problem.goal.configuration
             q = guess.q[-1] if final is None else final
@@ -83,7 +81,7 @@ def segmented_guesses(
 
 
 def _times_onward(
-    system: ProblemFunctions, request: GuessRequest
+    system: ProblemFunctions, requests: Sequence[GuessRequest]
 ) -> list[Callable[[Array], float] | None]:
     """Estimates of the time from the end of each segment to the end of the motion.
 
@@ -93,7 +91,7 @@ def _times_onward(
 
     Args:
         system: Functions of the problem.
-        request: The request for guesses.
+        requests: The request for guesses of each segment.
 
     Returns:
         Functions of the final configuration of each segment, shape (n,); None for the
@@ -105,10 +103,9 @@ def _times_onward(
         return times
     weights = speed_weights(system.problem.robot.limits.velocity)
     layers: list[Array] = []
-    for place, part in enumerate(system.parts):
-        single = _alone(part, q, np.zeros_like(q)).passing(np.array([q]))
-        own = replace(request, beyond=_constraints_after(system, place))
-        ends, _ = own.final_configurations(single)
+    for part, request in zip(system.parts, requests, strict=True):
+        single = _alone(part, q, np.zeros_like(q))
+        ends, _ = request.final_configurations(single)
         if not ends:
             return times
         layers.append(np.stack(ends))
@@ -145,20 +142,8 @@ def _joined(pieces: list[Guess]) -> Guess:
     )
 
 
-def _constraints_after(system: ProblemFunctions, place: int) -> list[PathConstraint]:
-    """Constraints on positions that hold from the end of a segment on.
-
-    Args:
-        system: Functions of the problem.
-        place: Number of the segment, from 0.
-    """
-    if place + 1 >= len(system.parts):
-        return []
-    return constraints_of(system.parts[place + 1], 0)
-
-
 def _alone(part: ProblemFunctions, q: Array, v: Array) -> ProblemFunctions:
     """The functions of a segment from a state; from rest, it stops at a via point."""
     goal = part.problem.goal if np.any(v) else part.problem.goal.stopped
     problem = part.problem._altered(q_start=q, v_start=v, goal=goal)
-    return replace(part, problem=problem)
+    return replace(part, problem=problem).passing(q[None])

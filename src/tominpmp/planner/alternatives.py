@@ -28,7 +28,8 @@ def candidates_of_alternatives(
 
     The goals with the smallest lower bounds come first. As long as there is no
     incumbent, a start may take only its share of the planning time: a goal may be out
-    of reach, and that is not always known at once. Goals whose lower bound is not
+    of reach, and that is not always known at once. A goal whose share ends before its
+    first start has a larger share in the next round. Goals whose lower bound is not
     below the duration of the incumbent are left out, and full turns that may gain no
     more than PROMISE of it, and goals that a barrier blocks, unless it blocks all.
 
@@ -45,10 +46,11 @@ def candidates_of_alternatives(
         yield from starts(parts[0], former)
         return
     entered = None if former is None else _entered(state.problem, former)
-    schedules = [
-        starts(part, former if number == entered else None)
-        for number, part in enumerate(parts)
-    ]
+
+    def begun(i: int) -> Schedule[None]:
+        return starts(parts[i], former if i == entered else None)
+
+    schedules, late = [*map(begun, range(len(parts)))], [0] * len(parts)
     one_place = state.problem.goal.configuration is not None
     worth = 1.0 - PROMISE if one_place else 1.0
     bounds = [state.lower_bound(part).T for part in parts]
@@ -65,7 +67,7 @@ def candidates_of_alternatives(
         # Alternatives of one configuration differ by full turns of joints, of which the
         # nearest ones are the likely ones.
         rivals = 1 + len(waiting)
-        state.share_time(min(rivals, 2) if one_place else rivals)
+        state.share_time((min(rivals, 2) if one_place else rivals) >> late[i])
         try:
             while True:
                 work = schedules[i].send(answers[i])
@@ -75,10 +77,13 @@ def candidates_of_alternatives(
             waiting.append(i)
         except StopIteration:
             continue
-        except Stop as stop:  # the share of the time is used up, or all of it
+        except Stop as stop:
             state.stopped(stop)
             if state.ended:
                 raise
+            if answers[i] is None:  # the share of the time ended before a start
+                schedules[i], late[i] = begun(i), late[i] + 1
+                waiting.append(i)
         except ProblemError as error:
             wrong.append(f"goal {i + 1} of {len(parts)}: {error}")
     if len(wrong) == len(parts):
@@ -87,7 +92,9 @@ def candidates_of_alternatives(
 
 def _entered(problem: Problem, former: Trajectory | Samples) -> int:
     """Index of the alternative whose goal is nearest to the end of a former motion."""
+
+    def goals(part: Problem) -> list[int]:
+        return [id(phase.goal) for phase in part.phases]
+
     nearest = problem.alternative_of(former_motion(problem, former))
-    every = nearest, *problem.alternatives
-    goals = [[id(phase.goal) for phase in part.phases] for part in every]
-    return goals.index(goals[0], 1) - 1
+    return [*map(goals, problem.alternatives)].index(goals(nearest))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -84,6 +84,8 @@ class PlanState:
         failures: Errors of candidates that have led to no motion.
         history: Records of all iterations, with the numbers of their candidates.
         searches: Success of the searches for paths around obstacles.
+        reached: Configurations found for goals that leave them open, see
+            :class:`~tominpmp.initial_guess.guess.GuessRequest`.
         tried: Keys of the starts from which descents on coarse grids and shooting
             began, see :func:`start_key`.
     """
@@ -111,6 +113,7 @@ class PlanState:
         self.failures: list[Exception] = []
         self.history: list[IterationRecord] = []
         self.searches = PathSearches()
+        self.reached: dict[Hashable, tuple[list[Array], bool]] = {}
         self.tried: set[int] = set()
         self._bounds: dict[tuple[int, ...], tuple[Problem, LowerBound]] = {}
         self._begin = time.perf_counter()

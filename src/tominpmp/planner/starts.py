@@ -99,6 +99,7 @@ def starts(
     system = ProblemFunctions.of(problem)
     rng = np.random.default_rng(options.seed)
     request = GuessRequest(rng, options.initial_duration, searches=state.searches)
+    request = replace(request, reached=state.reached)
     make = segmented_guesses if system.parts else guesses_of
     guesses = CachedGuesses(make(system, request))
     if motion is not None:

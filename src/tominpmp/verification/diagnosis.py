@@ -68,9 +68,11 @@ def explain(
         violations of the motion, and what may help against the largest one.
     """
     ended = GAVE_UP.get(status, status.value.rstrip("."))
-    if motion is None and not reason:
-        return f"{ended}: no motion was found." if status in GAVE_UP else status.value
     starts, iterations = tried
+    if motion is None and not reason:
+        if not starts and (many := len(problem.alternatives)) > 1:
+            ended += f" before the first start to any of {many} combinations of goals"
+        return f"{ended}: no motion was found." if status in GAVE_UP else status.value
     if starts:
         ended += f" after {_count(starts, 'start')} and "
         ended += _count(iterations, "iteration")
