@@ -174,6 +174,17 @@ def test_interrupted_verification_or_bound_loses_no_motion(monkeypatch, stage):
     assert (solution.iterations > 0) == (stage == "verify")
 
 
+def test_bounds_of_distances_look_at_the_clock():
+    """Regression: a second passed between two looks, among many pairs of bodies."""
+    ball = tm.Sphere("ball", radius=0.1, position=(30.0, 0.0, 0.0))
+    checker = reach(scene=[ball]).checker
+    checker.distances(np.array([START]), 0.1)  # the bounding volumes are made
+    deadline = Deadline()
+    deadline.end = 0.0
+    with deadline.in_force(), pytest.raises(Stop):
+        checker.distances(np.array([START]), 0.1)
+
+
 @pytest.mark.usefixtures("clock")
 def test_interrupt_at_the_end_keeps_motion_and_reason(monkeypatch):
     usual = planning.with_remarks

@@ -20,6 +20,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.collision.shapes import Body, outline
+from tominpmp.stopping import check
 
 # Successive configurations between which no ball moves farther than this [m] form a
 # group. Grouping does not pay for fewer configurations than the second number.
@@ -74,6 +75,7 @@ class BoundingVolumes:
 # Cached, as enclosures depend on outlines alone and the same links recur in problems.
 @lru_cache(maxsize=512)
 def _enclose(data: bytes, swell: float) -> BoundingVolumes:
+    check()
     points = np.frombuffer(data).reshape(-1, 3)
     centred = points - points.mean(axis=0)
     axes = np.linalg.eigh(centred.T @ centred)[1]
@@ -253,6 +255,7 @@ class BroadPhase:
         R, t = joints
         out = np.empty((centre.shape[1], pair.size))
         for begin in range(0, pair.size, SOME_PAIRS):
+            check()
             some = slice(begin, begin + SOME_PAIRS)
             a, b = self.first[pair[some]], self.second[pair[some]]
             away, carrier = centre[a], self.joint[b]
