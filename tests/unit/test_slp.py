@@ -122,6 +122,25 @@ def test_slp_converges_on_curved_constraints_from_any_start(lp, start):
     assert result.best.violation <= 1e-6
 
 
+@pytest.mark.parametrize("start", [0.7, 1.2, 0.0])
+def test_more_equations_of_a_goal_than_unknowns_are_satisfied(start):
+    """Regression: their linearisations contradict each other away from the goal.
+
+    No step reduced them, as with a pose and an arm of five joints.
+    """
+    goal = np.array([np.cos(1.0), np.sin(1.0)])
+    program = Program(
+        [("goal", [0.0, 0.0], [0.0, 0.0], [0, 0]), ("torque", [-np.inf], [0.0], [1])],
+        lambda z: [np.cos(z[0]) - goal[0], np.sin(z[0]) - goal[1], z[0] - z[1]],
+        lambda z: [[-np.sin(z[0]), 0.0], [np.cos(z[0]), 0.0], [1.0, -1.0]],
+        [-2, 0.01],
+        [2, 5.0],
+    )
+    result = least_time(program, [start, 3.0])
+    assert result.status is Status.CONVERGED
+    assert result.best.duration == pytest.approx(1.0, abs=1e-5)
+
+
 def test_slp_satisfies_equality_constraints():
     """Least t with x = sin(t), x >= 0.5: t = pi / 6."""
     program = Program(

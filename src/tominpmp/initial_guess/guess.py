@@ -200,9 +200,8 @@ class GuessRequest:
             ProblemError: If no limit keeps a joint from moving arbitrarily fast.
         """
         ends, blocked = self.final_configurations(system)
-        if ends:
-            for guess in _guesses(system, ends, self):
-                yield replace(guess, blocked=True) if blocked else guess
+        for guess in _guesses(system, ends, self) if ends else ():
+            yield replace(guess, blocked=blocked)
 
     def final_configurations(
         self, system: ProblemFunctions

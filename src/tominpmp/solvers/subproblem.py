@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.linalg import null_space
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
@@ -41,6 +42,8 @@ class Subproblem:
         free: Indices of the unknowns that can change, shape (k,).
         rows: Indices of the rows of the transcription that it contains, shape (r,).
         matrix: Jacobian of the rows by the unknowns that can change, shape (r, k).
+        lost: Orthonormal changes of these rows that no step makes, shape (r, d): a pose
+            has more components than an arm of five joints can change.
     """
 
     state: Iterate
@@ -48,6 +51,7 @@ class Subproblem:
     free: IntArray
     rows: IntArray
     matrix: sp.csr_matrix
+    lost: Array
 
     def change(self, step: Array) -> Array:
         """Change of the linearised rows in a step, shape (r,)."""
@@ -68,6 +72,7 @@ class Subproblem:
     def corrected(self, error: Array) -> LinearProgram:
         """The program, its row bounds corrected by a second-order error, shape (r,)."""
         lower, upper = self.program.row_lower, self.program.row_upper
+        error = error - self.lost @ (self.lost.T @ error)
         shift = np.pad(error, (0, lower.size - error.size))
         return replace(self.program, row_lower=lower - shift, row_upper=upper - shift)
 
@@ -86,10 +91,11 @@ def build_subproblem(
     """
     rows, steps = state.rows, linearization.steps
     free = np.flatnonzero(steps.upper - steps.lower > 0.0)
-    chosen, body, low, high = _rows_within_reach(state, linearization, free)
+    near, lost = _attainable(state, linearization, free)
+    chosen, body, low, high = _rows_within_reach(near, linearization, free)
     violation = rows.group_violation(state.values)
     slack_groups = np.flatnonzero(violation > NEGLIGIBLE)
-    elastic = _elastic_columns(state, chosen, violation, slack_groups)
+    elastic = _elastic_columns(near, chosen, violation, slack_groups)
     blocks: list[list[sp.spmatrix | None]] = [[body, elastic]]
     # Costs, bounds and keys of the columns, and bounds and keys of the rows, by blocks.
     columns = [(model.gradient[free], steps.lower[free], steps.upper[free], free)]
@@ -118,7 +124,29 @@ def build_subproblem(
     of_columns = cost, lower, upper, column_keys
     of_rows = row_lower, row_upper, row_keys
     program = LinearProgram(matrix, *of_columns, *of_rows, curved, accuracy)
-    return Subproblem(state, program, free, chosen, body)
+    return Subproblem(state, program, free, chosen, body, lost[chosen])
+
+
+def _attainable(
+    state: Iterate, linearization: Linearization, free: IntArray
+) -> tuple[Iterate, Array]:
+    """The iterate without the part of the values of goals that no step changes.
+
+    This part is of second order if the goal can be reached. It would make the equations
+    of the goal contradict each other, and keep their elastic variable from decreasing.
+
+    Returns:
+        The iterate, and orthonormal directions of this part, shape (m, d).
+    """
+    rows, every = state.rows, linearization.rows
+    goals = np.array([kind.startswith("goal") for kind in rows.kinds], dtype=bool)
+    mine = np.flatnonzero((goals[rows.kind] & (rows.lower == rows.upper))[every])
+    slopes = linearization.matrix[mine][:, free]
+    basis = null_space((slopes @ slopes.T).toarray(), rcond=NEGLIGIBLE)
+    lost = np.zeros((rows.size, basis.shape[1]))
+    lost[every[mine]] = basis
+    off = state.values - np.clip(state.values, rows.lower, rows.upper)
+    return replace(state, values=state.values - lost @ (lost.T @ off)), lost
 
 
 def _rows_within_reach(
@@ -149,10 +177,9 @@ def _elastic_columns(
     rows, here = state.rows, state.values[chosen]
     low, high = rows.lower[chosen], rows.upper[chosen]
     group = rows.group[chosen]
-    sign = np.where(here > high, 1.0, np.where(here < low, -1.0, 0.0))
-    equal = low == high
-    share = (here - high)[equal] / np.maximum(violation[group[equal]], NEGLIGIBLE)
-    sign[equal] = share
+    off = here - np.clip(here, low, high)
+    share = off / np.maximum(violation[group], NEGLIGIBLE)
+    sign = np.where(low == high, share, np.sign(off))
     used = np.flatnonzero((sign != 0.0) & np.isin(group, slack_groups))
     places = used, np.searchsorted(slack_groups, group[used])
     shape = chosen.size, slack_groups.size
