@@ -141,8 +141,8 @@ def _attainable(
     rows, every = state.rows, linearization.rows
     goals = np.array([kind.startswith("goal") for kind in rows.kinds], dtype=bool)
     mine = np.flatnonzero((goals[rows.kind] & (rows.lower == rows.upper))[every])
-    slopes = linearization.matrix[mine][:, free]
-    basis = null_space((slopes @ slopes.T).toarray(), rcond=NEGLIGIBLE)
+    slopes = np.linalg.qr(linearization.matrix[mine][:, free].toarray().T, mode="r")
+    basis = null_space(slopes, rcond=NEGLIGIBLE)
     lost = np.zeros((rows.size, basis.shape[1]))
     lost[every[mine]] = basis
     off = state.values - np.clip(state.values, rows.lower, rows.upper)
