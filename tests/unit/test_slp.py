@@ -141,6 +141,20 @@ def test_more_equations_of_a_goal_than_unknowns_are_satisfied(start):
     assert result.best.duration == pytest.approx(1.0, abs=1e-5)
 
 
+def test_equations_of_a_goal_may_be_of_very_different_size():
+    """The slopes of a velocity are far larger than those of a position."""
+    program = Program(
+        [("goal", [0.0, 0.0], [0.0, 0.0], [0, 0]), ("torque", [-np.inf], [0.0], [1])],
+        lambda z: [z[0] - 1.0, 1e5 * (z[1] - 2.0), z[0] + z[1] - z[2]],
+        lambda z: [[1.0, 0.0, 0.0], [0.0, 1e5, 0.0], [1.0, 1.0, -1.0]],
+        [-2, -2, 0.01],
+        [3, 3, 9.0],
+    )
+    result = least_time(program, [0.5, 1.9, 5.0])
+    assert result.status is Status.CONVERGED
+    assert result.best.duration == pytest.approx(3.0, abs=1e-5)
+
+
 def test_slp_satisfies_equality_constraints():
     """Least t with x = sin(t), x >= 0.5: t = pi / 6."""
     program = Program(
