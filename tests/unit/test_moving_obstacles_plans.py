@@ -129,6 +129,13 @@ def test_replay_refuses_the_motion_if_the_gate_opens_later(through):
     assert not verify(problem(gate(50.0)), through.trajectory, Tolerances()).ok
 
 
+def test_triangles_at_rest_beside_a_moving_gate_have_a_plan():
+    """The search for a place to wait asked Coal for a depth that meshes do not have."""
+    corners = np.array([[2.4, 0.0, -1.0], [2.6, 0.0, -1.0], [2.5, 0.1, 1.0]])
+    pane = tm.Mesh("pane", vertices=corners, triangles=[[0, 1, 2]], convex="none")
+    assert plan_quickly(problem(gate(OPENS), pane), QUICK).success
+
+
 def test_distant_moving_obstacle_does_not_change_the_motion_time():
     ball = tm.Sphere(
         "ball",

@@ -188,12 +188,15 @@ class Guard(threading.local):
     """
 
     def __init__(self, narrow: NarrowPhase, margin: Array) -> None:
-        """Set up the check for margins by pair, shape (pairs,) [m]."""
+        """Set up the check for margins by pair, shape (pairs,) [m].
+
+        Pairs with the margin minus infinity are not checked.
+        """
         self._narrow = narrow
         self._results = _results(narrow.geometry)
-        each = zip(self._results.collisionRequests, margin.tolist(), strict=True)
-        for request, value in each:
-            request.security_margin = value
+        for index, value in enumerate(margin.tolist()):
+            self._results.collisionRequests[index].security_margin = value
+            self._results.activeCollisionPairs[index] = value > -np.inf
         # Sorted boxes: a plain list takes up to four times as long for height maps and
         # occupancy grids, and the update of a tree costs more than it saves.
         self._manager = pin.BroadPhaseManager_SSaPCollisionManager(

@@ -34,8 +34,6 @@ PATIENCE = 10.0
 LONG = 10.0
 # Tolerated violation of constraints on positions, as a share of their scale.
 TOLERATED = 1e-6
-# Margin of obstacles at rest, which disables them, as waiting does not avoid them [m].
-ANY_DEPTH = -1e6
 # Additional clearance of a cautious passage, as a share of the reach.
 CAUTIOUS_MARGIN = 0.02
 # Number of guesses without moving obstacles that come first, and the instants at which
@@ -119,7 +117,8 @@ def _with_waiting(
     checker, margin = None, np.zeros(0)
     if watched is not None:
         checker, far = watched.checker, watched.margin + caution * system.reach
-        margin = np.where(checker.moving_pairs, far, ANY_DEPTH)
+        # Waiting does not avoid obstacles at rest, which are not checked.
+        margin = np.where(checker.moving_pairs, far, -np.inf)
     places = _passage(q, step, windows, checker, margin)
     if places is None:
         return None
