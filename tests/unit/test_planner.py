@@ -196,6 +196,12 @@ def test_callback_sees_progress_and_can_stop(planar3r):
     assert worst(planar3r, solution.trajectory)[1] <= 1e-6
 
 
+def test_callback_that_is_neither_true_nor_false_raises_its_error(planar3r):
+    problem = tm.Problem(planar3r, START, tm.JointGoal((2.5, -1.0, 1.0)))
+    with pytest.raises(ValueError, match="truth value"):
+        plan_quickly(problem, callback=lambda record: np.zeros(2))
+
+
 def test_time_limit_returns_the_best_iterate_so_far(planar3r, clock):
     def slow(record):
         clock.advance(550.0)  # no time is left for a replay

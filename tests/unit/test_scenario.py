@@ -730,7 +730,7 @@ def test_save_scenario_rejects_problems_that_no_file_can_hold(
     gate = Sphere("gate", radius=0.1, motion=lambda t: np.eye(4) * [1, 1, 1, 1])
     object.__setattr__(problem, "robot", planar3r)
     object.__setattr__(problem, "scene", Scene([gate]))
-    with pytest.raises(ScenarioError, match=r"moved by a function.*Waypoints can"):
+    with pytest.raises(ScenarioError, match=r"'gate' is moved by a fun.*Waypoints can"):
         save_scenario(tmp_path / "s.toml", problem)
     pair = tm.Workcell({"a": (planar3r, (0, 0, 0)), "b": (planar3r, (20, 0, 0))})
     both = Problem(pair.robot, START * 2, JointGoal(GOAL * 2))

@@ -169,6 +169,16 @@ def test_wrong_constraints_of_a_segment_are_rejected(given: object) -> None:
     assert str(found.value.field).startswith("segments[0].constraints")
 
 
+def test_incomplete_goal_after_a_free_configuration_names_its_segment() -> None:
+    robot = make_arm(slide(1.0), slide(1.0), effort=np.array([10.0, 10.0]))
+    there = tm.RegionGoal("tip", (-1.0,) * 3, (1.0,) * 3)
+    then = tm.JointGoal({robot.joint_names[0]: 0.5})
+    segments = [tm.Segment(there), tm.Segment(then)]
+    with pytest.raises(tm.ProblemError, match=r"segment 2 of 2: goal\.q says") as found:
+        tm.Problem(robot, [0.0, 0.0], segments=segments)
+    assert found.value.field == "segments[1].goal.q"
+
+
 def test_segment_copies_the_list_of_constraints() -> None:
     """Regression: after a scenario was saved and loaded, its problem was unequal."""
     given = [tm.ToolSpeed("tip", 1.0)]

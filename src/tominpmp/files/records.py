@@ -138,10 +138,10 @@ def to_table(record: Any, folder: Path) -> Any:
         return {str(k): to_table(v, folder) for k, v in record.items()}
     if isinstance(record, list | tuple):
         return [to_table(item, folder) for item in record]
-    if isinstance(record, PoseFunction):
+    if isinstance(record, Obstacle) and isinstance(record.motion, PoseFunction):
         raise TypeError(
-            "an obstacle is moved by a function, which a file cannot hold; "
-            "ConstantVelocity and Waypoints can be written"
+            f"obstacle {record.name!r} is moved by a function, which a file cannot "
+            "hold; ConstantVelocity and Waypoints can be written"
         )
     if isinstance(record, UNNAMED):
         return _field_table(record, folder)

@@ -326,7 +326,7 @@ class PlanState:
         self.history.append(record)
         callback = self.options.callback
         try:
-            stops = callback is not None and callback(record)
+            stops = callback is not None and bool(callback(record))
         except Exception as error:
             self.callback_error, stops = error, True
         if stops:

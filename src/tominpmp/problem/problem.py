@@ -263,11 +263,11 @@ class Problem(Record):
                 "goal",
             )
         segments = list[Segment]()
-        before: Array | None = self.q_start
-        for segment in self.segments:
+        for k, segment in enumerate(self.segments):
             # Joints that a goal does not name stay where the goal before leaves them.
-            segments.append(segment.resolved(self.robot, before))
-            before = segments[-1].goal.configuration
+            before = segments[-1].goal.configuration if segments else self.q_start
+            with naming(f"segment {k + 1} of {len(self.segments)}", f"segments[{k}]"):
+                segments.append(segment.resolved(self.robot, before))
         self._keep(segments=tuple(segments), goal=segments[-1].goal)
 
     def _take_goal(
