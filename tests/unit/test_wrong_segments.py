@@ -179,6 +179,20 @@ def test_incomplete_goal_after_a_free_configuration_names_its_segment() -> None:
     assert found.value.field == "segments[1].goal.q"
 
 
+@pytest.mark.parametrize("count", [1, 2])
+def test_segments_of_a_joint_without_a_motor_are_refused(count: int) -> None:
+    """Only collocation plans without motors, and it knows no segments."""
+    robot = make_arm(slide(1.0), slide(1.0), effort=np.array([10.0, 0.0]))
+    segments = [tm.Segment(tm.JointGoal([0.5 / k, 0.5])) for k in range(count, 0, -1)]
+    problem = tm.Problem(robot, [0.0, 0.0], segments=segments)
+    joint = robot.passive_joints[0]
+    with pytest.raises(
+        tm.ProblemError, match=f"{joint} has no motor: expected"
+    ) as found:
+        tm.plan(problem)
+    assert found.value.field == "segments"
+
+
 def test_segment_copies_the_list_of_constraints() -> None:
     """Regression: after a scenario was saved and loaded, its problem was unequal."""
     given = [tm.ToolSpeed("tip", 1.0)]
@@ -209,15 +223,3 @@ def test_start_is_checked_in_the_scene_of_the_first_segment() -> None:
     with pytest.raises(tm.ProblemError, match=r"start in collision.*'part'") as raised:
         tm.Problem(robot, start, segments=[tm.Segment(away, scene=part)])
     assert raised.value.field == "segments[0].q_start"
-
-
-@pytest.mark.parametrize("count", [1, 2])
-def test_segments_of_an_arm_without_a_motor_are_rejected(count: int) -> None:
-    """Regression: a ValueError of zip(), or an error on a time that nobody gave."""
-    arm = tm.load_robot("planar3r").with_changes(
-        effort={"joint3": 0.0}, gravity=(0, 0, 0)
-    )
-    segments = [tm.Segment(tm.JointGoal((0.6, 1.7, -1.7)))] * count
-    problem = tm.Problem(arm, (0.5, 1.7, -1.7), segments=segments)
-    with pytest.raises(tm.ProblemError, match=r"segments: joint3 has no motor"):
-        tm.plan(problem)

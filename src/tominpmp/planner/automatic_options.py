@@ -46,14 +46,11 @@ def resolve_options(problem: Problem, options: Options) -> Options:
         # By measurement (docs/benchmarks.md).
         lp_solver = "highs" if method in SHOOTING else "piqp"
     make_solver(lp_solver)
-    torque = options.initial_control
-    if torque is not None and torque.shape not in (
-        (robot.n,),
-        (options.intervals, robot.n),
-    ):
+    torque, shapes = options.initial_control, ((robot.n,), (options.intervals, robot.n))
+    if torque is not None and torque.shape not in shapes:
         raise OptionsError(
-            f"initial_control has shape {torque.shape}, expected ({robot.n},) or "
-            f"({options.intervals}, {robot.n}) for {options.intervals} intervals",
+            f"initial_control has shape {torque.shape}, expected {shapes[0]} or "
+            f"{shapes[1]} for {options.intervals} intervals",
             "initial_control",
         )
     return replace(options, method=method, lp_solver=lp_solver, control=control)
@@ -111,7 +108,7 @@ def _check_combinations(problem: Problem, options: Options) -> None:
 
     Raises:
         OptionsError: If there is a conflict.
-        ProblemError: If the problem has segments, and joints without a motor.
+        ProblemError: If a problem with segments has a joint without a motor.
     """
     robot, period, weight = problem.robot, options.control_period, options.energy_weight
     inverse, followed = ("auto", "inverse"), ("auto", "grid", None)
@@ -119,15 +116,13 @@ def _check_combinations(problem: Problem, options: Options) -> None:
         passive = ", ".join(robot.passive_joints)
         if problem.segments:
             raise ProblemError(
-                f"segments: {passive} has no motor, expected one at every joint",
+                f"segments are given, and {passive} has no motor: expected a goal "
+                "without segments, or a motor at every joint",
                 "segments",
             )
-        _check_values(
-            options,
-            f"{passive} has no motor to follow given accelerations, or samples",
-            control_period=(None,),
-            method=("auto", "collocation", *SHOOTING),
-        )
+        reason = f"{passive} has no motor to follow given accelerations, or samples"
+        driven = ("auto", "collocation", *SHOOTING)
+        _check_values(options, reason, control_period=(None,), method=driven)
     if period is not None:
         reason = f"control_period is {period:g} s, without switches between ticks"
         _check_values(options, reason, refine=followed)
