@@ -71,6 +71,16 @@ def test_goal_whose_configurations_all_collide_is_refused_at_once() -> None:
     assert refused.value.field == "goal"
 
 
+def test_goal_behind_triangles_is_refused_with_both_names() -> None:
+    """Coal knows no margins below zero for triangles: its error ended the plan."""
+    corners = np.array([[-1, -1, -1], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) * 0.4 + PLACE
+    faces = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
+    tent = tm.Mesh("tent", vertices=corners, triangles=faces, convex="none")
+    problem = turning(True).with_scene([tent])
+    with pytest.raises(ProblemError, match="'link3' and obstacle 'tent'"):
+        tm.plan(problem)
+
+
 def test_goal_that_is_clear_with_the_other_elbow_is_planned() -> None:
     few = {"effort": "quick", "refine": None, "intervals": 24}
     # The lower limit excludes the same elbow a full turn below, which is clear as well,

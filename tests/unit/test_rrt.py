@@ -66,6 +66,18 @@ def test_path_of_an_arm_leads_around_a_ball(planar3r):
     assert np.all((path >= limits.position_lower) & (path <= limits.position_upper))
 
 
+@pytest.mark.parametrize("without_limit", [2, 3])
+def test_path_of_joints_without_a_speed_limit_is_found(without_limit):
+    """Half of the joints without a limit made the unit of the others zero."""
+    fast = dict.fromkeys(("joint1", "joint2", "joint3")[:without_limit], np.inf)
+    robot = tm.load_robot("planar3r", velocity=fast)
+    ball = tm.Sphere("ball", radius=0.5, position=(3.5, 3.0, 0.0))
+    goal = np.array([1.2, 1.5, -1.5])
+    problem = tm.Problem(robot, (0.5, 1.7, -1.7), tm.JointGoal(goal), scene=[ball])
+    system = ProblemFunctions.of(problem)
+    assert is_free(system, sample_path(system, goal, 1, PathSearches()))
+
+
 def test_path_within_very_narrow_joint_ranges_is_found():
     """The joint ranges are narrower than the distance between checks of a branch."""
     room = {"position_lower": -0.005, "position_upper": 0.005}

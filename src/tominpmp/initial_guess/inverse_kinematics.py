@@ -412,7 +412,9 @@ def _keeps_margins(system: ProblemFunctions, q: Array) -> bool:
     """Whether a configuration, shape (n,), keeps the margins, except for rounding."""
     problem = system.problem
     margins = problem.checker.margins(problem.margin - ROUNDING)
-    return problem.checker.is_free(q, margins)
+    # By distances: a query for collisions knows no margins below zero for triangles.
+    contact = problem.checker.closest(q, margins)
+    return contact is None or contact.distance > contact.margin
 
 
 def _near(target: Target, q: Array, others: list[Array], distance: float) -> bool:

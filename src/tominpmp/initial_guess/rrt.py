@@ -190,7 +190,7 @@ class _Space:
 
     Attributes:
         unit: Displacement of each joint that has length 1, shape (n,): 1 rad, or the
-            reach of the arm; less for joints slower than the median.
+            reach of the arm; less for joints slower than the median of those with a limit.
         ends: Both ends, shape (2, n), in these units.
         lower: Lower bounds of a batch of random configurations, shape (BATCH, n).
         upper: Upper bounds of the batch.
@@ -200,9 +200,9 @@ class _Space:
     def __init__(self, system: ProblemFunctions, q_end: Array, checks: int) -> None:
         limits, scale = system.problem.robot.limits, system.step_scale
         pace = limits.velocity / scale
-        median = np.median(pace)
-        slow = np.isfinite(pace) & (pace < median)
-        self.unit = scale * np.where(slow, pace / median, 1.0)
+        finite = pace[np.isfinite(pace)]
+        median = np.median(finite) if finite.size else 1.0
+        self.unit = scale * np.minimum(pace / median, 1.0)
         self.ends = np.stack([system.problem.q_start, q_end]) / self.unit
         beyond = np.resize(MARGINS, BATCH)[:, None] * scale / self.unit
         low, high = limits.position_lower / self.unit, limits.position_upper / self.unit
