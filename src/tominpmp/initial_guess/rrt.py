@@ -190,7 +190,7 @@ class _Space:
 
     Attributes:
         unit: Displacement of each joint that has length 1, shape (n,): 1 rad, or the
-            reach of the arm; less for joints slower than the median of those with a limit.
+            reach of the arm; less for joints slower than the median speed limit.
         ends: Both ends, shape (2, n), in these units.
         lower: Lower bounds of a batch of random configurations, shape (BATCH, n).
         upper: Upper bounds of the batch.
