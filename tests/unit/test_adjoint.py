@@ -310,4 +310,5 @@ def test_failed_adjoint_plan_suggests_the_inverse_method():
     problem = tm.Problem(arm, np.zeros(2), tm.JointGoal(np.ones(2)))
     solution = tm.plan(problem, method="adjoint", intervals=5, starts=1)
     assert solution.status is Status.UNVERIFIED
-    assert "method 'inverse' does not depend on it" in solution.message
+    assert "its verification failed: joint" in solution.message
+    assert "'inverse', for robots with all motors, does not" in solution.message

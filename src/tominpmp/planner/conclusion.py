@@ -169,7 +169,7 @@ def _advice(
             advice = (
                 f" Method {options.method!r} keeps torques for up to {longest:.3g} s, "
                 "in which errors may grow: more intervals make it shorter, and method "
-                "'inverse' does not depend on it."
+                "'inverse', for robots with all motors, does not depend on it."
             )
     if status is Status.TIME_LIMIT:
         allowed = f"{options.time_limit:.3g} s were allowed"
@@ -242,8 +242,8 @@ def _message(
         return state.impossible or _why_not_found(state, status, reason)
     if best.verification is None:
         return f"{status.value} There was no time to verify the motion that was found."
-    ended = f"{GAVE_UP[status]}:" if status in STOPPED else status.value
-    return f"{ended} {best.verification.message}"
+    ended = GAVE_UP[status] if status in STOPPED else status.value[:-1]
+    return f"{ended}: {best.verification.message}"
 
 
 def _reason(state: PlanState) -> str:
