@@ -201,6 +201,5 @@ def _resolve_control(problem: Problem, options: Options, method: str) -> Control
     # Exact switches are read off piecewise constant accelerations, and motions of a
     # kinematic robot have these. Otherwise each descent resolves "auto" by its guess:
     # accelerations are linear if torque limits rule the motion.
-    jumps = method != "inverse" or options.refine == "switching"
-    jumps = jumps or problem.robot.kinematic
-    return "constant" if jumps else "auto"
+    jumps = options.refine == "switching" or problem.robot.kinematic
+    return "constant" if jumps or method != "inverse" else "auto"
