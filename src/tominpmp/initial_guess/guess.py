@@ -164,7 +164,8 @@ class GuessRequest:
         onward: Estimates the time that the motion takes after the goal [s] from its
             final configuration, shape (n,); None if it ends there, or for no estimate.
         searches: Success of the searches for paths, which further searches update.
-        place: Number of the segment, from 0.
+        place: Number of the segment and identity of its goal; None for a problem
+            without segments.
         reached: Final configurations by segment, goal and scene, see
             :meth:`final_configurations`; combinations of goals share them, which
             otherwise would seek those of each goal many times.
@@ -176,7 +177,7 @@ class GuessRequest:
     passes: bool = False
     onward: Callable[[Array], float] | None = None
     searches: PathSearches = field(default_factory=PathSearches)
-    place: int = 0
+    place: Hashable = None
     reached: dict[Hashable, tuple[list[Array], bool]] = field(default_factory=dict)
 
     def guesses(self, system: ProblemFunctions) -> Iterator[Guess]:
@@ -213,7 +214,7 @@ class GuessRequest:
         goal = system.problem.goal
         if goal.configuration is not None:
             return [goal.configuration], False
-        key = self.place, id(goal), system.problem.scene
+        key = self.place or id(goal), system.problem.scene
         if key in self.reached:
             return self.reached[key]
         target = Target(system, goal, beyond=self.beyond)

@@ -41,7 +41,8 @@ def segmented_guesses(
     each = [
         replace(
             request,
-            place=place,
+            # Alternatives share the goals of their segments, which are copied later.
+            place=(place, id(part.problem.goal)),
             duration=request.duration and request.duration / count,
             beyond=beyond[place],
             passes=part.problem.goal.stopped is not part.problem.goal,
