@@ -147,25 +147,28 @@ def read_motion_limits(table: Field, robot: Robot) -> MotionLimits | None:
     """
     if table.value is None:
         return None
-    values = {k: item.value for k, item in table.table().items() if k != "file"}
-    file, curves = table.get("file"), table.get("effort_curves")
+    items = table.table()
+    file = items.pop("file", None)
     # The first class with all the fields, which may be a caller's own.
     known = {k: [item.name for item in fields(k)] for k in classes_of_limits()}
-    fitting = (k for k, names in known.items() if values.keys() <= set(names))
+    fitting = (k for k, names in known.items() if items.keys() <= set(names))
     kind = next(fitting, MotionLimits)
     table.only("file", *known[kind])
-    if isinstance(curves.value, dict):
-        read = {joint: read_curve(item) for joint, item in curves.table().items()}
-        values["effort_curves"] = read
+    values: dict[str, Any] = {}
+    if file is not None and file.value is not None:
+        with blaming(file):
+            below = load_motion_limits(file.path.parent / file.text(), robot)
+        values = changed_fields(below)
+    for name, item in items.items():
+        value = item.value
+        if isinstance(value, dict):
+            read = read_curve if name == "effort_curves" else attrgetter("value")
+            own = {joint: read(limit) for joint, limit in item.table().items()}
+            value = {**(values.get(name) or {}), **own}
+        values[name] = value
     with blaming(table):
         limits = kind(**values)
         limits.check(robot.joint_names)
-    if file.value is not None:
-        with blaming(file):
-            below = load_motion_limits(file.path.parent / file.text(), robot)
-        if "effort_scale" in values:
-            below = replace(below, effort_scale=1.0)
-        limits = limits.over(below, robot.joint_names)
     return limits
 
 
