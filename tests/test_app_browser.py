@@ -118,7 +118,7 @@ def test_port_in_use_is_named_in_the_error(page: object) -> None:
     from tominpmp.app.page import check_port
 
     port = int(page.address.rpartition(":")[2])  # type: ignore[attr-defined]
-    with pytest.raises(OptionsError, match=f"port {port} of 127"):
+    with pytest.raises(OptionsError, match=f"port {port} of host '127"):
         check_port("127.0.0.1", port)
     with pytest.raises(OptionsError, match="port 99999999"):
         check_port("127.0.0.1", 99999999)
