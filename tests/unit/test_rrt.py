@@ -6,6 +6,7 @@ import itertools
 import time
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from guess_samples import END, START, fine, maze, wall
 from test_goals_close_to_obstacles import RAIL
@@ -14,12 +15,14 @@ import tominpmp as tm
 from tominpmp.collision.checker import CollisionChecker
 from tominpmp.initial_guess.rrt import (
     PathSearches,
+    _Space,
     alike,
     is_free,
     is_free_line,
     sample_path,
     sample_paths,
 )
+from tominpmp.kinematics import RobotKinematics
 from tominpmp.stopping import Deadline, Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -49,6 +52,34 @@ def test_path_depends_on_its_seed_alone(tmp_path):
     np.testing.assert_array_equal(paths[0], paths[1])
     np.testing.assert_array_equal(paths[0], paths[3])
     assert paths[0].shape != paths[2].shape or not np.allclose(paths[0], paths[2])
+
+
+def test_every_other_branch_keeps_the_orientation_of_the_last_link():
+    arm = tm.load_robot("ur5", limits="urdf")
+    rng = np.random.default_rng(5)
+    start, end = rng.uniform(-1.5, 1.5, (2, arm.n))
+    system = ProblemFunctions.of(tm.Problem(arm, start, tm.JointGoal(end)))
+    space = _Space(system, end, 100)
+    points, steps = rng.uniform(-1.5, 1.5, (2, 4, arm.n))
+    kept = space.without_turning(points, 1e-4 * steps)
+    kinematics = RobotKinematics(arm)
+    for point, step, asked in zip(points, kept, 1e-4 * steps, strict=True):
+        ends = (point * space.unit, (point + step) * space.unit)
+        places = [kinematics.placement(q, "wrist_3_link") for q in ends]
+        assert (
+            np.linalg.norm(pin.log3(places[0].rotation.T @ places[1].rotation)) < 1e-7
+        )
+        assert step @ (asked - step) == pytest.approx(0.0, abs=1e-15)  # a projection
+        assert np.linalg.norm(step) > 0.1 * np.linalg.norm(asked)
+
+
+def test_branches_of_arms_of_few_joints_turn_the_last_link(planar3r):
+    system = ProblemFunctions.of(
+        tm.Problem(planar3r, (0.3, 0.0, 0.0), tm.JointGoal((1.4, 0.0, 0.0)))
+    )
+    steps = np.array([[0.3, 0.0, 0.1], [-0.2, 0.1, 0.0]])
+    space = _Space(system, np.ones(3), 100)
+    np.testing.assert_array_equal(space.without_turning(np.ones((2, 3)), steps), steps)
 
 
 def test_path_of_an_arm_leads_around_a_ball(planar3r):

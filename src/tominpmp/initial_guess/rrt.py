@@ -7,6 +7,12 @@ the trees took turns, the tree in the open would use up all collision checks. Fo
 Fetch in cages and shelves, 25 of 25 searches found a path in 15 000 checks on average;
 with trees that took turns, 10 of 25 did in 40 000.
 
+In long searches every other branch keeps the orientation of the last link, to first
+order. A hand between shelves can usually be drawn back without turning, but hardly any
+random direction of the joints does that. Of 46 searches for a Fetch in cages and
+shelves, all found a path within 80 000 checks; without such branches 43 did. Short
+searches do without them, as their paths are longer.
+
 Distances in the trees approximate times: slow joints have a larger weight.
 """
 
@@ -22,7 +28,7 @@ from scipy.constants import golden_ratio
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.initial_guess.path import RESOLUTION
-from tominpmp.kinematics import units_of
+from tominpmp.kinematics import RobotKinematics, last_joint, units_of
 from tominpmp.stopping import check
 from tominpmp.transcription.problem_functions import PADDING, ProblemFunctions
 
@@ -31,6 +37,8 @@ REACH = 0.75
 # Number of random configurations towards which a tree grows at once. Of as many, a
 # failed search tells what is in their way.
 BATCH = 16
+# Collision checks after which a search is long.
+LONG = 12_000
 # Spacing of collision checks on a shortcut, which cuts corners as far as the checks
 # allow [rad].
 FINE = 0.0125
@@ -195,6 +203,7 @@ class _Space:
         lower: Lower bounds of a batch of random configurations, shape (BATCH, n).
         upper: Upper bounds of the batch.
         budget: Collision checks that are left.
+        checked: Collision checks so far.
     """
 
     def __init__(self, system: ProblemFunctions, q_end: Array, checks: int) -> None:
@@ -211,7 +220,29 @@ class _Space:
         self._radian = scale / self.unit
         # One joint has no way but the straight line: a few checks show what is in it.
         self.budget = checks if system.n > 1 else checks // 100
+        self.checked = 0
         self._system = system
+        self._last_joint = last_joint(system.problem.robot)
+
+    def without_turning(self, points: Array, steps: Array) -> Array:
+        """Parts of steps that keep the orientation of the last link, to first order.
+
+        Args:
+            points: Where the steps begin, shape (m, n).
+            steps: The steps, shape (m, n).
+
+        Returns:
+            Shape (m, n); the steps of an arm of up to three joints, which can hardly
+            move without turning its last link.
+        """
+        if self._system.n <= 3:
+            return steps
+        turning_of = RobotKinematics(self._system.problem.robot).angular_jacobian
+        each = [turning_of(q, self._last_joint) for q in points * self.unit]
+        turning = np.stack(each) * self.unit
+        turned = np.einsum("kij,kj->ki", turning, steps)
+        back = np.linalg.pinv(turning, rcond=1e-3)
+        return np.asarray(steps - np.einsum("kji,ki->kj", back, turned))
 
     def each_free(self, points: Array) -> Iterator[bool]:
         """Yield for each point, shape (m, n), whether it is free.
@@ -222,7 +253,7 @@ class _Space:
         """
         check()
         for free in _each_free(self._system, points * self.unit):
-            self.budget -= 1
+            self.budget, self.checked = self.budget - 1, self.checked + 1
             if self.budget < 0:
                 raise _BudgetSpent
             yield free
@@ -346,6 +377,8 @@ def _connected(
         nodes = here.nearest(targets := rng.uniform(space.lower, space.upper))
         begin = here.q[nodes]
         step = targets - begin
+        if space.checked > LONG:
+            step[::2] = space.without_turning(begin[::2], step[::2])
         length = np.linalg.norm(step, axis=1)
         end = begin + np.minimum(1.0, REACH / length)[:, None] * step
         for k in np.flatnonzero(list(space.each_free(end))).tolist():

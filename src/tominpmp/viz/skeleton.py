@@ -16,6 +16,7 @@ import pinocchio as pin
 from tominpmp.arrays import Array
 from tominpmp.checks import instance
 from tominpmp.collision.placements import JointPlacements
+from tominpmp.kinematics import last_joint
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import Robot
@@ -106,10 +107,7 @@ def end_frame(problem: Problem) -> str:
 
 def last_frame(robot: Robot) -> str:
     """Name of the last frame at the end of a robot."""
-    model = robot.model
-    depth = [len(model.supports[joint]) for joint in range(model.njoints)]
-    last = max(range(model.njoints), key=lambda joint: (depth[joint], joint))
-    return str(model.frames[_tip(robot, last)].name)
+    return str(robot.model.frames[_tip(robot, last_joint(robot))].name)
 
 
 def _tip(robot: Robot, joint: int) -> int:
