@@ -62,6 +62,22 @@ def test_derivatives_match_finite_differences(item, ur5):
     check_terms_against_differences(item.on(ur5), 5, 3e-6)
 
 
+def test_derivatives_of_a_load_in_the_first_of_two_hands():
+    """The joints of the other arm come between those of this arm and the load."""
+    robot = tm.load_robot("baxter", limits="urdf")
+    item = tm.FirmGrasp("left_gripper", 40.0, 0.6, 0.8, inertia=TENSOR).on(robot)
+    q, v, a = states = np.random.default_rng(1).uniform(-1.0, 1.0, (3, 2, robot.n))
+    _, found = item.wrench_slopes(q, v, a)
+    step = 1e-6
+    for place, by in enumerate(found):
+        for joint in range(robot.n):
+            change = np.zeros_like(states)
+            change[place, :, joint] = step
+            later, earlier = states + change, states - change
+            slope = (item.wrenches(*later) - item.wrenches(*earlier)) / (2 * step)
+            np.testing.assert_allclose(by[:, :, joint], slope, atol=1e-7)
+
+
 @pytest.mark.parametrize("item", ITEMS)
 def test_wrench_equals_the_torques_that_the_load_adds(item, ur5):
     ready = item.on(ur5)

@@ -49,32 +49,46 @@ class HeldLoad(FrameRows):
         return self.mass * STANDARD_GRAVITY
 
     @cached_property
-    def _loaded(self) -> pin.Model:
-        """The robot with the load on a free joint at the frame, the last of its joints.
+    def _loaded(self) -> tuple[pin.Model, list[int], list[int]]:
+        """The joints that carry the frame, and the load on a free joint at the frame.
 
-        The force of this joint is the wrench that holds the load.
+        The force of the free joint is the wrench that holds the load. Other joints are
+        left out: Pinocchio's derivatives need joints of a branch in succession.
+
+        Returns:
+            The model, and the indices of positions and velocities of the joints that
+            carry the frame in the model of the robot.
         """
-        model = self.kinematics.robot.model.copy()
-        frame = model.frames[self.kinematics.robot.frame_id(self.frame)]
-        carrier, place = frame.parentJoint, frame.placement
-        joint = model.addJoint(carrier, pin.JointModelFreeFlyer(), place, "held load")
+        model, arm = pin.Model(), self.kinematics.robot.model
+        model.gravity = arm.gravity
+        frame, last = arm.frames[self.kinematics.robot.frame_id(self.frame)], 0
+        of_q, of_v = list[int](), list[int]()
+        for index in list(arm.supports[frame.parentJoint])[1:]:
+            joint, place = arm.joints[index], arm.jointPlacements[index]
+            last = model.addJoint(last, joint, place, arm.names[index])
+            of_q += range(joint.idx_q, joint.idx_q + joint.nq)
+            of_v += range(joint.idx_v, joint.idx_v + joint.nv)
+        free = pin.JointModelFreeFlyer()
+        last = model.addJoint(last, free, frame.placement, "held load")
         tensor = np.zeros((3, 3)) if self.inertia is None else self.inertia
         body = pin.Inertia(self.mass, self.center, tensor)
-        model.appendBodyToJoint(joint, body, pin.SE3.Identity())
-        return model
+        model.appendBodyToJoint(last, body, pin.SE3.Identity())
+        return model, of_q, of_v
 
     def wrenches(self, q: Array, v: Array, a: Array) -> Array:
         """Wrenches of :meth:`wrench_slopes`, without derivatives, shape (m, 6)."""
-        model, data = self._loaded, self._loaded.createData()
+        model, _, _ = self._loaded
+        data = model.createData()
         each = [pin.rnea(model, data, *state)[-6:] for state in self._states(q, v, a)]
         return np.reshape(each, (-1, 6))
 
     def _states(self, q: Array, v: Array, a: Array) -> Iterator[tuple[Array, ...]]:
-        """States of all joints of the loaded robot; the load moves with the frame."""
-        robot = self.kinematics.robot
-        places = np.pad(robot.expand(q), [(0, 0), (0, 7)])
+        """States of the joints of :meth:`_loaded`; the load moves with the frame."""
+        robot, (_, of_q, of_v) = self.kinematics.robot, self._loaded
+        places = np.pad(robot.expand(q)[:, of_q], [(0, 0), (0, 7)])
         places[:, -1] = 1.0  # of the unit quaternion
-        rates = (np.pad(robot.expand_tangent(x), [(0, 0), (0, 6)]) for x in (v, a))
+        rows = (robot.expand_tangent(x)[:, of_v] for x in (v, a))
+        rates = (np.pad(row, [(0, 0), (0, 6)]) for row in rows)
         return zip(places, *rates, strict=True)
 
     def wrench_slopes(
@@ -91,14 +105,15 @@ class HeldLoad(FrameRows):
             Forces before moments, shape (m, 6) [N, N m], and their derivatives by q, v
             and a, shape (m, 6, n) each.
         """
-        model, data = self._loaded, self._loaded.createData()
-        wrenches, parts = np.empty((len(q), 6)), np.empty((3, len(q), 6, model.nv))
+        robot, (model, _, of_v) = self.kinematics.robot, self._loaded
+        data, m = model.createData(), len(q)
+        wrenches, slopes = np.empty((m, 6)), np.zeros((3, m, 6, robot.model.nv))
         for k, state in enumerate(self._states(q, v, a)):
             pin.computeRNEADerivatives(model, data, *state)
             wrenches[k] = data.tau[-6:]
             by = data.dtau_dq, data.dtau_dv, data.M.T
-            parts[:, k] = [part[-6:] for part in by]
-        by_q, by_v, by_a = self.kinematics.robot.reduce_tangent(parts[..., :-6])
+            slopes[:, k][..., of_v] = [part[-6:, :-6] for part in by]
+        by_q, by_v, by_a = robot.reduce_tangent(slopes)
         return wrenches, (by_q, by_v, by_a)
 
     def lack(self, q: Array, v: Array, slack: float) -> str:
