@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg import null_space
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
@@ -142,7 +141,9 @@ def _attainable(
     goals = np.array([kind.startswith("goal") for kind in rows.kinds], dtype=bool)
     mine = np.flatnonzero((goals[rows.kind] & (rows.lower == rows.upper))[every])
     slopes = np.linalg.qr(linearization.matrix[mine][:, free].toarray().T, mode="r")
-    basis = null_space(slopes, rcond=NEGLIGIBLE)
+    _, sizes, axes = np.linalg.svd(slopes)
+    rank = np.count_nonzero(sizes > NEGLIGIBLE * np.max(sizes, initial=0.0))
+    basis = axes[rank:].T
     lost = np.zeros((rows.size, basis.shape[1]))
     lost[every[mine]] = basis
     off = state.values - np.clip(state.values, rows.lower, rows.upper)
