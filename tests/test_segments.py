@@ -247,6 +247,21 @@ def test_inverse_kinematics_is_solved_once_for_each_of_several_goals(monkeypatch
     assert len(sought) == len(set(sought)) <= 4
 
 
+def test_warm_start_with_a_choice_of_turns_that_is_no_alternative_is_kept():
+    """Regression: it was not in the list of alternatives, which was a ValueError."""
+    places, either = [np.array([3.0, 0.5]), np.array([-2.0, 1.0])], ("joint1", "joint2")
+    goals = [tm.JointGoal(q, wrap=either) for q in places]
+    segments = [tm.Segment(goal) for goal in goals]
+    problem = tm.Problem(two_links(), [0.0, 0.0], segments=segments)
+    turned = [places[0] - [2.0 * np.pi, 0.0], places[1] + [2.0 * np.pi, 0.0]]
+    goals = [tm.JointGoal(q, wrap=False) for q in turned]
+    segments = [tm.Segment(goal) for goal in goals]
+    alone = tm.Problem(two_links(), [0.0, 0.0], segments=segments)
+    few = {"intervals": 8, "max_planning_time": 3.0}
+    former = planned(alone, **few)
+    assert planned(problem, start=former, **few).T <= (1.0 + 1e-3) * former.T
+
+
 def test_combinations_whose_shares_end_early_are_tried_again(monkeypatch):
     """Regression: no motion to a combination of goals without a guess in its share."""
     calls = []

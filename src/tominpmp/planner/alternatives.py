@@ -41,11 +41,16 @@ def candidates_of_alternatives(
     Raises:
         ProblemError: If no goal can be reached at all.
     """
-    parts = state.problem.alternatives
+    parts, entered = list(state.problem.alternatives), None
     if len(parts) == 1:
         yield from starts(parts[0], former)
         return
-    entered = None if former is None else _entered(state.problem, former)
+    if former is not None:
+        nearest = state.problem.alternative_of(former_motion(state.problem, former))
+        places = [_goals(part) for part in (*parts, nearest)]
+        entered = places.index(_goals(nearest))
+        # Of several segments not all choices of joint angles are alternatives.
+        parts = parts if entered < len(parts) else [*parts, nearest]
 
     def begun(i: int) -> Schedule[None]:
         return starts(parts[i], former if i == entered else None)
@@ -90,11 +95,6 @@ def candidates_of_alternatives(
         raise ProblemError("; ".join(wrong), "goal")
 
 
-def _entered(problem: Problem, former: Trajectory | Samples) -> int:
-    """Index of the alternative whose goal is nearest to the end of a former motion."""
-
-    def goals(part: Problem) -> list[int]:
-        return [id(phase.goal) for phase in part.phases]
-
-    nearest = problem.alternative_of(former_motion(problem, former))
-    return [*map(goals, problem.alternatives)].index(goals(nearest))
+def _goals(problem: Problem) -> list[int]:
+    """Identities of the goals of all segments."""
+    return [id(phase.goal) for phase in problem.phases]
