@@ -166,7 +166,7 @@ class GuessRequest:
         searches: Success of the searches for paths, which further searches update.
         place: Number of the segment and identity of its goal; None for a problem
             without segments.
-        reached: Final configurations by segment, goal and scene, see
+        reached: Final configurations by segment, goal, rest at the goal, and scene, see
             :meth:`final_configurations`; combinations of goals share them, which
             otherwise would seek those of each goal many times.
     """
@@ -214,10 +214,10 @@ class GuessRequest:
         goal = system.problem.goal
         if goal.configuration is not None:
             return [goal.configuration], False
-        key = self.place or id(goal), system.problem.scene
+        target = Target(system, goal, beyond=self.beyond)
+        key = self.place or id(goal), target.rests, system.problem.scene
         if key in self.reached:
             return self.reached[key]
-        target = Target(system, goal, beyond=self.beyond)
         found, lost = list[Array](), False
         for count in (KINEMATIC_STARTS, MORE_STARTS):
             search = target.configurations(count, self.rng)
