@@ -170,13 +170,14 @@ def _full_schedule(
     problem, options = state.problem, state.options
     proof = why_impossible(problem, options.limit_tolerance)
     state.impossible = proof or find_barrier(problem, options.contact_tolerance)
+    if state.impossible:
+        return
     bound = state.lower_bound(problem)
-    if bound.T > LONGEST and not state.impossible:
+    if bound.T > LONGEST:
         state.impossible = (
             f"No motion takes less than {bound.T:.3g} s: {bound.reason}; and no more "
             f"than {LONGEST:.3g} s can be replayed."
         )
-    if state.impossible:
         return
     yield from candidates_of_alternatives(state, partial(starts, state), former)
     if state.incumbent is None:

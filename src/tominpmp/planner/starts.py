@@ -30,10 +30,7 @@ from tominpmp.options import Options
 from tominpmp.planner.automatic_options import JUMPS_SHARE, SHOOTING, WARM_RADIUS
 from tominpmp.planner.candidate import Candidate, best_of
 from tominpmp.planner.coarse_search import GAP, MOST_PATHS, coarse_grids_apply, search
-from tominpmp.planner.descent import (
-    descent_work,
-    stop_if_hopeless,
-)
+from tominpmp.planner.descent import descent_work, stop_if_hopeless
 from tominpmp.planner.improvements import improvements
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.segment_by_segment import can_be_joined, segments_joined
@@ -98,8 +95,9 @@ def starts(
     options = state.options
     system = ProblemFunctions.of(problem)
     rng = np.random.default_rng(options.seed)
-    request = GuessRequest(rng, options.initial_duration, searches=state.searches)
-    request = replace(request, reached=state.reached)
+    request = GuessRequest(
+        rng, options.initial_duration, searches=state.searches, reached=state.reached
+    )
     make = segmented_guesses if system.parts else guesses_of
     guesses = CachedGuesses(make(system, request))
     if motion is not None:
