@@ -66,6 +66,32 @@ def test_goal_class_of_a_caller_is_planned_and_bounded(
     assert 0.0 < tm.lower_bound(problem).T <= solution.T
 
 
+class SlowingGoal(HeightGoal):
+    """A height at which the arm stops, with a velocity residual of its own."""
+
+    def motion_residual(
+        self, kinematics: RobotKinematics, q: Array, v: Array
+    ) -> tuple[Array, Array, Array]:
+        """Twice the velocities."""
+        return 2.0 * v, np.zeros((v.size, v.size)), 2.0 * np.eye(v.size)
+
+
+def test_via_point_of_a_caller_is_passed_at_any_velocity(planar3r: tm.Robot) -> None:
+    segments = [
+        tm.Segment(SlowingGoal("tip", 1.5)),
+        tm.Segment(SlowingGoal("tip", 1.8), stop=True),
+        tm.Segment(tm.JointGoal(Q_START)),
+    ]
+    problem = tm.Problem(planar3r, Q_START, segments=segments)
+    kinematics, counts = RobotKinematics(planar3r), list[int]()
+    for phase in problem.phases[:2]:
+        goal = phase.goal
+        counts.append(goal.residual(kinematics, Q_START, Q_START).value.size)
+        assert len(goal.labels(kinematics)) == counts[-1]
+        assert goal.misses(kinematics, Q_START, Q_START)
+    assert counts == [1, 4]
+
+
 def test_errors_on_a_goal_class_of_a_caller_name_frame_and_type(
     planar3r: tm.Robot,
 ) -> None:

@@ -72,7 +72,10 @@ class Goal(ABC):
     def residual(self, kinematics: RobotKinematics, q: Array, v: Array) -> GoalResidual:
         """Evaluate the goal residual at a final state, q and v of shape (n,) each."""
         place = self.place(kinematics, q)
-        speed, speed_q, speed_v = self.motion_residual(kinematics, q, v)
+        # A subclass may have a velocity residual of its own, which a via point ignores.
+        speeds = self.speed_count(q.size)
+        motion = self.motion_residual(kinematics, q, v)
+        speed, speed_q, speed_v = (part[:speeds] for part in motion)
         return GoalResidual(
             np.concatenate([place.value, speed]),
             np.vstack([place.by_q, speed_q]),
@@ -84,9 +87,8 @@ class Goal(ABC):
     ) -> tuple[Array, Array, Array]:
         """Velocity part of the residual, and its derivatives with respect to q, v."""
         v = joint_row(kinematics, v, "v")
-        by_v = np.eye(v.size)[: self.speed_count(v.size)]
-        off = v - self.final_velocity(v.size)
-        return off[: len(by_v)], 0.0 * by_v, by_v
+        n = v.size
+        return v - self.final_velocity(n), np.zeros((n, n)), np.eye(n)
 
     @property
     def fixes_velocity(self) -> bool:
@@ -146,12 +148,12 @@ class Goal(ABC):
     def labels(self, kinematics: RobotKinematics) -> tuple[Label, ...]:
         """Labels of the residual components: first positions, then velocities."""
         place = self.place(kinematics, np.zeros(robot_of(kinematics).n))
-        return place.labels + self.motion_labels(kinematics)
+        speeds = self.speed_count(robot_of(kinematics).n)
+        return place.labels + self.motion_labels(kinematics)[:speeds]
 
     def motion_labels(self, kinematics: RobotKinematics) -> tuple[Label, ...]:
         """Labels of the velocity components, which come last in the residual."""
-        robot = robot_of(kinematics)
-        return joint_labels(robot, "/s")[: self.speed_count(robot.n)]
+        return joint_labels(robot_of(kinematics), "/s")
 
     # -- the final state as far as the goal determines it ------------------------------
 
