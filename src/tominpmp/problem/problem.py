@@ -141,7 +141,7 @@ class Problem(Record):
             self._keep(segments=self._aiming_at([phase.goal for phase in phases]))
             self._keep(goal=self.segments[-1].goal)
         else:
-            _check_start(self, None, clear=False)
+            _check_start(self, None, known=False)
             snapped_goals = self._take_goal(self.goal)
         for message in (*snapped, *snapped_goals):
             warn_caller(message)
@@ -248,7 +248,7 @@ class Problem(Record):
             goal.validate(robot)
         before = self.segments[number - 1] if number else None
         if before is None or before.goal.configuration is not None:
-            _check_start(phase, before, clear=same and number > 0)
+            _check_start(phase, before, known=same and number > 0)
         rests, former = goal is segment.goal, before.goal if before else None
         return phase, phase._take_goal(segment.goal, former, rests)
 
@@ -446,7 +446,7 @@ class Problem(Record):
         snapped = other._snap_start()
         goal = goal.resolved(self.robot, other.q_start)
         goal.validate(self.robot)
-        _check_start(other, None, clear=False)
+        _check_start(other, None, known=False)
         for message in (*snapped, *other._take_goal(goal)):
             warn_caller(where + message)
         return other
@@ -503,21 +503,22 @@ def _check_controls(robot: Robot, limits: MotionLimits | None) -> None:
 # -- checks of starts and goals that need no planning ----------------------------------
 
 
-def _check_start(problem: Problem, before: Segment | None, clear: bool) -> None:
+def _check_start(problem: Problem, before: Segment | None, known: bool) -> None:
     """Check that the arm may begin a problem, or a segment, in its state at the start.
 
     Args:
         problem: The problem.
         before: The segment before, whose end is the start; None for the first one.
-        clear: Whether collisions at the start are ruled out already.
+        known: Whether the robot and the obstacles are those of the segment before,
+            whose goal was checked for collisions and a regular mass matrix.
 
     Raises:
         ProblemError: If the state is in collision, or exceeds a limit.
     """
     robot, q = problem.robot, problem.q_start
-    if not clear:
+    if not known:
         _check_clear(problem, q, "start", None if before else 0.0)
-    _check_mass(problem, q, "start")
+        _check_mass(problem, q, "start")
     passing = before is not None and not before.stop
     _check_state(problem, q, problem.v_start, "start", passing=passing)
     limits = problem.motion_limits
