@@ -17,6 +17,7 @@ from tominpmp.arrays import Array, Record, array_or_nan, frozen_array
 from tominpmp.checks import (
     FARTHEST,
     FLAG,
+    HUGE,
     JOINTS,
     TINY,
     array,
@@ -459,7 +460,7 @@ class JointTable:
         lower, upper = self.ends
         no_effort = np.isnan(self["effort"]).any(axis=1)
         # A comparison with a limit that is NaN is false.
-        wrong = {
+        faults = {
             f"no effort limit for {{0}}: give effort={{1}}, or {KINEMATIC}": no_effort,
             "no velocity limit for {0}: give velocity={1}": np.isnan(self["velocity"]),
             "no position limits, or no room between them, for {0}: give "
@@ -467,11 +468,11 @@ class JointTable:
         }
         for loss in LOSSES:
             values = self[loss]
-            shown = f"{brief(values.tolist())}, expected finite numbers from 0"
+            shown = f"{brief(values.tolist())}, expected numbers from 0 to {HUGE:g}"
             message = f"{loss} is {shown}: give {loss}={{1}}"
-            wrong[message] = ~(np.isfinite(values) & (values >= 0.0))
+            faults[message] = ~((values >= 0.0) & (values <= HUGE))
         complaints = []
-        for message, joints in wrong.items():
+        for message, joints in faults.items():
             names = np.array(self.joint_names)[joints].tolist()
             if names:
                 values_by_name = example_values(names)
