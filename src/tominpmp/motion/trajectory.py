@@ -268,18 +268,20 @@ class Trajectory(TimedRows):
         self, times: Array, q: Array, v: Array, a: Array, *, held: bool = False
     ) -> Array:
         """Torques by inverse dynamics; dry friction helps to hold an arm at rest."""
-        every = self.segment_dynamics or (self.inverse_dynamics or self.holding,)
-        segment = np.minimum(self._segments_at(times), len(every) - 1)
-        out = np.full_like(q, np.nan)
-        for k in np.unique(segment).tolist():
-            mask, dynamics = segment == k, every[k]
+        several = self.segment_dynamics
+        every = several or (self.inverse_dynamics or self.holding,)
+        segment, out = self._segments_at(times), np.full_like(q, np.nan)
+        for k, dynamics in enumerate(every):
+            mask: BoolArray | slice = segment == k if several else slice(None)
             rows = q[mask], v[mask], a[mask]
+            if dynamics is None or not len(rows[0]):
+                continue
             # The dynamics of a robot take the directions; other functions determine
             # them from the velocity.
             owner = None if held else getattr(dynamics, "__self__", None)
             if isinstance(owner, RobotDynamics) and owner.friction is not None:
                 out[mask] = owner.inverse_along(*rows, self.turns.at(times[mask]))
-            elif dynamics is not None:
+            else:
                 out[mask] = dynamics(*rows)
         return out
 
