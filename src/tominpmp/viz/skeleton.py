@@ -76,8 +76,8 @@ class Skeleton:
     Attributes:
         placements: Placements joint_to_world, homogeneous, by instant and joint of the
             model (0 is the world), shape (m, joints, 4, 4).
-        points: Positions of the base, of all joints, and of the ends of the robot,
-            shape (m, k, 3) [m].
+        points: Positions of the base, except of a workcell, of all joints, and of the
+            ends of the robot, shape (m, k, 3) [m].
     """
 
     placements: Array
