@@ -232,34 +232,20 @@ def two_via_points_and_goals() -> tm.Problem:
     return tm.Problem(two_links(), [-1.2, 0.3], segments=segments)
 
 
-def test_inverse_kinematics_is_solved_once_for_each_of_several_goals(monkeypatch):
+def test_inverse_kinematics_is_solved_once_for_each_goal_and_start(monkeypatch):
     """Regression: every combination of goals had its own, and each of them two."""
-    sought, usual = [], Target.configurations
+    calls, usual = [], Target.configurations
 
     def seen(self, *arguments):
-        sought.append(id(self.goal))
+        calls.append(1)
         return usual(self, *arguments)
 
     monkeypatch.setattr(Target, "configurations", seen)
     problem = two_via_points_and_goals()
     assert len(problem.alternatives) == 4
     assert planned(problem).success
-    assert len(sought) == len(set(sought)) <= 4
-
-
-def test_warm_start_with_a_choice_of_turns_that_is_no_alternative_is_kept():
-    """Regression: it was not in the list of alternatives, which was a ValueError."""
-    places, either = [np.array([3.0, 0.5]), np.array([-2.0, 1.0])], ("joint1", "joint2")
-    goals = [tm.JointGoal(q, wrap=either) for q in places]
-    segments = [tm.Segment(goal) for goal in goals]
-    problem = tm.Problem(two_links(), [0.0, 0.0], segments=segments)
-    turned = [places[0] - [2.0 * np.pi, 0.0], places[1] + [2.0 * np.pi, 0.0]]
-    goals = [tm.JointGoal(q, wrap=False) for q in turned]
-    segments = [tm.Segment(goal) for goal in goals]
-    alone = tm.Problem(two_links(), [0.0, 0.0], segments=segments)
-    few = {"intervals": 8, "max_planning_time": 3.0}
-    former = planned(alone, **few)
-    assert planned(problem, start=former, **few).T <= (1.0 + 1e-3) * former.T
+    # Two via points from the start, and two goals from each of the via points.
+    assert len(calls) <= 6
 
 
 def test_combinations_whose_shares_end_early_are_tried_again(monkeypatch):

@@ -275,7 +275,9 @@ def test_the_command_line_takes_constraints(tmp_path):
     words[-1] = "tool_speed:frame=tip:limit=fast"
     run = subprocess.run(words, capture_output=True, text=True, check=False)
     assert run.returncode == 2
-    assert "limit is 'fast', expected a positive number" in " ".join(run.stderr.split())
+    assert "limit: is 'fast', expected a positive number" in " ".join(
+        run.stderr.split()
+    )
 
 
 def test_start_slightly_beyond_a_tool_speed_is_slowed_down(ur5):

@@ -166,9 +166,9 @@ class GuessRequest:
         searches: Success of the searches for paths, which further searches update.
         place: Number of the segment and identity of its goal; None for a problem
             without segments.
-        reached: Final configurations by segment, goal, rest at the goal, and scene, see
-            :meth:`final_configurations`; combinations of goals share them, which
-            otherwise would seek those of each goal many times.
+        reached: Final configurations by segment, goal, start, rest at the goal, and
+            scene, see :meth:`final_configurations`; combinations of goals share them,
+            which otherwise would seek those of each goal many times.
     """
 
     rng: np.random.Generator
@@ -211,11 +211,12 @@ class GuessRequest:
 
         A configuration that the goal itself gives was checked with the problem.
         """
-        goal = system.problem.goal
+        problem, goal = system.problem, system.problem.goal
         if goal.configuration is not None:
             return [goal.configuration], False
         target = Target(system, goal, beyond=self.beyond)
-        key = self.place or id(goal), target.rests, system.problem.scene
+        begin = problem.q_start.tobytes()  # the nearest configurations come first
+        key = self.place or id(goal), begin, target.rests, problem.scene
         if key in self.reached:
             return self.reached[key]
         found, lost = list[Array](), False
