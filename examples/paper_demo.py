@@ -247,8 +247,10 @@ def plot_motions(
             look = {"color": figures.GOAL_COLOR, "ms": 8.0, "mew": 2.0, "ls": ""}
             panel.plot(*GOAL.position[:2], marker="x", label="goal", **look)
             for ball in task.scene:
+                assert isinstance(ball, tm.Sphere)
                 look = {"color": OBSTACLE_COLOR, "alpha": 0.25, "label": "obstacle"}
-                panel.add_patch(Circle(ball.position[:2], ball.radius, **look))
+                x, y, _ = ball.position
+                panel.add_patch(Circle((x, y), ball.radius, **look))
             panel.set(title=f"{name}: T = {motion.duration:.4g} s", xlabel="x [m]")
             panel.set_aspect("equal")
         panels[0].set_ylabel("y [m]")
