@@ -72,17 +72,6 @@ class RobotKinematics:
         # Pinocchio drops the second dimension of arms with a single joint.
         return robot.reduce_tangent(np.reshape(jacobian, (6, -1)))
 
-    def angular_jacobian(self, q: Array, joint: int) -> Array:
-        """Angular part of the Jacobian of a link in its own axes, shape (3, n).
-
-        Args:
-            q: Positions, shape (n,) [rad or m].
-            joint: Index of the joint that carries the link, in Pinocchio's model.
-        """
-        robot, row = self.robot, self.robot.expand(q)
-        jacobian = pin.computeJointJacobian(*robot._model_and_data, row, joint)
-        return robot.reduce_tangent(np.reshape(jacobian, (6, -1))[3:])
-
     @property
     def length(self) -> float:
         """Characteristic length of the arm, finite and positive [m]; scales lengths."""

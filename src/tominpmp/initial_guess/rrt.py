@@ -28,7 +28,7 @@ from scipy.constants import golden_ratio
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.initial_guess.path import RESOLUTION
-from tominpmp.kinematics import RobotKinematics, last_joint, units_of
+from tominpmp.kinematics import last_joint, units_of
 from tominpmp.stopping import check
 from tominpmp.transcription.problem_functions import PADDING, ProblemFunctions
 
@@ -203,7 +203,6 @@ class _Space:
         lower: Lower bounds of a batch of random configurations, shape (BATCH, n).
         upper: Upper bounds of the batch.
         budget: Collision checks that are left.
-        checked: Collision checks so far.
     """
 
     def __init__(self, system: ProblemFunctions, q_end: Array, checks: int) -> None:
@@ -220,9 +219,8 @@ class _Space:
         self._radian = scale / self.unit
         # One joint has no way but the straight line: a few checks show what is in it.
         self.budget = checks if system.n > 1 else checks // 100
-        self.checked = 0
-        self._system = system
-        self._last_joint = last_joint(system.problem.robot)
+        self._system, robot = system, system.problem.robot
+        self._last_joint = str(robot.model.names[last_joint(robot)])
 
     def without_turning(self, points: Array, steps: Array) -> Array:
         """Parts of steps that keep the orientation of the last link, to first order.
@@ -237,8 +235,8 @@ class _Space:
         """
         if self._system.n <= 3:
             return steps
-        turning_of = RobotKinematics(self._system.problem.robot).angular_jacobian
-        each = [turning_of(q, self._last_joint) for q in points * self.unit]
+        jacobian, q = self._system.kinematics.jacobian, points * self.unit
+        each = [jacobian(row, self._last_joint, local=True)[3:] for row in q]
         turning = np.stack(each) * self.unit
         turned = np.einsum("kij,kj->ki", turning, steps)
         back = np.linalg.pinv(turning, rcond=1e-3)
@@ -253,7 +251,7 @@ class _Space:
         """
         check()
         for free in _each_free(self._system, points * self.unit):
-            self.budget, self.checked = self.budget - 1, self.checked + 1
+            self.budget -= 1
             if self.budget < 0:
                 raise _BudgetSpent
             yield free
@@ -368,6 +366,7 @@ def _connected(
     Raises:
         _BudgetSpent: If the collision checks are used up.
     """
+    short = space.budget - LONG
     if space.is_free_along(space.ends):
         return space.ends
     here, there = trees
@@ -377,7 +376,7 @@ def _connected(
         nodes = here.nearest(targets := rng.uniform(space.lower, space.upper))
         begin = here.q[nodes]
         step = targets - begin
-        if space.checked > LONG:
+        if space.budget < short:
             step[::2] = space.without_turning(begin[::2], step[::2])
         length = np.linalg.norm(step, axis=1)
         end = begin + np.minimum(1.0, REACH / length)[:, None] * step
