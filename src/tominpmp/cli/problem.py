@@ -10,7 +10,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 
@@ -59,16 +59,15 @@ class Typed(Field):
     path: Path = Path("command line")
     form: str = ""
 
+    _owner: ClassVar[str] = r"obstacle .*: "
+
     def fail(self, message: str) -> NoReturn:
         """Raise an error about the option.
 
         Raises:
             OptionsError: Always.
         """
-        # The key ends in the name of the field: "limit is", "obstacle 'o': radius is".
-        name = re.escape(self.key.rpartition(".")[2])
-        message = re.sub(rf"^(obstacle .*: )?{name} (?=is )", "", message)
-        said = f"{self.key}: {message}" if self.key else message
+        said = f"{self.key}: {self._unnamed(message)}" if self.key else message
         said += f"; expected {self.form}" if self.form else ""
         raise OptionsError(said, self.key)
 

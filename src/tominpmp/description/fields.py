@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 
@@ -39,6 +39,9 @@ class Field:
     path: Path
     key: str = ""
 
+    # What may stand before the name of the field in messages: "segment.dwell is".
+    _owner: ClassVar[str] = r"\w+\."
+
     def fail(self, message: str) -> NoReturn:
         """Raise an error about this value.
 
@@ -54,10 +57,13 @@ class Field:
         repeated += [f"{path} " for path in paths if "." in path]
         for beginning in repeated:
             message = message.removeprefix(beginning)
-        # A class names its field: "segment.dwell is", and a problem "margin is".
-        message = re.sub(rf"^(\w+\.)?{re.escape(names[-1])} (?=is )", "", message)
-        text = f"{self.path}: {key}{message}"
+        text = f"{self.path}: {key}{self._unnamed(message)}"
         raise ScenarioError(text, self.path, self.key or None)
+
+    def _unnamed(self, message: str) -> str:
+        """A message without the name of the field in which the key ends: "v is"."""
+        name = re.escape(self.key.rpartition(".")[2])
+        return re.sub(rf"^({self._owner})?{name} (?=is )", "", message)
 
     def blame(self, error: TominpmpError) -> NoReturn:
         """Raise an error of the library again as an error about this value.
