@@ -58,18 +58,17 @@ def combine_robots(parts: Sequence[Part], *, gravity: ArrayLike | None = None) -
     world = _common_gravity(robots) if gravity is None else check_gravity(gravity)
     placed = {part: (robot.description, bases[part]) for part, robot in robots.items()}
     joints = [f"{part}/{k}" for part, r in robots.items() for k in r.joint_names]
-    description = joined_descriptions(placed, joints)
     locked = {
         f"{part}/{joint}": position
         for part, robot in robots.items()
         for joint, position in robot.locked_joints.items()
     }
+    linkage = Linkage.resolve(joined_descriptions(placed, joints), locked)
     robot = assembled(
-        name=description.name,
-        linkage=Linkage.resolve(description, locked),
-        table=_joined_table(robots, joints),
+        _joined_table(robots, linkage),
+        name=linkage.description.name,
         gravity=world,
-        srdf=_joined_semantics(robots, description.path),
+        srdf=_joined_semantics(robots, linkage.description.path),
         kinematic=_all_kinematic(robots),
         motion_limits=_joined_motion_limits(robots, joints),
     )
@@ -137,13 +136,11 @@ def _all_kinematic(robots: Mapping[str, Robot]) -> bool:
     return bool(kinematic)
 
 
-def _joined_table(
-    robots: Mapping[str, Robot], joint_names: Sequence[str]
-) -> JointTable:
+def _joined_table(robots: Mapping[str, Robot], linkage: Linkage) -> JointTable:
     """Values of the joints of all robots, one robot after the other."""
     tables = [robot._table().columns for robot in robots.values()]
     columns = {key: np.concatenate([own[key] for own in tables]) for key in tables[0]}
-    return JointTable(tuple(joint_names), columns)
+    return JointTable(linkage, columns)
 
 
 def _joined_motion_limits(
@@ -168,7 +165,7 @@ def _joined_semantics(robots: Mapping[str, Robot], path: Path) -> SemanticDescri
             joined += [(f"{part}/{one}", f"{part}/{other}") for one, other in own]
     states = [robot.group_states for robot in robots.values()]
     common = {
-        state: {
+        ("", state): {
             f"{part}/{joint}": position
             for part, own in zip(robots, states, strict=True)
             for joint, position in own[state].items()

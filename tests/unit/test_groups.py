@@ -167,6 +167,25 @@ def test_group_that_contains_itself_is_refused(tmp_path: Path) -> None:
         arm(tmp_path, text)
 
 
+def test_groups_in_groups_are_read_once_each(tmp_path: Path) -> None:
+    """Regression: 2^30 visits of groups that hold each other twice, or a deep chain
+    of groups, had no end or ended with a RecursionError.
+    """
+    inside = '<group name="g{0}"/>'
+    for count, copies in ((30, 2), (1500, 1)):
+        names = range(count)
+        groups = [f'<group name="g{k}">{inside.format(k + 1) * copies}' for k in names]
+        text = "</group>".join([*groups, f'<group name="g{count}"><joint name="j1"/>'])
+        text += '<joint name="gone"/></group>'
+        with pytest.warns(TominpmpWarning, match="group 'g0' names gone, which"):
+            assert arm(tmp_path, text, group="g0").joint_names == ("j1",)
+
+
+def test_joint_may_have_the_name_of_its_group(tmp_path: Path) -> None:
+    text = '<group name="j1"><joint name="j1"/></group>'
+    assert arm(tmp_path, text, group="j1").joint_names == ("j1",)
+
+
 def test_groups_of_bundled_and_example_robots_load() -> None:
     """One call loads a group; the base of a humanoid is fixed."""
     panda = load_robot("panda", limits="urdf", group="panda_arm")

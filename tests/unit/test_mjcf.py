@@ -195,7 +195,7 @@ def test_inertiafromgeom_matches_mujoco(of_shapes: str) -> None:
 
 def test_keyframes_are_group_states() -> None:
     arm = tm.load_robot(MJCF, velocity=2.0)
-    assert list(arm.srdf.group_states) == ["home"]
+    assert list(arm.group_states) == ["home"]
     np.testing.assert_allclose(arm.group_state("home"), [0.5, 0.1])
 
 
@@ -438,7 +438,7 @@ def test_collision_masks_and_fixed_bodies_disable_pairs_as_in_mujoco() -> None:
 def test_keyframes_without_names_are_numbered() -> None:
     keys = '<keyframe><key qpos="0.1 0.2"/><key qpos="0.3 0.1"/></keyframe></mujoco>'
     text = changed(("</mujoco>", keys))
-    states = tm.load_robot(text, velocity=2).srdf.group_states
+    states = tm.load_robot(text, velocity=2).group_states
     assert [states[name]["turn"] for name in ("key 1", "key 2")] == [0.1, 0.3]
 
 

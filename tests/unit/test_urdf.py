@@ -195,7 +195,7 @@ def test_limits_and_damping_of_a_joint_are_read(tmp_path: Path) -> None:
     (found,) = read(tmp_path, text).joints
     assert (found.name, found.kind) == ("j1", "revolute")
     assert (found.lower, found.upper) == (-1, 2)
-    assert (found.effort, found.velocity, found.damping) == (10, 3, 0.5)
+    assert (*found.effort, found.velocity, found.damping) == (-10, 10, 3, 0.5)
     assert found.mimic is None
 
 
@@ -208,7 +208,7 @@ def test_continuous_joint_has_no_position_limits(tmp_path: Path) -> None:
 
 def test_missing_limits_are_unknown_or_zero(tmp_path: Path) -> None:
     (found,) = read(tmp_path, one_joint(limit="")).joints
-    values = (found.lower, found.upper, found.velocity, found.effort)
+    values = (found.lower, found.upper, found.velocity, *found.effort)
     assert all(map(math.isnan, values))
     # By the URDF specification, a position limit missing beside the other one is zero.
     (found,) = read(tmp_path, one_joint(limit='<limit upper="0.04"/>')).joints
@@ -342,10 +342,10 @@ def test_srdf_groups_states_and_disabled_pairs_are_read(tmp_path: Path) -> None:
     path = write(tmp_path, text, "sample.srdf")
     found = read_srdf(path, read(tmp_path, chain("", "")), Arguments())
     assert found.disabled_pairs == (("l1", "l2"),)
-    assert found.group_states == {"home": {"j1": 0.5, "j2": -1.0}}
+    assert found.group_states(["j1", "j2"]) == {"home": {"j1": 0.5, "j2": -1.0}}
     assert found.path == path
     with pytest.raises(TypeError):
-        found.group_states["home"]["j1"] = 0.0  # type: ignore[index]
+        found.states["arm", "home"]["j1"] = 0.0  # type: ignore[index]
     assert pickle.loads(pickle.dumps(found)) == found
 
 

@@ -49,7 +49,7 @@ def robot_at(robot: Robot, base: Any) -> Robot:
     """
     instance(robot, Robot, "robot")
     placement = base_placement(robot.name, base, "base")
-    return robot._rebuilt(description=robot.description.on_base(placement))
+    return robot._described(robot.description.on_base(placement))
 
 
 @dataclass(frozen=True, eq=False)

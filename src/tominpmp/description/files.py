@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
+from tominpmp.arrays import is_single
 from tominpmp.description.paths import checked_path
 from tominpmp.description.xml_reader import given_text
 from tominpmp.exceptions import RobotLoadError, brief, closest, shortened
@@ -263,10 +264,8 @@ def check_folders(package_dirs: Sequence[str | os.PathLike[str]]) -> tuple[Path,
     Raises:
         RobotLoadError: If a folder does not exist.
     """
-    single = isinstance(package_dirs, str | bytes)
-    single = single or not isinstance(package_dirs, Sequence)
     named, folders = ("package_dirs", RobotLoadError, "paths of folders"), list[Path]()
-    for given in [package_dirs] if single else package_dirs:
+    for given in [package_dirs] if is_single(package_dirs) else package_dirs:
         folder = checked_path(given, *named).absolute()
         if not folder.is_dir():
             raise RobotLoadError(f"package_dirs: there is no folder {folder}", folder)

@@ -9,7 +9,7 @@ that URDF lacks, become meshes within the description.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -56,7 +56,7 @@ def describe_model(
     collision: pin.GeometryModel | None = None,
     visual: pin.GeometryModel | None = None,
     package_dirs: Sequence[Path] = (),
-) -> tuple[UrdfDescription, SemanticDescription | None, Mapping[str, Any]]:
+) -> tuple[UrdfDescription, SemanticDescription | None]:
     """Describe a model of Pinocchio, with its geometry if it has any.
 
     Args:
@@ -66,9 +66,9 @@ def describe_model(
         package_dirs: Package folders, which are stored in the description.
 
     Returns:
-        The description; a semantic description with the link pairs that the collision
-        geometry leaves out and the reference configurations, if there are any; lower
-        and upper effort limits [N m or N] by joint name if they are not opposite.
+        The description; and a semantic description with the link pairs that the
+        collision geometry leaves out and the reference configurations, if there are
+        any.
 
     Raises:
         RobotLoadError: If a joint has several degrees of freedom or both turns and
@@ -99,7 +99,7 @@ def describe_model(
         package_dirs=tuple(package_dirs),
         order=tuple(joint.name for joint in reader.joints),
     )
-    return description, _semantics(reader, collision, path), reader.uneven_efforts
+    return description, _semantics(reader, collision, path)
 
 
 class _ModelReader:
@@ -112,8 +112,6 @@ class _ModelReader:
         self._links: set[str] = set()
         #: Link of each frame, by the index of the frame.
         self.link_of: dict[int, str] = {}
-        #: Lower and upper effort limits of joints for which they are not opposite.
-        self.uneven_efforts: dict[str, tuple[float, float]] = {}
         self.main = [self._main_link(j) for j in range(model.njoints)]
         self.joints = [self._describe(j) for j in range(1, model.njoints)]
         self.fixed = tuple(self._frame_joints())
@@ -145,7 +143,7 @@ class _ModelReader:
             self.main[index],
             model.jointPlacements[index],
             axis / ratio,
-            *(-math.inf, math.inf, math.inf, math.nan),
+            *(-math.inf, math.inf, math.inf),
         )
         if joint.nv == 0:
             place = list(model.mimicking_joints).index(index)
@@ -162,12 +160,11 @@ class _ModelReader:
             values["upper"] = limit_or_infinity(model.upperPositionLimit[joint.idx_q])
         else:  # cosine and sine as coordinates: a continuous joint
             values["kind"] = "continuous"
-        low, high = float(model.lowerEffortLimit[v]), float(model.upperEffortLimit[v])
-        if low != -high and max(-low, high) <= MAX_NUMBER:
-            self.uneven_efforts[name] = low, high
-        values["velocity"] = limit_or_infinity(model.velocityLimit[v])
-        values["effort"] = limit_or_infinity(min(abs(low), abs(high)))
-        return replace(described, **values)
+        effort = np.array([model.lowerEffortLimit[v], model.upperEffortLimit[v]])
+        if np.abs(effort).max() > MAX_NUMBER:
+            effort = np.array([-1.0, 1.0]) * limit_or_infinity(np.abs(effort).min())
+        velocity = limit_or_infinity(model.velocityLimit[v])
+        return replace(described, velocity=velocity, effort=effort, **values)
 
     # -- links -------------------------------------------------------------------------
 
@@ -251,10 +248,10 @@ def _semantics(
     reader: _ModelReader, collision: pin.GeometryModel | None, path: Path
 ) -> SemanticDescription | None:
     """Group states and disabled pairs of the model, as an SRDF file has them."""
-    states: dict[str, dict[str, float]] = {}
+    states: dict[tuple[str, str], dict[str, float]] = {}
     model = reader.model
     for item in model.referenceConfigurations:
-        state, q = states.setdefault(str(item.key()), {}), np.asarray(item.data())
+        state, q = states.setdefault(("", str(item.key())), {}), np.asarray(item.data())
         for name, joint in zip(model.names[1:], model.joints[1:], strict=True):
             if joint.nv != 1:  # it follows another joint
                 continue

@@ -13,12 +13,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from tominpmp.arrays import Array
-from tominpmp.description.joint_table import (
-    KINEMATIC,
-    JointTable,
-    Linkage,
-    example_values,
-)
+from tominpmp.description.joint_table import KINEMATIC, JointTable, example_values
 from tominpmp.description.tree import UrdfDescription
 from tominpmp.exceptions import enumerated, warn_caller
 
@@ -130,7 +125,7 @@ def _named_body(model: pin.Model, joint: int) -> str:
     return f"link {first}{fixed} behind joint {model.names[joint]}"
 
 
-def check_inertia(model: pin.Model, table: JointTable, linkage: Linkage) -> None:
+def check_inertia(model: pin.Model, table: JointTable) -> None:
     """Check that each joint moves some inertia, and that it is physically possible.
 
     A joint with rotor inertia may move an impossible body: its torques do not come from
@@ -139,13 +134,12 @@ def check_inertia(model: pin.Model, table: JointTable, linkage: Linkage) -> None
     Args:
         model: Model with its rotor inertia.
         table: Values of the n free joints; the limits bound the sampled positions.
-        linkage: The description, with locked and following joints.
 
     Raises:
         RobotLoadError: If joints move impossible bodies, or the mass matrix is
             singular; names the joints.
     """
-    description = linkage.description
+    linkage, description = table.linkage, table.linkage.description
     names, (matrix, offset) = linkage.free, linkage.expansion
     ratios = np.abs(matrix)
     no_rotor = ratios @ table["armature"] == 0.0

@@ -318,12 +318,13 @@ class JointTable:
     """Values per joint; ``table["velocity"]`` is a column of the table.
 
     Attributes:
-        joint_names: Names of the n joints.
-        columns: Values of the joints by the names in :data:`OVERRIDES`, shape (n,), or
-            (n, 2) for the lower and the upper effort limit; unknown values are NaN.
+        linkage: The description, with locked and following joints.
+        columns: Values of its n free joints by the names in :data:`OVERRIDES`, shape
+            (n,), or (n, 2) for the lower and the upper effort limit; unknown values are
+            NaN.
     """
 
-    joint_names: tuple[str, ...]
+    linkage: Linkage
     columns: Mapping[str, Array]
 
     def __getitem__(self, column: str) -> Array:
@@ -354,19 +355,17 @@ class JointTable:
                     joint = _with_follower(joint, by_name[follower], mimic)
             # In descriptions, a limit of zero stands for an unknown limit.
             velocity = joint.velocity if joint.velocity > 0 else math.nan
-            effort = joint.effort if 0 < joint.effort < math.inf else math.nan
-            limits = (joint.lower, joint.upper, velocity, (-effort, effort))
+            room = joint.effort[1] - joint.effort[0]
+            effort = joint.effort if 0 < room < math.inf else np.full(2, math.nan)
+            limits = (joint.lower, joint.upper, velocity, effort)
             rows.append((*limits, *(getattr(joint, loss) for loss in LOSSES)))
         columns = (np.array(values, float) for values in zip(*rows, strict=True))
-        return cls(linkage.free, dict(zip(OVERRIDES, columns, strict=True)))
+        return cls(linkage, dict(zip(OVERRIDES, columns, strict=True)))
 
-    def overridden(
-        self, not_free: Mapping[str, str], values: Mapping[str, JointValues | None]
-    ) -> JointTable:
+    def overridden(self, values: Mapping[str, JointValues | None]) -> JointTable:
         """Replace values by a caller's values.
 
         Args:
-            not_free: Joints of the robot that are not in the table, with the reason.
             values: Values by column of the table; ``None`` changes nothing.
 
         Raises:
@@ -374,19 +373,19 @@ class JointTable:
             JointNotFound: If a joint is unknown.
         """
         changes = {
-            option: self._changed(option, value, not_free)
+            option: self._changed(option, value)
             for option, value in values.items()
             if value is not None
         }
         columns = {**self.columns, **changes}
         for option in changes:
-            for i, name in enumerate(self.joint_names):
+            for i, name in enumerate(self.linkage.free):
                 fault = _fault(option, {key: v[i] for key, v in columns.items()})
                 if fault:
                     raise OptionsError(f"{option}: joint {name} {fault}", option)
-        return JointTable(self.joint_names, columns)
+        return JointTable(self.linkage, columns)
 
-    def _changed(self, option: str, values: Any, not_free: Mapping[str, str]) -> Array:
+    def _changed(self, option: str, values: Any) -> Array:
         """A column with some of its values replaced by a caller's values.
 
         Args:
@@ -395,7 +394,6 @@ class JointTable:
                 joint name, as mappings and rows of pandas have them; joints that are
                 not named keep their value. In a column of lower and upper values, pairs
                 are allowed in place of numbers, and a number x means (-x, x).
-            not_free: Joints of the robot that are not in the table, with the reason.
 
         Returns:
             The values, of the shape of the column.
@@ -404,7 +402,8 @@ class JointTable:
             OptionsError: If a value is not a number, or there are too many or too few.
             JointNotFound: If a name is not the name of a joint.
         """
-        result, names = np.array(self[option]), self.joint_names
+        result, names = np.array(self[option]), self.linkage.free
+        not_free = self.linkage.reasons()
         n, pairs = len(names), result.ndim == 2
         values = by_joint(values) or values
         if not isinstance(values, Mapping):
@@ -437,21 +436,14 @@ class JointTable:
         """Table of a kinematic robot: no torque limits, friction or rotor inertia."""
         effort = np.full_like(self["effort"], np.inf) * [-1.0, 1.0]
         losses = {loss: np.zeros_like(self[loss]) for loss in LOSSES}
-        columns = {**self.columns, **losses, "effort": effort}
-        return JointTable(self.joint_names, columns)
+        return replace(self, columns={**self.columns, **losses, "effort": effort})
 
     @property
     def ends(self) -> tuple[Array, Array]:
         """Lower and upper position limits, shape (n,) each [rad or m]."""
         return self["position_lower"], self["position_upper"]
 
-    def only(self, joint_names: Sequence[str]) -> JointTable:
-        """Table of some of the joints, in the order of the given names."""
-        rows = [self.joint_names.index(name) for name in joint_names]
-        columns = {name: values[rows] for name, values in self.columns.items()}
-        return JointTable(tuple(joint_names), columns)
-
-    def check_complete(self, path: Path) -> None:
+    def check_complete(self) -> None:
         """Check that every joint has all limits, a range to move in, and valid losses.
 
         Raises:
@@ -473,27 +465,27 @@ class JointTable:
             faults[message] = ~((values >= 0.0) & (values <= HUGE))
         complaints = []
         for message, joints in faults.items():
-            names = np.array(self.joint_names)[joints].tolist()
+            names = np.array(self.linkage.free)[joints].tolist()
             if names:
                 values_by_name = example_values(names)
                 complaints.append(message.format(", ".join(names), values_by_name))
         if complaints:
-            fail_to_load(path, "; ".join(complaints))
+            self.linkage.description.fail("; ".join(complaints))
 
 
-def configured_model(linkage: Linkage, table: JointTable, gravity: Array) -> pin.Model:
+def configured_model(table: JointTable, gravity: Array) -> pin.Model:
     """Model with its limits, friction, rotor inertia and gravity.
 
     A joint that follows gets the limits that its leader implies, and no motor.
 
     Args:
-        linkage: The description, with locked and following joints.
         table: Values of the n free joints, without NaN.
         gravity: Gravity in the world, shape (3,) [m/s^2].
     """
+    linkage = table.linkage
     model, (matrix, offset) = linkage.model.copy(), linkage.expansion
     leader, ratio = np.abs(matrix).argmax(axis=1), matrix.sum(axis=1)
-    is_free = np.isin(list(model.names)[1:], table.joint_names)
+    is_free = np.isin(list(model.names)[1:], linkage.free)
 
     def scaled(values: Array) -> Array:
         # An infinite limit times a ratio of zero is zero.
@@ -525,12 +517,9 @@ def _with_follower(
 ) -> JointDescription:
     """Include limits, friction and rotor of a follower in those of its leader."""
     m = mimic.multiplier
-    joint = replace(
-        joint,
-        damping=joint.damping + m**2 * follower.damping,
-        friction=joint.friction + abs(m) * follower.friction,
-        armature=joint.armature + m**2 * follower.armature,
-    )
+    shares = {"damping": m**2, "armature": m**2, "friction": abs(m)}
+    own = {k: getattr(joint, k) + x * getattr(follower, k) for k, x in shares.items()}
+    joint = replace(joint, **own)
     if m == 0.0:
         return joint
     if follower.velocity > 0:

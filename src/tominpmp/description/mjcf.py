@@ -66,7 +66,7 @@ def imported_mujoco(purpose: str) -> Any:
 
 def describe_mjcf(
     path: Path, text: bytes | None, package_dirs: Sequence[Path]
-) -> tuple[UrdfDescription, SemanticDescription, Mapping[str, Range]]:
+) -> tuple[UrdfDescription, SemanticDescription]:
     """Describe the robot of an MJCF file, whose joints have no speed limits.
 
     Args:
@@ -109,8 +109,7 @@ def describe_mjcf(
         package_dirs=tuple(package_dirs),
         order=tuple(joint.name for joint in reader.joints),
     )
-    uneven = {n: ends for n, ends in reader.efforts.items() if ends[0] != -ends[1]}
-    return description, reader.semantics(path), uneven
+    return description, reader.semantics(path)
 
 
 def _check_joints(spec: Any, context: XmlContext) -> None:
@@ -249,7 +248,7 @@ class _MjcfReader:
             lower,
             upper,
             velocity=math.inf,
-            effort=min(map(abs, self.efforts.get(name, (math.nan,)))),
+            effort=np.array(self.efforts.get(name, (math.nan, math.nan))),
             damping=float(own.damping.flat[0]),
             friction=float(own.frictionloss[0]),
             armature=float(own.armature[0]),
@@ -332,7 +331,9 @@ class _MjcfReader:
         pairs = np.argwhere(apart).tolist()
         named = {ordered_pair(self.bodies[i], self.bodies[k]) for i, k in pairs}
         states = {
-            model.key(k).name or f"key {k}": dict(zip(self.names, row, strict=True))
+            ("", model.key(k).name or f"key {k}"): dict(
+                zip(self.names, row, strict=True)
+            )
             for k, row in enumerate(model.key_qpos.tolist())
         }
         return SemanticDescription(tuple(sorted(named)), states, path)

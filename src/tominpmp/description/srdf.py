@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeAlias
@@ -91,9 +92,8 @@ class SemanticDescription(Record):
     Attributes:
         disabled_pairs: Link pairs that are not checked for collision, each pair in
             alphabetical order and only once.
-        group_states: Joint positions [rad or m] by joint name, by the name of the
-            state; states of the same name of several groups are merged, see
-            :meth:`for_joints`.
+        states: Joint positions [rad or m] by joint name, by the names of the group and
+            of the state; the group is empty for a state of the whole robot.
         path: The file.
         groups: Groups of joints that are planned together, by name.
         robot: Name of the robot in the file.
@@ -103,43 +103,39 @@ class SemanticDescription(Record):
         never_touch: Disabled pairs that are apart at all configurations, by their
             reason "Never", or by assumption if they have no reason and two or more
             joints between the links.
-        states_of_groups: The group states as in the file: joint positions [rad or m] by
-            joint name, by the names of the group and of the state.
     """
 
     disabled_pairs: tuple[tuple[str, str], ...] = ()
-    group_states: Mapping[str, Positions] = field(default_factory=dict)
+    states: Mapping[tuple[str, str], Positions] = field(default_factory=dict)
     path: Path = Path()
     groups: Mapping[str, JointGroup] = field(default_factory=dict)
     robot: str = ""
     passive: tuple[str, ...] = ()
     rotor_inertias: Mapping[str, float] = field(default_factory=dict)
     never_touch: tuple[tuple[str, str], ...] = ()
-    states_of_groups: Mapping[tuple[str, str], Positions] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Make the mappings read-only."""
         for name, value in vars(self).items():
             self._keep(**{name: _read_only(value)})
 
-    def for_joints(self, names: Collection[str]) -> SemanticDescription:
-        """The description for a robot that moves these joints.
+    def group_states(self, names: Collection[str]) -> dict[str, dict[str, float]]:
+        """States by their names, for a robot that moves these joints.
 
-        If states of one name of several groups differ, the state of the smallest group
-        with all these joints takes precedence, and then the last in the file.
+        States of one name of several groups are merged. If they differ, the state of
+        the smallest group with all these joints takes precedence, and then the last in
+        the file.
         """
-        if not self.states_of_groups:
-            return self
 
         def preference(key: tuple[str, str]) -> float:
             group = self.groups.get(key[0], JointGroup(()))
             fits = group.joints and {*names} <= {*group.joints}
             return 1.0 / len(group.joints) if fits else 0.0
 
-        states = {name: dict[str, float]() for _, name in self.states_of_groups}
-        for key in sorted(self.states_of_groups, key=preference):
-            states[key[1]] |= self.states_of_groups[key]
-        return replace(self, group_states=states)
+        merged = {name: dict[str, float]() for _, name in self.states}
+        for key in sorted(self.states, key=preference):
+            merged[key[1]] |= self.states[key]
+        return merged
 
     def joints_of(self, group: Group, description: UrdfDescription) -> Collection[str]:
         """Find the joints of a group.
@@ -181,7 +177,7 @@ class SemanticDescription(Record):
         return joints
 
     def rest_positions(
-        self, joints: Iterable[JointDescription], inside: Collection[str]
+        self, joints: Sequence[JointDescription], inside: Collection[str]
     ) -> dict[str, float]:
         """Rest positions [rad or m] of the joints outside a group, by joint name.
 
@@ -192,17 +188,15 @@ class SemanticDescription(Record):
             joints: Joints of the robot.
             inside: Names of the joints in the group.
         """
+        rest = {
+            j.name: min(max(0.0, j.lower), j.upper) if j.lower < j.upper else 0.0
+            for j in joints
+        }
+        states = self.group_states(rest)
+        for state in reversed(dict.fromkeys((*REST_STATES, *states))):
+            rest |= states.get(state, {})
         outside = (j for j in joints if j.name not in inside and not j.mimic)
-        return {joint.name: self._rest_position(joint) for joint in outside}
-
-    def _rest_position(self, joint: JointDescription) -> float:
-        states = self.group_states
-        for state in dict.fromkeys((*REST_STATES, *states)):
-            if joint.name in states.get(state, {}):
-                return states[state][joint.name]
-        if not joint.lower < joint.upper:
-            return 0.0
-        return min(max(0.0, joint.lower), joint.upper)
+        return {joint.name: rest[joint.name] for joint in outside}
 
     def find_group(self, name: str) -> str | None:
         """Name of a group in the file; None without a match.
@@ -281,27 +275,23 @@ class _SrdfReader:
             self.groups[name] = group
 
     def read(self) -> SemanticDescription:
-        disabled = self._disabled_pairs()
+        text, disabled = self.context.text, self._disabled_pairs()
         never = (
             pair
             for pair, reason in disabled.items()
             if reason == NEVER or (not reason and self._far_apart(*pair))
         )
-        passive = (
-            self.context.text(joint, "name", "passive_joint")
-            for joint in self.root.findall("passive_joint")
-        )
+        passive = self.root.findall("passive_joint")
         return SemanticDescription(
             tuple(disabled),
-            {},
+            self._group_states(),
             self.context.path,
-            {name: self._group(name) for name in self.groups},
+            self._groups(),
             self.root.get("name", ""),
-            tuple(passive),
+            tuple(text(joint, "name", joint.tag) for joint in passive),
             self._rotor_inertias(),
             tuple(never),
-            self._group_states(),
-        ).for_joints(self.moving)
+        )
 
     def _far_apart(self, one: str, other: str) -> bool:
         """Whether more than one joint can move two links relative to each other."""
@@ -364,40 +354,50 @@ class _SrdfReader:
             inertias[name] = inertia * ratio**2
         return inertias
 
-    def _group(self, name: str) -> JointGroup:
-        members, unknown = self._members(name, ())
-        moves_base = any(self.virtual.get(k, "fixed") != "fixed" for k in members)
-        joints = tuple(joint for joint in self.moving if joint in members)
-        return JointGroup(joints, tuple(dict.fromkeys(unknown)), moves_base)
+    def _groups(self) -> dict[str, JointGroup]:
+        """Groups by name; each is read once, after the groups in it."""
+        inside = {
+            name: [inner.get("name", "").strip() for inner in group.findall("group")]
+            for name, group in self.groups.items()
+        }
+        read: dict[str, JointGroup] = {}
+        try:
+            for name in TopologicalSorter(inside).static_order():
+                if name in self.groups:
+                    read[name] = self._group(name, read)
+        except CycleError as error:
+            self.context.fail(f"the group {error.args[1][0]!r} holds itself")
+        return {name: read[name] for name in self.groups}
 
-    def _members(self, name: str, above: tuple[str, ...]) -> tuple[set[str], list[str]]:
-        """Joints of any kind in a group, and members that the robot lacks."""
-        if name in above:
-            self.context.fail(f"the group {name!r} holds itself")
+    def _group(self, name: str, read: Mapping[str, JointGroup]) -> JointGroup:
+        """A group, with the members of groups in it, which are read already."""
         text, where = self.context.text, f"group {name}"
-        members, unknown = set[str](), list[str]()
+        members, unknown, moves_base = set[str](), dict[str, None](), False
         for element in self.groups[name]:
             tag = element.tag
             if tag == "chain":
                 ends = [text(element, f"{end}_link", where) for end in ("base", "tip")]
                 lacking = [link for link in ends if link not in self.links]
-                unknown += lacking
+                unknown |= dict.fromkeys(lacking)
                 if not lacking:
                     members |= self.description.joints_between(*ends)
             elif tag in ("joint", "link", "group"):
                 member = text(element, "name", where)
                 if tag == "group" and member in self.groups:
-                    joints, lacking = self._members(member, (*above, name))
-                    members |= joints
-                    unknown += lacking
+                    inner = read[member]
+                    members.update(inner.joints)
+                    unknown |= dict.fromkeys(inner.unknown)
+                    moves_base |= inner.moves_base
                 elif tag == "link" and member in self.links:
                     if member in self.carrying:  # no joint carries the root link
                         members.add(self.carrying[member])
                 elif tag == "joint" and self._short(member) in self.known:
                     members.add(self._short(member))
                 else:
-                    unknown.append(member)
-        return members, unknown
+                    unknown[member] = None
+        moves_base |= any(self.virtual.get(k, "fixed") != "fixed" for k in members)
+        joints = tuple(joint for joint in self.moving if joint in members)
+        return JointGroup(joints, tuple(unknown), moves_base)
 
     def _short(self, joint: str) -> str:
         """A joint name, without the prefix of the robot that some files add."""
@@ -455,8 +455,7 @@ def srdf_file(
             base = f"{group}_base"
             add(element, "joint", name=base)
             add(root, "virtual_joint", name=base, type="floating")
-    merged = {("", name): state for name, state in semantics.group_states.items()}
-    for (group, state), positions in (semantics.states_of_groups or merged).items():
+    for (group, state), positions in semantics.states.items():
         element = add(root, "group_state", name=state, group=group)
         for joint, value in positions.items():
             add(element, "joint", name=joint, value=value)

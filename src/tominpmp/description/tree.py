@@ -124,7 +124,7 @@ class JointDescription(Record):
         lower: Lower position limit [rad or m], infinite if continuous.
         upper: Upper position limit [rad or m].
         velocity: Velocity limit [rad/s or m/s].
-        effort: Effort limit [N m or N].
+        effort: Lower and upper effort limit, shape (2,) [N m or N].
         damping: Viscous friction [N m s/rad or N s/m].
         friction: Dry friction [N m or N].
         mimic: Relation to the joint that it follows, if any.
@@ -143,13 +143,19 @@ class JointDescription(Record):
     lower: float = 0.0
     upper: float = 0.0
     velocity: float = 0.0
-    effort: float = 0.0
+    effort: FrozenArray = field(default_factory=lambda: np.zeros(2))
     damping: float = 0.0
     friction: float = 0.0
     mimic: Mimic | None = None
     acceleration: float = math.inf
     jerk: float = math.inf
     armature: float = 0.0
+
+    @property
+    def in_file(self) -> JointDescription:
+        """The joint as a URDF file has it: one limit of the effort, and no rotor."""
+        effort = np.array([-1.0, 1.0]) * np.abs(self.effort).min()
+        return replace(self, effort=effort, armature=0.0)
 
     def motion(self, position: float) -> pin.SE3:
         """Displacement of the joint frame at a position [rad or m]."""

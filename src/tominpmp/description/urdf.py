@@ -465,7 +465,7 @@ class _UrdfReader:
             lower,
             upper,
             limits["velocity"],
-            limits["effort"],
+            np.array([-limits["effort"], limits["effort"]]),
             # yourdfpy stores these as text.
             float(joint.dynamics.damping),
             float(joint.dynamics.friction),
@@ -620,12 +620,13 @@ def _add_joint(root: Element, joint: JointDescription) -> None:
     if joint.kind == "fixed":
         return
     add(element, "axis", xyz=joint.axis)
-    names = ["velocity", "effort"]
+    names = ["velocity"]
     names += [k for k in ("acceleration", "jerk") if getattr(joint, k) < math.inf]
     if joint.kind != "continuous":
         names += ["lower", "upper"]
-    limits = {k: np.clip(getattr(joint, k), -NO_LIMIT, NO_LIMIT) for k in names}
-    add(element, "limit", **{k: v for k, v in limits.items() if not np.isnan(v)})
+    values = {k: getattr(joint, k) for k in names} | {"effort": joint.in_file.effort[1]}
+    known = ((k, v) for k, v in values.items() if not np.isnan(v))
+    add(element, "limit", **{k: np.clip(v, -NO_LIMIT, NO_LIMIT) for k, v in known})
     add(element, "dynamics", damping=joint.damping, friction=joint.friction)
     if joint.mimic is not None:
         own = joint.mimic

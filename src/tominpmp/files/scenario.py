@@ -609,8 +609,8 @@ def _check_given_back(
 
 def _overrides(robot: Robot, locked: Mapping[str, float]) -> dict[str, Any]:
     """Values per joint that differ from those of the description."""
-    # URDF files have no armature, while models of Pinocchio have.
-    joints = tuple(replace(one, armature=0.0) for one in robot.description.tree)
+    # URDF files have one effort limit and no armature; models of Pinocchio have both.
+    joints = tuple(joint.in_file for joint in robot.description.tree)
     linkage = Linkage.resolve(replace(robot.description, tree=joints), locked)
     plain = JointTable.from_linkage(linkage)
     plain = plain.without_dynamics() if robot.kinematic else plain

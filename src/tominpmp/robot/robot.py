@@ -286,7 +286,7 @@ class Robot(Record):
     @property
     def group_states(self) -> Mapping[str, Mapping[str, float]]:
         """Joint positions [rad or m] by joint name, by the name of a group state."""
-        return {} if self.srdf is None else self.srdf.group_states
+        return {} if self.srdf is None else self.srdf.group_states(self.joint_names)
 
     def group_state(self, name: str) -> Array:
         """Joint positions of a group state of the SRDF file, for example "home".
@@ -341,12 +341,11 @@ class Robot(Record):
             "position_upper": position_upper,
         }
         check_kinematic(self.kinematic, values)
-        linkage = Linkage.resolve(self.description, self.locked_joints)
-        table = self._table().overridden(linkage.reasons(), values)
+        table = self._table().overridden(values)
         changed = check_gravity(self.gravity if gravity is None else gravity)
-        robot = self._rebuilt(linkage=linkage, table=table, gravity=changed)
+        robot = self._rebuilt(table, gravity=changed)
         if not robot.kinematic:
-            check_inertia(robot.model, table, linkage)
+            check_inertia(robot.model, table)
         # The geometry does not depend on these values and need not be read again.
         for name in ("collision_model", "visual_model"):
             if name in self.__dict__:
@@ -373,7 +372,7 @@ class Robot(Record):
         if limits is not None:
             kept_names = {k: k for k in self.joint_names if k not in linkage.locked}
             limits = limits.renamed(kept_names, self.joint_names)
-        return self._rebuilt(linkage=linkage, motion_limits=limits)
+        return self._rebuilt(self._table(linkage), motion_limits=limits)
 
     def with_payload(self, payload: Payload) -> Robot:
         """Make a robot that carries a body on one of its frames.
@@ -397,7 +396,7 @@ class Robot(Record):
             near = [ordered_pair(name, other) for other in self._links_beside(link)]
             pairs = tuple(dict.fromkeys([*srdf.disabled_pairs, *near]))
             srdf = replace(srdf, disabled_pairs=pairs)
-        return self._rebuilt(description=description, srdf=srdf)
+        return self._described(description, srdf=srdf)
 
     def _links_beside(self, link: str) -> list[str]:
         """Links with shapes on the joint of a link and on the adjacent joints."""
@@ -413,27 +412,25 @@ class Robot(Record):
         """Payloads that :meth:`with_payload` attached, in that order."""
         return self.description.attached
 
-    def _table(self) -> JointTable:
+    def _table(self, linkage: Linkage | None = None) -> JointTable:
+        """Values of the joints, or of those that are free in another linkage."""
+        linkage = linkage or Linkage.resolve(self.description, self.locked_joints)
         limits, names = self.limits, ("position_lower", "position_upper", "velocity")
         effort = np.column_stack([limits.effort_lower, limits.effort_upper])
         columns = {name: getattr(limits, name) for name in names} | {"effort": effort}
         columns |= {loss: getattr(self, loss) for loss in LOSSES}
-        return JointTable(self.joint_names, columns)
+        rows = [self.joint_names.index(name) for name in linkage.free]
+        return JointTable(linkage, {name: x[rows] for name, x in columns.items()})
 
-    def _rebuilt(
-        self,
-        *,
-        linkage: Linkage | None = None,
-        table: JointTable | None = None,
-        **changes: Any,
-    ) -> Robot:
+    def _described(self, description: UrdfDescription, **changes: Any) -> Robot:
+        """The robot with another description, in which the same joints move."""
+        linkage = Linkage.resolve(description, self.locked_joints)
+        return self._rebuilt(self._table(linkage), **changes)
+
+    def _rebuilt(self, table: JointTable, **changes: Any) -> Robot:
         """The robot with fields changed, and the model derived from them again."""
         kept = ("name", "gravity", "srdf", "motion_limits", "kinematic")
-        values = {name: getattr(self, name) for name in kept} | changes
-        description = values.pop("description", self.description)
-        linkage = linkage or Linkage.resolve(description, self.locked_joints)
-        table = (table or self._table()).only(linkage.free)
-        return assembled(linkage=linkage, table=table, **values)
+        return assembled(table, **{k: getattr(self, k) for k in kept} | changes)
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -450,30 +447,27 @@ class Robot(Record):
 
 
 def assembled(
-    *,
-    linkage: Linkage,
     table: JointTable,
+    *,
     gravity: Array,
-    srdf: SemanticDescription | None,
     **values: Any,
 ) -> Robot:
     """Make a robot with the model derived from its description.
 
     Args:
-        linkage: Links and joints, of which some are locked and some follow others.
-        table: Values of the joints that move freely.
+        table: Values of the joints that move freely, with their links and joints.
         gravity: Gravity in the world, shape (3,) [m/s^2].
-        srdf: Semantic description, if there is one.
         **values: Further fields of the robot.
 
     Raises:
         RobotLoadError: If no moving joint remains.
     """
+    linkage = table.linkage
     is_identity = linkage.free == tuple(linkage.model.names)[1:]
     matrix, offset = (None, None) if is_identity else linkage.expansion
     values |= {loss: table[loss] for loss in LOSSES}
     return Robot(
-        model=configured_model(linkage, table, gravity),
+        model=configured_model(table, gravity),
         joint_names=linkage.free,
         limits=JointLimits(*table.ends, table["velocity"], *table["effort"].T),
         gravity=gravity,
@@ -481,7 +475,6 @@ def assembled(
         expansion_offset=offset,
         locked_joints=linkage.locked,
         description=linkage.description,
-        srdf=None if srdf is None else srdf.for_joints(linkage.free),
         **values,
     )
 
@@ -507,8 +500,6 @@ class RobotSource:
         description: Content of the URDF file, or its equivalent; a path in angle
             brackets stands for a missing file.
         semantics: Content of the SRDF file, if there is one.
-        values: Values that neither file contains, by argument of ``load_robot`` and
-            joint name.
         stated: Limits that take precedence over those of the data sheet, by quantity
             and joint name.
     """
@@ -516,7 +507,6 @@ class RobotSource:
     name: str | None
     description: UrdfDescription
     semantics: SemanticDescription | None
-    values: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     stated: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def known_values(
@@ -524,9 +514,8 @@ class RobotSource:
     ) -> dict[str, dict[str, Any]]:
         """Limits and rotor inertias by quantity and joint name, to override the file's.
 
-        In falling priority: stated limits, the maker's data sheet, values that neither
-        file contains, rotor inertias of the SRDF file, and the accelerations and jerks
-        of the description.
+        In falling priority: stated limits, the maker's data sheet, rotor inertias of
+        the SRDF file, and the accelerations and jerks of the description.
 
         Args:
             limits: "datasheet" to include the data sheet; "urdf" to leave it out; None
@@ -552,7 +541,7 @@ class RobotSource:
             known_as = self.description.known_as(self.name)
             sheet = published_values(*known_as, needed=not named)
         merged: dict[str, dict[str, Any]] = {}
-        for level in (beyond_urdf, rotors, self.values, sheet, self.stated):
+        for level in (beyond_urdf, rotors, sheet, self.stated):
             for quantity, values in level.items():
                 moving = {k: v for k, v in values.items() if k in joint_names}
                 if moving:
@@ -613,9 +602,8 @@ def read_source(
         )
     name: str | None = None
     embedded: SemanticDescription | None = None
-    effort: Mapping[str, Any] = {}
     if parts is not None:
-        description, embedded, effort = describe_model(*parts, package_dirs=folders)
+        description, embedded = describe_model(*parts, package_dirs=folders)
     elif _is_yourdfpy(source):
         path = Path(f"<yourdfpy.URDF {source.robot.name}>")  # type: ignore[attr-defined]
         description = read_parsed(source, path, folders)
@@ -624,7 +612,7 @@ def read_source(
         path, text, folders = files.urdf, files.text, (*folders, *files.packages)
         root = expanded_root(path, folders, text, args)
         if root.tag == "mujoco":
-            description, embedded, effort = describe_mjcf(path, text, folders)
+            description, embedded = describe_mjcf(path, text, folders)
         else:
             description = read_urdf(path, folders, root)
             description = replace(description, xacro_args=tuple(args.items()))
@@ -632,7 +620,7 @@ def read_source(
     check_numbers(description)
     semantics = embedded if srdf is None else read_srdf(srdf, description, args)
     args.check_declared(description.path)
-    return RobotSource(name, description, semantics, {"effort": effort})
+    return RobotSource(name, description, semantics)
 
 
 def _pinocchio_parts(
@@ -773,26 +761,24 @@ def load_robot(
     loaded = read_source(source, package_dirs, srdf, geometry, xacro_args)
     linkage = loaded.linkage(group, {} if locked_joints is None else locked_joints)
     linkage.warn_of_limits()
-    known, reasons = loaded.known_values(limits, linkage.free), linkage.reasons()
+    known = loaded.known_values(limits, linkage.free)
     overrides = {key: known[key] for key in SHEET_COLUMNS if key in known}
-    table = JointTable.from_linkage(linkage)
-    table = table.overridden(reasons, overrides).overridden(reasons, values)
+    table = JointTable.from_linkage(linkage).overridden(overrides).overridden(values)
     table = table.without_dynamics() if kinematic else table
-    table.check_complete(loaded.description.path)
+    table.check_complete()
     of_torques = [name for name, k in kinds_of(MotionLimits).items() if k.of_torques]
     kept = {k: v for k, v in known.items() if not kinematic or k not in of_torques}
     own_gravity = loaded.description.gravity or DEFAULT_GRAVITY
     robot = assembled(
+        table,
         name=loaded.name or loaded.description.name,
-        linkage=linkage,
-        table=table,
         gravity=check_gravity(own_gravity if gravity is None else gravity),
         srdf=loaded.semantics,
         kinematic=kinematic,
         motion_limits=limits_by_joint(kept, linkage.free),
     )
     if not kinematic:
-        check_inertia(robot.model, table, linkage)
+        check_inertia(robot.model, table)
         warn_of_inertia(robot.model, robot.description)
     if loaded.semantics is not None:
         motors = set(robot.joint_names) - set(robot.passive_joints)
