@@ -28,7 +28,7 @@ from scipy.constants import golden_ratio
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.initial_guess.path import RESOLUTION
-from tominpmp.kinematics import last_joint, units_of
+from tominpmp.kinematics import FrameMotions, last_joint, units_of
 from tominpmp.stopping import check
 from tominpmp.transcription.problem_functions import PADDING, ProblemFunctions
 
@@ -220,7 +220,7 @@ class _Space:
         # One joint has no way but the straight line: a few checks show what is in it.
         self.budget = checks if system.n > 1 else checks // 100
         self._system, robot = system, system.problem.robot
-        self._last_joint = str(robot.model.names[last_joint(robot)])
+        self._last = FrameMotions(robot, str(robot.model.names[last_joint(robot)]))
 
     def without_turning(self, points: Array, steps: Array) -> Array:
         """Parts of steps that keep the orientation of the last link, to first order.
@@ -235,9 +235,8 @@ class _Space:
         """
         if self._system.n <= 3:
             return steps
-        jacobian, q = self._system.kinematics.jacobian, points * self.unit
-        each = [jacobian(row, self._last_joint, local=True)[3:] for row in q]
-        turning = np.stack(each) * self.unit
+        jacobians = self._last.jacobians(points * self.unit, local=True)
+        turning = jacobians[:, 3:] * self.unit
         turned = np.einsum("kij,kj->ki", turning, steps)
         back = np.linalg.pinv(turning, rcond=1e-3)
         return np.asarray(steps - np.einsum("kji,ki->kj", back, turned))
