@@ -545,3 +545,27 @@ def test_invalid_octree_is_rejected(
 ) -> None:
     with pytest.raises(SceneError, match=message):
         OcTree("c", points=points, resolution=resolution)
+
+
+@pytest.mark.parametrize("size", [1e-100, 1e-200, 1e-320])
+def test_mesh_of_a_tiny_size_is_a_point(size: float, planar3r: Robot) -> None:
+    """Regression: areas that underflow ended with a ValueError of NumPy."""
+    mesh = Mesh("m", vertices=size * CORNERS, triangles=CUBE, position=(0, 8, 0))
+    problem = tm.Problem(
+        planar3r, [0.5, 1.7, -1.7], tm.JointGoal([2.0, -1.0, 0.5]), mesh
+    )
+    assert problem.scene["m"] is not None
+
+
+@pytest.mark.parametrize("scale", [1e200, -1e200, 1e-320, [1, 1, 1e160]])
+def test_scale_of_any_size_is_refused_with_its_value(scale: Any) -> None:
+    """Regression: a scale of 1e200 ended with a LinAlgError of NumPy."""
+    with pytest.raises(SceneError, match=r"'m': scale is .*1e-150 to 1e\+150 in size"):
+        Mesh("m", vertices=CORNERS, triangles=CUBE, scale=scale)
+
+
+def test_vertices_of_a_mesh_are_far_away_by_their_scale() -> None:
+    far = 1e4 * CORNERS
+    assert Mesh("m", vertices=100 * far, triangles=CUBE, scale=1e-3).points.max() < 1e5
+    with pytest.raises(SceneError, match="vertices that are not finite, or 1e"):
+        Mesh("m", vertices=far, triangles=CUBE, scale=1000.0)

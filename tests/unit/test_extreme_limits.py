@@ -85,3 +85,13 @@ def test_message_shows_short_motion_times_with_three_digits() -> None:
     solution = plan_quickly(reach(effort=1e7, velocity=1e3))
     assert solution.success and solution.T < 0.01
     assert f"T = {solution.T:.3g} s" in solution.message
+
+
+@pytest.mark.parametrize("limit", ["velocity", "position_upper"])
+def test_limits_of_the_largest_number_cause_no_overflow(limit: str) -> None:
+    """Regression: NumPy warned of an overflow in the room between the limits."""
+    most = float(np.finfo(float).max)
+    changes = {"position_lower": -most} if limit == "position_upper" else {}
+    arm = tm.load_robot("planar3r", **{limit: most}, **changes)
+    problem = tm.Problem(arm, START, tm.JointGoal(END))
+    assert getattr(problem.robot.limits, limit)[0] == most

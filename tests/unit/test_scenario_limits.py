@@ -178,3 +178,11 @@ def test_message_about_wrong_joint_limits_names_the_key(
         load_joint_limits(path)
     assert caught.value.path == path
     assert (caught.value.key or "") == key
+
+
+def test_number_beyond_all_sizes_is_refused_with_its_key(tmp_path: Path) -> None:
+    """Regression: the message named neither the key nor the largest number."""
+    path = write(tmp_path, "joint_limits: {joint1: {max_velocity: 1e308}}")
+    with pytest.raises(ScenarioError, match=r"is 1e\+308") as caught:
+        load_joint_limits(path)
+    assert caught.value.key == "joint_limits.joint1.max_velocity"

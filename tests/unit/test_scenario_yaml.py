@@ -142,3 +142,25 @@ def test_unreadable_files_are_rejected(tmp_path: Path) -> None:
         read_yaml(tmp_path / "b.yaml")
     with pytest.raises(ScenarioError, match="not a regular file"):
         read_yaml(Path("/dev/null"))
+
+
+def test_merge_keys_complete_a_table() -> None:
+    """Regression: limits that a joint took from an anchor were left out."""
+    text = b"a: &a {x: 1, y: 2}\nb: &b {y: 3, z: 4}\nc: {<<: *a, y: 5}\n"
+    read = parse_yaml(text + b"d: {x: 6, <<: [*a, *b]}\ne: {'<<': 7}\n", HERE)
+    assert read["c"] == {"x": 1, "y": 5}
+    assert read["d"] == {"x": 6, "y": 2, "z": 4}
+    assert read["e"] == {"<<": 7}
+
+
+@pytest.mark.parametrize("value", ["1", "[{a: 1}, 2]", "~"])
+def test_merge_keys_take_tables_alone(value: str) -> None:
+    with pytest.raises(ScenarioError, match=r"line 2: << merges .*, no table"):
+        parse_yaml(f"a: 1\n<<: {value}\n".encode(), HERE)
+
+
+def test_merged_values_count_as_if_written_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(yaml_reader, "MAX_VALUES", 60)
+    rows = "".join(f"t{i}: {{<<: *a, own: {i}}}\n" for i in range(20))
+    with pytest.raises(ScenarioError, match="more than 60 values"):
+        parse_yaml(f"a: &a {{x: 1, y: 2, z: 3}}\n{rows}".encode(), HERE)

@@ -101,10 +101,10 @@ def _cut_worst(parts: list[_Part], measure: Measure) -> list[_Part]:
 
 
 def _hull(points: Array) -> Any:
-    """Convex hull of points; None if they have no volume."""
+    """Convex hull of points; None if they have no volume, or are a nanometre apart."""
     check()
     try:
-        return ConvexHull(points)
+        return ConvexHull(points) if np.ptp(points, axis=0).max() > 1e-9 else None
     except (QhullError, ValueError):  # points in a plane, or too few points
         return None
 

@@ -12,6 +12,7 @@ from typing import Any, ClassVar, NoReturn
 import numpy as np
 
 from tominpmp.arrays import Array, number_or_nan
+from tominpmp.checks import HUGE
 from tominpmp.exceptions import ScenarioError, TominpmpError, closest, shortened
 
 try:
@@ -151,7 +152,7 @@ class Field:
         most: float = math.inf,
         infinite: bool = False,
     ) -> float:
-        """Number in a range, finite unless infinite ones are allowed.
+        """Number in a range, of 1e150 at most unless infinite ones are allowed.
 
         Args:
             expected: Description of valid numbers, for messages.
@@ -166,7 +167,7 @@ class Field:
             return default
         number = value if type(value) is float else number_or_nan(value)
         ranged = least <= number <= most and (above == -math.inf or number > above)
-        if not ranged or (math.isinf(number) and not infinite):
+        if not ranged or not (infinite or abs(number) <= HUGE):
             self._expected(expected)
         return number
 

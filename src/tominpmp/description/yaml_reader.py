@@ -3,7 +3,9 @@
 Files may be downloads, so they are read in bounded time and memory, and only plain
 values are built: with limits on size, depth and the number of values, where aliases
 count as if written out, and without tags other than units. Plain scalars follow YAML
-1.2: ``1e-5`` is a number, ``on`` and ``no`` are texts.
+1.2: ``1e-5`` is a number, ``on`` and ``no`` are texts. As in YAML 1.1, the key ``<<``
+merges a table, or a list of tables of which the first takes precedence, into the table
+around it, whose own keys take precedence.
 
 Units have the notation of the loaders of ROS and of xacro, and are converted to SI
 units: ``!degrees 90``, ``!radians pi/2``, ``!millimeters 5``, and the scalars
@@ -42,6 +44,8 @@ _FLOAT = re.compile(
 )
 # Redundant tags, which are accepted; "!" marks a quoted scalar.
 _CORE_TAG = re.compile(r"tag:yaml\.org,2002:(str|int|float|bool|null|seq|map)|!")
+# Key of the tables that are merged into the table around it.
+MERGE = "<<"
 # Factors to SI units by the tags of xacro and of ROS's loader.
 UNITS = {"!degrees": math.pi / 180.0, "!radians": 1.0, "!meters": 1.0}
 UNITS |= {"!millimeters": 1e-3, "!foot": 0.3048, "!inches": 0.0254}
@@ -137,7 +141,7 @@ class _Builder:
         return items
 
     def _mapping(self, depth: int) -> dict[str, Any]:
-        table: dict[str, Any] = {}
+        table, merged = dict[str, Any](), dict[str, Any]()
         while not isinstance(event := next(self.events), yaml.MappingEndEvent):
             key = self._value(event, depth)
             if isinstance(event, yaml.ScalarEvent):
@@ -147,7 +151,13 @@ class _Builder:
             if key in table:
                 self.fail(f"the key {brief(key)} occurs twice", event)
             table[key] = self._value(next(self.events), depth)
-        return table
+            if key == MERGE and not event.style:
+                tables = table.pop(key)
+                for inner in reversed(tables if isinstance(tables, list) else [tables]):
+                    if not isinstance(inner, dict):
+                        self.fail(f"{MERGE} merges {brief(inner)}, no table", event)
+                    merged |= inner
+        return merged | table
 
     def _scalar(self, event: Any) -> Any:
         if event.tag in UNITS:

@@ -71,7 +71,7 @@ def onto_limits(
     lower, upper = limits.position_lower, limits.position_upper
     if quantity == "velocity":
         lower, upper = -limits.velocity, limits.velocity
-    slack = np.minimum(SNAP, SNAP_SHARE * (upper - lower))
+    slack = np.minimum(SNAP, SNAP_SHARE * upper - SNAP_SHARE * lower)
     clipped = np.clip(values, lower, upper)
     excess = np.abs(clipped - values)
     for i in np.flatnonzero(excess > 0.0).tolist():

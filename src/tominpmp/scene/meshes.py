@@ -17,7 +17,7 @@ from tominpmp.arrays import (
     default,
     frozen_array,
 )
-from tominpmp.checks import FARTHEST, array, choice, optional, wrong
+from tominpmp.checks import FARTHEST, HUGE, TINY, array, choice, optional, wrong
 from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import ProblemError, SceneError, naming
 from tominpmp.scene.mesh_files import read_mesh
@@ -26,9 +26,9 @@ from tominpmp.scene.obstacles import Obstacle, obstacle
 
 def _scale(value: Any, name: str) -> Array:
     """Check a caller's scale, one factor or one for each axis; shape (3,)."""
-    scale = array_or_nan(value)
-    if scale.shape not in ((), (3,)) or not np.all(np.isfinite(scale) & (scale != 0)):
-        raise wrong(value, name, "one or three numbers other than zero")
+    size = np.abs(scale := array_or_nan(value))
+    if scale.shape not in ((), (3,)) or not np.all(size == np.clip(size, TINY, HUGE)):
+        raise wrong(value, name, f"one or three numbers, {TINY:g} to {HUGE:g} in size")
     return frozen_array(np.broadcast_to(scale, 3))
 
 
@@ -87,7 +87,7 @@ class Mesh(Obstacle):
             content = "numbers of vertices, integers"
             array(self.triangles, "triangles", (None, 3), content)
             triangles, count = np.array(self.triangles), len(vertices)
-            if not np.all(np.abs(vertices) < FARTHEST):
+            if not np.all(np.abs(vertices) < FARTHEST / np.abs(self.scale)):
                 most = f"{FARTHEST:g} m away"
                 raise ProblemError(f"it has vertices that are not finite, or {most}")
             if triangles.dtype.kind not in "iu":
