@@ -164,7 +164,7 @@ def test_obstacle_dragged_onto_the_start_is_reported(page: object) -> None:
     refused = outcome_of(page)
     assert not verified(refused)
     assert "start" in refused.message
-    drag(page, "item_O", list(home))
+    drag(page, "item_O", home.tolist())
     assert verified(outcome_of(page))
 
 
@@ -250,7 +250,11 @@ def test_buttons_and_handles_change_the_request() -> None:
         assert controller.request.items[-1].name == panel._items.value == "capsule1"
         node = SimpleNamespace(position=np.array([9.0, 1, 0]), wxyz=np.eye(4)[0])
         handles._drag_item("capsule1", node)
-        assert controller.request.items[-1].position == (9.0, 1.0, 0.0)
+        assert controller.request.items[-1].position.tolist() == [9.0, 1.0, 0.0]
+        far = SimpleNamespace(position=np.full(3, 1e12), wxyz=np.eye(4)[0])
+        handles._drag_item("capsule1", far)
+        assert "capsule1" in page.readout._notice.content  # type: ignore[attr-defined]
+        assert controller.request.items[-1].position.tolist() == [9.0, 1.0, 0.0]
         panel._remove_item()
         assert controller.request.items == before.items
         panel._add_point()

@@ -20,13 +20,15 @@ from tominpmp.app.controller import Controller
 from tominpmp.app.first_request import EXAMPLES, first_request, known, tool_frame
 from tominpmp.app.planning import BindingLimit, Outcome, ShownMotion
 from tominpmp.app.request import (
-    Item,
     Request,
     RobotChoice,
     follows_datasheet,
     group_names,
     loaded,
     new_item,
+    placed,
+    resized,
+    sizes_of,
 )
 from tominpmp.bounds.result import LowerBound
 from tominpmp.exceptions import (
@@ -34,6 +36,7 @@ from tominpmp.exceptions import (
     SceneError,
     TominpmpError,
 )
+from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Sphere
 from tominpmp.viz.playback import build_page
 from tominpmp.viz.shares import Shares
 from tominpmp.viz.surfaces import robot_bodies
@@ -43,10 +46,10 @@ PLANAR = EXAMPLES["planar3r"]
 TURNED = (0.0, 0.0, 0.382683, 0.92388)
 QUARTER = (0.0, 0.0, 0.5**0.5, 0.5**0.5)
 ALL_KINDS = (
-    Item("box", "crate", (0.3, 0.2, 0.1), (-3.0, -2.0, 0.0), TURNED),
-    Item("sphere", "ball", (0.2,), (-3.0, 2.0, 0.5)),
-    Item("cylinder", "can", (0.1, 0.4), (-4.0, 0.0, 0.0)),
-    Item("capsule", 'a "quoted" name', (0.1, 0.4), (-5.0, 0.0, 0.0), TURNED),
+    Box("crate", size=(0.3, 0.2, 0.1), position=(-3.0, -2.0, 0.0), rotation=TURNED),
+    Sphere("ball", radius=0.2, position=(-3.0, 2.0, 0.5)),
+    Cylinder("can", radius=0.1, length=0.4, position=(-4.0, 0.0, 0.0)),
+    placed(Capsule('a "quoted" name', radius=0.1, length=0.4), (-5, 0, 0), TURNED),
 )
 REQUESTS = {
     "as it is": PLANAR,
@@ -112,16 +115,24 @@ def test_invalid_request_value_is_named_in_the_error(
 
 def test_invalid_obstacle_is_named_in_the_error() -> None:
     with pytest.raises(SceneError, match="ball"):
-        Item("sphere", "ball", (0.0,), (0.0, 0.0, 0.0)).call().evaluate()
+        resized(Sphere("ball", radius=0.2), [0.0])
 
 
 def test_new_obstacles_have_distinct_names_and_rounded_placements() -> None:
     first = new_item("box", (1, 2, 3), ())
     second = new_item("box", (1, 2, 3), (first.name,))
     assert (first.name, second.name) == ("box1", "box2")
-    moved = replace(first, position=(1.00004, 0, 0), quaternion=(0, 0, 0, -1.0))
-    assert moved.position == (1.0, 0.0, 0.0)
-    assert "rotation" not in str(moved.call())
+    moved = placed(first, (1.00004, 0, 0), (0, 0, 0, -1.0))
+    assert moved.position.tolist() == [1.0, 0.0, 0.0]
+    assert "rotation" not in replace(PLANAR, items=(moved,)).python()
+
+
+def test_sizes_of_obstacles_have_names_and_can_be_changed() -> None:
+    crate, _, can, _ = ALL_KINDS
+    assert sizes_of(crate) == {"x": 0.3, "y": 0.2, "z": 0.1}
+    assert sizes_of(can) == {"radius": 0.1, "length": 0.4}
+    assert sizes_of(resized(crate, [1.0, 2.0, 3.0])) == {"x": 1.0, "y": 2.0, "z": 3.0}
+    assert resized(can, [0.2, 0.5]) == replace(can, radius=0.2, length=0.5)
 
 
 @pytest.mark.parametrize("name", ["planar3r", "so100"])
@@ -361,7 +372,7 @@ def test_camera_placement_regards_the_rotation_of_obstacles(
     turn: tuple[float, ...], along: int
 ) -> None:
     """A long beam about the origin is in the middle of the picture along its axis."""
-    beam = Item("box", "beam", (20.0, 0.1, 0.1), (0.0, 0.0, 0.0), turn)
+    beam = Box("beam", size=(20.0, 0.1, 0.1), rotation=turn)
     request = replace(PLANAR, items=(beam,))
     server = MagicMock()
     server.initial_camera = camera = SimpleNamespace()

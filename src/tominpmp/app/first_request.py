@@ -11,7 +11,6 @@ import numpy as np
 
 from tominpmp.app.request import (
     MODERATE,
-    Item,
     Request,
     RobotChoice,
     group_names,
@@ -24,6 +23,7 @@ from tominpmp.goals.joints import JointGoal
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import Robot
+from tominpmp.scene.obstacles import Box, Cylinder, Sphere
 from tominpmp.viz.skeleton import last_frame
 
 # Robots at the top of the list, with their locked joints [rad or m].
@@ -147,21 +147,21 @@ EXAMPLES = {
         frame="panda_hand_tcp",
         q_start=(-0.6, -0.3, 0.0, -2.2, 0.0, 2.0, 0.8),
         q_goal=(0.9, -0.2, 0.0, -2.0, 0.0, 1.8, 0.8),
-        items=(Item("box", "post", (0.1, 0.1, 1.0), (0.5, 0.1, 0.5)),),
+        items=(Box("post", size=(0.1, 0.1, 1.0), position=(0.5, 0.1, 0.5)),),
     ),
     "ur5": Request(
         robot=known("ur5"),
         frame="tool0",
         q_start=(-0.8, -1.2, 1.4, -1.8, -1.57, 0.0),
         q_goal=(1.1, -1.0, 1.2, -1.8, -1.57, 0.0),
-        items=(Item("cylinder", "post", (0.06, 0.9), (0.55, 0.1, 0.45)),),
+        items=(Cylinder("post", radius=0.06, length=0.9, position=(0.55, 0.1, 0.45)),),
     ),
     "planar3r": Request(
         robot=known("planar3r"),
         frame="tip",
         q_start=(0.5, 1.7, -1.7),
         q_goal=(0.9, -1.2, -0.9),
-        items=(Item("sphere", "O", (0.8,), (4.0, 0.0, 0.0)),),
+        items=(Sphere("O", radius=0.8, position=(4.0, 0.0, 0.0)),),
         margin=0.0,
     ),
 }

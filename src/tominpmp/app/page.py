@@ -17,11 +17,13 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from tominpmp.app import pictures, stage
 from tominpmp.app.controller import Controller
@@ -30,18 +32,21 @@ from tominpmp.app.origins import serve
 from tominpmp.app.planning import Outcome, ShownMotion, plain_name
 from tominpmp.app.request import (
     MODERATE,
-    SIZES,
+    SHAPES,
     UPRIGHT,
-    Item,
     Request,
     RobotChoice,
     follows_datasheet,
     group_names,
     loaded,
     new_item,
+    placed,
+    resized,
+    sizes_of,
 )
 from tominpmp.description.files import robot_names
 from tominpmp.exceptions import OptionsError, TominpmpError, optional, quiet
+from tominpmp.scene.obstacles import Obstacle, Sphere
 from tominpmp.viz.surfaces import obstacle_surface, robot_bodies
 from tominpmp.viz.surroundings import GOAL_RGB, HAZARD_RGB, START_RGB, VIA_RGB
 
@@ -176,6 +181,12 @@ class Page:
             self.controller.change(**changes)
             self.readout.notify("")
             self.refresh()
+
+    def alter(self, name: str, change: Callable[[Obstacle], Obstacle]) -> None:
+        """Change the named obstacle of the request."""
+        with self._errors_shown():
+            items = self.controller.request.items
+            self.ask(items=tuple(change(k) if k.name == name else k for k in items))
 
     def drag(self, end: str, position: Any, quaternion: Any) -> None:
         """Bring the frame at start or goal to the pose of a handle."""
@@ -524,7 +535,7 @@ class Panel:
 
     def _add_obstacles(self) -> None:
         gui, page = self._gui, self._page
-        kinds = gui.add_button_group("Add", tuple(SIZES))
+        kinds = gui.add_button_group("Add", tuple(SHAPES))
         self._items = gui.add_dropdown("Obstacle", ("",))
         self._sizes = [
             gui.add_slider(f"size {number + 1}", 0.01, 2.0, 0.01, 0.1)
@@ -550,19 +561,18 @@ class Panel:
 
     def _show_sizes(self) -> None:
         """Show the sizes of the chosen obstacle, if there is one."""
-        items = self._request.items
-        chosen = [item for item in items if item.name == self._items.value]
-        names = [name for item in chosen for name in SIZES[item.kind]]
+        chosen = [k for k in self._request.items if k.name == self._items.value]
+        sizes = [size for item in chosen for size in sizes_of(item).items()]
         for number, slider in enumerate(self._sizes):
-            slider.visible = number < len(names)
+            slider.visible = number < len(sizes)
             if slider.visible:
-                slider.label = f"{names[number]} [m]"
-                slider.value = chosen[0].size[number]
+                name, slider.value = sizes[number]
+                slider.label = f"{name} [m]"
         self._remove.visible = bool(chosen)
 
     def _resize(self) -> None:
         sizes = [slider.value for slider in self._sizes if slider.visible]
-        self._page.ask(items=self._request.items_with(self._items.value, size=sizes))
+        self._page.alter(self._items.value, partial(resized, sizes=sizes))
 
     def _remove_item(self) -> None:
         name, items = self._items.value, self._request.items
@@ -596,14 +606,14 @@ class Handles:
             self._put(end, pose, dragged, size, request.turns)
         for number, point in enumerate(request.via):
             wanted.append(f"via{number}")
-            ball = Item("sphere", "point", (0.12 * size,), point)
+            ball = Sphere("point", radius=0.12 * size)
             dragged = partial(self._drag_via, number)
             pose, look = (point, UPRIGHT), (VIA_RGB, 1.0)
             self._put(wanted[-1], pose, dragged, 0.7 * size, False, ball, look)
         for item in request.items:
             wanted.append(f"item_{item.name}")
             dragged = partial(self._drag_item, item.name)
-            pose = item.position, item.quaternion
+            pose = item.position, pin.Quaternion(np.array(item.rotation)).coeffs()
             turns = self._page.panel.turning.value
             self._put(wanted[-1], pose, dragged, 0.9 * size, turns, item)
         for key in set(self._known) - set(wanted):
@@ -616,7 +626,7 @@ class Handles:
         dragged: Callable[[Any], None],
         scale: float,
         turns: bool,
-        body: Item | None = None,
+        body: Obstacle | None = None,
         look: tuple[stage.Color, float] = OBSTACLE_LOOK,
     ) -> None:
         """Put a handle on the stage.
@@ -632,7 +642,8 @@ class Handles:
         """
         axes = self._page.panel.handles_shown.value
         rings = axes and turns
-        kind = scale, axes, rings, body and (body.kind, body.size)
+        shape = body and replace(body, position=np.zeros(3), rotation=np.eye(3))
+        kind = scale, axes, rings, shape
         if key in self._known and self._known[key][0] != kind:
             self._known.pop(key)[1].remove()
         if key not in self._known:
@@ -646,7 +657,7 @@ class Handles:
                 **({"line_width": 3.0} if body is None else {}),
             )
             if body is not None:
-                surface, path = obstacle_surface(body.call().evaluate()), node.name
+                surface, path = obstacle_surface(body), node.name
                 stage.put_surface(self._scene, f"{path}/body", surface, *look)
             node.on_update(partial(self._moved, key, dragged))
             self._known[key] = kind, node
@@ -674,7 +685,7 @@ class Handles:
 
     def _drag_item(self, name: str, node: Any) -> None:
         pose = {"position": node.position, "quaternion": node.wxyz[[1, 2, 3, 0]]}
-        self._page.ask(items=self._page.controller.request.items_with(name, **pose))
+        self._page.alter(name, partial(placed, **pose))
 
     def _free(self, key: str) -> bool:
         """Whether no user drags a handle.

@@ -104,7 +104,7 @@ class Outcome(Record):
     final: bool = True
 
 
-class Superseded(Exception):
+class _Superseded(Exception):
     """Raised when a newer request has replaced the one that is planned."""
 
 
@@ -133,9 +133,9 @@ class Session:
 
         def check(_: IterationRecord | None = None) -> None:
             if superseded():
-                raise Superseded
+                raise _Superseded
 
-        with quiet(), suppress(Superseded):
+        with quiet(), suppress(_Superseded):
             try:
                 for solution, certified, final in self._solutions(request, check):
                     shown = _shown(solution, request.frame, certified)
@@ -149,7 +149,7 @@ class Session:
         """Solutions, whether to certify each, and whether it is the last one.
 
         Raises:
-            Superseded: As soon as a newer request has come.
+            _Superseded: As soon as a newer request has come.
             TominpmpError: If the request is wrong, or no motion was found.
         """
         problem = request.problem()

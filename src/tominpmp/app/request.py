@@ -1,13 +1,13 @@
 """The request: the state of the page, from which the problem is made.
 
-The problem and the equivalent lines of Python have a single source, a tree of calls of
-the library: evaluating it makes the problem, formatting it gives the lines. Numbers are
-rounded when they are set, so that the lines are short and exact.
+The problem and the equivalent lines of Python have a single source, the goals,
+obstacles and limits of the library: the lines are the calls that make these records.
+Numbers are rounded when they are set, so that the lines are short and exact.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import count
@@ -17,10 +17,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from tominpmp.arrays import Array, Record
+from tominpmp.arrays import Array, Record, changed_fields
 from tominpmp.datasheets import find_datasheet
 from tominpmp.exceptions import RobotLoadError, quiet
-from tominpmp.files.records import classes
+from tominpmp.files.records import rotation_values
+from tominpmp.goals.base import Goal
 from tominpmp.goals.frames import PoseGoal, PositionGoal
 from tominpmp.goals.joints import JointGoal
 from tominpmp.kinematics import RobotKinematics
@@ -28,14 +29,13 @@ from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import Segment
 from tominpmp.robot.robot import Robot, load_robot, read_source
-from tominpmp.scene.obstacles import Obstacle
-from tominpmp.scene.scene import Scene
+from tominpmp.scene.obstacles import Box, Capsule, Cylinder, Obstacle, Sphere
 
 Triple = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 UPRIGHT: Quaternion = (0.0, 0.0, 0.0, 1.0)
-# Decimals of positions [m] and configurations [rad or m].
-DIGITS = 4
+# Decimals of positions [m] and configurations [rad or m], and of quaternions.
+DIGITS, TURN_DIGITS = 4, 9
 # Least number of joints with which a frame can reach a pose in general.
 JOINTS_OF_A_POSE = 6
 # Largest number of joints that fits on the page and is planned quickly enough.
@@ -43,12 +43,12 @@ MOST_JOINTS = 16
 # Default acceleration limit of kinematic robots [rad/s^2 or m/s^2].
 MODERATE = 15.0
 
-# Sizes by kind, with the names of the library, and their default values [m].
-SIZES: dict[str, dict[str, float]] = {
-    "box": {"x": 0.15, "y": 0.15, "z": 0.15},
-    "sphere": {"radius": 0.1},
-    "cylinder": {"radius": 0.06, "length": 0.3},
-    "capsule": {"radius": 0.06, "length": 0.2},
+# Obstacles to add, by the names of their kinds, in their default sizes [m].
+SHAPES: dict[str, Obstacle] = {
+    "box": Box("box", size=(0.15, 0.15, 0.15)),
+    "sphere": Sphere("sphere", radius=0.1),
+    "cylinder": Cylinder("cylinder", radius=0.06, length=0.3),
+    "capsule": Capsule("capsule", radius=0.06, length=0.2),
 }
 
 
@@ -58,56 +58,24 @@ def rounded(values: ArrayLike, digits: int = DIGITS) -> Any:
     return tuple(numbers.tolist())
 
 
-def _rounded_turn(values: ArrayLike, _: str) -> Quaternion:
-    quaternion: Quaternion = rounded(values, 6)
-    return UPRIGHT if quaternion[3] in (1.0, -1.0) else quaternion
-
-
 # Types of fields that are rounded; the problem checks the values.
 Numbers: TypeAlias = Annotated[tuple[float, ...], lambda values, _: rounded(values)]
-Point: TypeAlias = Annotated[Triple, lambda values, _: rounded(values)]
 Points: TypeAlias = Annotated[
     tuple[Triple, ...], lambda points, _: tuple(map(rounded, points))
 ]
-Turn: TypeAlias = Annotated[Quaternion, _rounded_turn]
-
-
-class Call:
-    """A call of the library that can be evaluated, or formatted as Python expression.
-
-    Args:
-        function: The function or class to call.
-        arguments: Positional arguments; calls among them are evaluated first.
-        options: Arguments by name, likewise.
-    """
-
-    def __init__(
-        self, function: Callable[..., Any], *arguments: Any, **options: Any
-    ) -> None:
-        self._function, self._arguments, self._options = function, arguments, options
-
-    def evaluate(self) -> Any:
-        """Evaluate the call."""
-        options = {name: _value(value) for name, value in self._options.items()}
-        return self._function(*map(_value, self._arguments), **options)
-
-    def __str__(self) -> str:
-        """The expression."""
-        parts = [*map(_written, self._arguments), *_named(self._options)]
-        return f"tm.{self._function.__name__}({', '.join(parts)})"
-
-
-def _value(value: Any) -> Any:
-    if isinstance(value, list):
-        return [_value(item) for item in value]
-    return value.evaluate() if isinstance(value, Call) else value
 
 
 def _written(value: Any) -> str:
-    """Format an argument as Python expression; calls in a list have a line each."""
-    if isinstance(value, list) and value and isinstance(value[0], Call):
-        return "".join(["[", *(f"\n        {call}," for call in value), "\n    ]"])
-    return str(value) if isinstance(value, Call) else repr(value)
+    """A value as a Python expression; records of a list have a line each."""
+    if isinstance(value, Record):
+        return f"tm.{type(value).__name__}({', '.join(_named(changed_fields(value)))})"
+    if isinstance(value, pin.SE3):
+        return _written([value.translation.tolist(), rotation_values(value.rotation)])
+    if isinstance(value, np.ndarray):
+        return repr(rotation_values(value) if value.ndim == 2 else value.tolist())
+    if isinstance(value, list) and value and isinstance(value[0], Record):
+        return "".join(["[", *(f"\n        {_written(k)}," for k in value), "\n    ]"])
+    return repr(value)
 
 
 def _named(options: Mapping[str, Any]) -> list[str]:
@@ -134,16 +102,16 @@ class RobotChoice:
     limits: str | None = None
     kinematic: bool = False
 
-    def call(self) -> Call:
-        """The call that loads the robot."""
+    @property
+    def options(self) -> dict[str, Any]:
+        """Arguments with which the robot is loaded, after its source."""
         options = {
             "limits": self.limits,
             "group": self.group,
             "locked_joints": dict(self.locked),
             "kinematic": self.kinematic,
         }
-        needed = {name: value for name, value in options.items() if value}
-        return Call(load_robot, self.source, **needed)
+        return {name: value for name, value in options.items() if value}
 
 
 @lru_cache(maxsize=8)
@@ -156,7 +124,7 @@ def loaded(choice: RobotChoice) -> Robot:
         OptionsError: If the group or the data sheet does not exist.
         JointNotFound: If a locked joint is unknown.
     """
-    robot: Robot = choice.call().evaluate()
+    robot = load_robot(choice.source, **choice.options)
     if robot.n > MOST_JOINTS:
         raise RobotLoadError(
             f"{robot.name} has {robot.n} joints that move, expected {MOST_JOINTS} at "
@@ -194,42 +162,46 @@ def follows_datasheet(choice: RobotChoice) -> bool | None:
     return named if choice.limits is None else choice.limits == "datasheet"
 
 
-@dataclass(frozen=True, eq=False)
-class Item(Record):
-    """An obstacle of the request: its kind, sizes and placement.
+def sizes_of(obstacle: Obstacle) -> dict[str, float]:
+    """Sizes of an obstacle by their names [m]."""
+    if isinstance(obstacle, Box):
+        return dict(zip("xyz", obstacle.size.tolist(), strict=True))
+    names = (name for name in ("radius", "length") if hasattr(obstacle, name))
+    return {name: getattr(obstacle, name) for name in names}
 
-    Attributes:
-        kind: "box", "sphere", "cylinder" or "capsule".
-        name: Its name, unique in the scene.
-        size: Its sizes in the order of ``SIZES`` [m].
+
+def resized(obstacle: Obstacle, sizes: Sequence[float]) -> Obstacle:
+    """An obstacle with other sizes, in the order of :func:`sizes_of` [m].
+
+    Raises:
+        SceneError: If a size is wrong.
+    """
+    by_name = dict(zip(sizes_of(obstacle), sizes, strict=True))
+    changes = {"size": sizes} if isinstance(obstacle, Box) else by_name
+    return replace(obstacle, **changes)
+
+
+def placed(
+    obstacle: Obstacle, position: ArrayLike, quaternion: ArrayLike = UPRIGHT
+) -> Obstacle:
+    """An obstacle at another place, in rounded numbers.
+
+    Args:
+        obstacle: The obstacle.
         position: Position of its centre [m].
         quaternion: Its orientation (x, y, z, w).
+
+    Raises:
+        SceneError: If the position is wrong.
     """
-
-    kind: str
-    name: str
-    size: Numbers
-    position: Point
-    quaternion: Turn = UPRIGHT
-
-    def call(self) -> Call:
-        """The call that makes the obstacle of the problem.
-
-        The call raises a SceneError if a size or a position is wrong.
-        """
-        options: dict[str, Any] = {"size": self.size}
-        if self.kind != "box":
-            options = dict(zip(SIZES[self.kind], self.size, strict=True))
-        options["position"] = self.position
-        if self.quaternion != UPRIGHT:
-            options["rotation"] = self.quaternion
-        return Call(classes(Obstacle)[self.kind], self.name, **options)
+    turn = rounded(quaternion, TURN_DIGITS)
+    return replace(obstacle, position=rounded(position), rotation=turn)
 
 
-def new_item(kind: str, position: ArrayLike, taken: tuple[str, ...]) -> Item:
+def new_item(kind: str, position: ArrayLike, taken: Collection[str]) -> Obstacle:
     """An obstacle of default size, with an unused name."""
     name = next(n for k in count(1) if (n := f"{kind}{k}") not in taken)
-    return Item(kind, name, tuple(SIZES[kind].values()), rounded(position))
+    return placed(replace(SHAPES[kind], name=name), position)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -258,18 +230,11 @@ class Request(Record):
     q_goal: Numbers
     goal: Literal["joint", "pose", "position"] = "joint"
     via: Points = ()
-    items: tuple[Item, ...] = ()
+    items: tuple[Obstacle, ...] = ()
     effort_scale: float = 1.0
     speed_scale: float = 1.0
     acceleration: float | None = None
     margin: float = 0.02
-
-    def items_with(self, name: str, **changes: Any) -> tuple[Item, ...]:
-        """The obstacles, with fields of the named one changed."""
-        return tuple(
-            replace(item, **changes) if item.name == name else item
-            for item in self.items
-        )
 
     @property
     def turns(self) -> bool:
@@ -293,12 +258,12 @@ class Request(Record):
         robot, scale = loaded(self.robot), self.speed_scale
         if scale != 1.0:
             robot = robot.with_changes(velocity=scale * robot.limits.velocity)
-        problem: Problem = Call(Problem, robot, **options).evaluate()
-        return problem
+        return Problem(robot, **options)
 
     def python(self) -> str:
         """The lines of Python that make the problem and plan it."""
-        lines = ["import tominpmp as tm", "", f"robot = {self.robot.call()}"]
+        choice = ", ".join((repr(self.robot.source), *_named(self.robot.options)))
+        lines = ["import tominpmp as tm", "", f"robot = tm.load_robot({choice})"]
         if self.speed_scale != 1.0:
             speeds = f"{self.speed_scale!r} * robot.limits.velocity"
             lines.append(f"robot = robot.with_changes(velocity={speeds})")
@@ -313,12 +278,12 @@ class Request(Record):
         options: dict[str, Any] = {"q_start": list(self.q_start)}
         goal = self._goal()
         if self.via:
-            via = [Call(PositionGoal, self.frame, point) for point in self.via]
-            options["segments"] = [Call(Segment, item) for item in (*via, goal)]
+            via = [PositionGoal(self.frame, point) for point in self.via]
+            options["segments"] = [Segment(item) for item in (*via, goal)]
         else:
             options["goal"] = goal
         if self.items:
-            options["scene"] = Call(Scene, [item.call() for item in self.items])
+            options["scene"] = list(self.items)
         options["margin"] = self.margin
         limits: dict[str, Any] = {}
         if self.effort_scale != 1.0:
@@ -330,14 +295,15 @@ class Request(Record):
             values = np.minimum(bounds, self.acceleration).tolist()
             limits["acceleration"] = values if len(set(values)) > 1 else values[0]
         if limits:
-            options["motion_limits"] = Call(MotionLimits, **limits)
+            options["motion_limits"] = MotionLimits(**limits)
         return options
 
-    def _goal(self) -> Call:
-        """The call that makes the goal."""
+    def _goal(self) -> Goal:
+        """The goal of the problem, in rounded numbers."""
         if self.goal == "joint":
-            return Call(JointGoal, list(self.q_goal))
+            return JointGoal(self.q_goal)
         position, quaternion = self.pose(self.q_goal)
         if self.goal == "position":
-            return Call(PositionGoal, self.frame, rounded(position))
-        return Call(PoseGoal, self.frame, (rounded(position), rounded(quaternion, 9)))
+            return PositionGoal(self.frame, rounded(position))
+        pose = rounded(position), rounded(quaternion, TURN_DIGITS)
+        return PoseGoal(self.frame, pose)

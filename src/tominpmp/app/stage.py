@@ -135,10 +135,9 @@ def look_at(server: Any, robot: Robot, request: Request) -> float:
     extent = np.ptp(np.concatenate([links, np.zeros((1, 3))]), axis=0)
     size = float(np.linalg.norm(extent)) or 1.0
     view = camera_view(poses.points)
-    obstacles = [item.call().evaluate() for item in request.items]
     corners = [
         obstacle_surface(item).vertices @ item.rotation.T + item.position
-        for item in obstacles
+        for item in request.items
     ]
     points = np.concatenate([links, *corners])
     middle = (points.min(0) + points.max(0)) / 2

@@ -173,7 +173,7 @@ def _field_table(record: Any, folder: Path) -> dict[str, Any]:
     table: dict[str, Any] = {}
     for name, value in changed_fields(record).items():
         if name == "rotation" and isinstance(value, np.ndarray):
-            table[name] = _rotation_values(value)
+            table[name] = rotation_values(value)
         else:
             table[name] = NONE if value is None else to_table(value, folder)
     if table.get("dwell"):
@@ -181,7 +181,7 @@ def _field_table(record: Any, folder: Path) -> dict[str, Any]:
     return table
 
 
-def _rotation_values(rotation: np.ndarray[Any, Any]) -> list[Any]:
+def rotation_values(rotation: np.ndarray[Any, Any]) -> list[Any]:
     """Write a rotation as a quaternion if that reproduces it to the last bit."""
     quaternion = pin.Quaternion(np.array(rotation)).coeffs()
     for digits in (3, 9, 15, 17):
@@ -195,7 +195,7 @@ def _placement_table(placement: pin.SE3) -> dict[str, Any]:
     """Write a placement as position and rotation."""
     table: dict[str, Any] = {"position": placement.translation.tolist()}
     if not np.array_equal(placement.rotation, np.eye(3)):
-        table["rotation"] = _rotation_values(placement.rotation)
+        table["rotation"] = rotation_values(placement.rotation)
     return table
 
 

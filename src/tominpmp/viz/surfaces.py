@@ -136,7 +136,7 @@ def obstacle_surface(obstacle: Obstacle) -> Trimesh:
         places = zip(*obstacle.boxes, strict=True)
         cubes = [trimesh.creation.box(size, transform(at)) for at, size in places]
         return cast("Trimesh", concatenate(cubes))
-    return native_surface(obstacle_shape(obstacle))
+    return _native_surface(obstacle_shape(obstacle))
 
 
 def _prisms(corners: Array) -> Trimesh:
@@ -224,7 +224,7 @@ SOLIDS: dict[str, Callable[[Any], Trimesh]] = {
 }
 
 
-def native_surface(geometry: Any) -> Trimesh:
+def _native_surface(geometry: Any) -> Trimesh:
     """Surface of a geometry of Coal in its axes.
 
     Descriptions of robots contain no other shapes than obstacles do: cones, ellipsoids
@@ -289,7 +289,7 @@ def geometry_bodies(
     """
     bodies = []
     for item in model.geometryObjects:
-        surface = native_surface(item.geometry)
+        surface = _native_surface(item.geometry)
         red, green, blue, opacity = color or map(float, item.meshColor)
         parts = [(surface, (red, green, blue))]
         if color is None and is_mesh(item.geometry) and not item.overrideMaterial:
