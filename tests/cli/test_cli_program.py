@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -247,6 +248,53 @@ def test_full_standard_error_does_not_change_the_exit_code() -> None:
         streams = {"capture_output": False, "stdout": full, "stderr": full}
         assert program("robots", **streams).returncode == 74
         assert program("info", "no.urdf", **streams).returncode == 2
+
+
+QUICK = "plan planar3r --start start --goal 2,-1,0.5 --planning-effort quick"
+
+
+def motion_without_standard_error(redirection: str, folder: Path, *more: str) -> str:
+    """Plan in a shell with a redirected standard error; returns standard output."""
+    words = [sys.executable, "-m", "tominpmp", *QUICK.split(), "--refine", "none"]
+    result = subprocess.run(
+        f"{shlex.join([*words, '-o', '-', *more])} {redirection}",
+        shell=True,
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert result.returncode == 0
+    return result.stdout
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+@pytest.mark.parametrize("more", [(), ("--verbose",)])
+def test_standard_error_that_cannot_be_written_leaves_the_motion_as_it_is(
+    more: tuple[str, ...], tmp_path: Path
+) -> None:
+    """Regression: with ``2>&-`` the report was written into the motion, and on a full
+    disk the exit code was that of wrong input.
+    """
+    expected = motion_without_standard_error("2>/dev/null", tmp_path)
+    for redirection in ("2>&-", "2>/dev/full"):
+        found = motion_without_standard_error(redirection, tmp_path, *more)
+        assert found == expected
+
+
+@pytest.mark.skipif(os.name != "posix", reason="shells of POSIX")
+def test_batch_runs_without_a_standard_error(tmp_path: Path) -> None:
+    """Regression: loky cannot start a process then, which was called a defect."""
+    (tmp_path / "arm.toml").write_text(SCENARIO)
+    words = [sys.executable, "-m", "tominpmp", "batch", "arm.toml", "--quiet"]
+    result = subprocess.run(
+        f"{shlex.join(words)} --planning-effort quick 2>&-",
+        shell=True,
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert result.returncode == 0
+    assert "1 of 1" in result.stdout
 
 
 @pytest.mark.parametrize("words", [["--version"], ["--help"], ["plan", "--help"]])

@@ -258,27 +258,29 @@ def test_error_console_is_shared() -> None:
 
 
 @pytest.mark.parametrize("quiet", [True, False])
-def test_progress_is_silent_in_files_and_with_quiet(quiet: bool) -> None:
+def test_progress_is_silent_in_files_and_with_quiet(
+    quiet: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
     log = StringIO()
     console = Console(file=log, force_terminal=quiet)
     with Progress(console, quiet=quiet, verbose=False) as progress:
         progress.phase("loading")
         progress(record(1))
-    assert log.getvalue() == ""
+    assert log.getvalue() == capsys.readouterr().err == ""
 
 
 def test_progress_in_a_log_is_printed_every_three_seconds(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     now = [100.0]
     monkeypatch.setattr("time.monotonic", lambda: now[0])
-    log = StringIO()
-    console = Console(file=log, force_terminal=False)
+    console = Console(file=StringIO(), force_terminal=False)
     with Progress(console, quiet=False, verbose=True) as progress:
         for iteration in range(20):
             progress(record(iteration))
             now[0] += 0.5
-    assert re.findall(r"iteration (\d+),.*\n", log.getvalue()) == ["6", "12", "18"]
+    log = capsys.readouterr().err
+    assert re.findall(r"iteration (\d+),.*\n", log) == ["6", "12", "18"]
 
 
 def test_verbose_flag_shows_the_log(run: Run) -> None:

@@ -138,21 +138,18 @@ class Page:
         self._ended = threading.Event()
         self._arms: dict[str, stage.Arm] = {}
         self.controller = Controller(request, self._on_outcome)
-        self._dress()
-        self.readout = Readout(self.server, self.controller)
-        self.panel = Panel(self)
-        self.handles = Handles(self)
-        self._set_stage()
-        self.controller.plan(request)
-        threading.Thread(target=self._play, daemon=True).start()
-
-    def _dress(self) -> None:
         gui = self.server.gui
         gui.configure_theme(
             show_logo=False, show_share_button=False, brand_color=(37, 99, 235)
         )
         gui.main_panel.dock_left()
         gui.main_panel.set_width(340)
+        self.readout = Readout(self.server, self.controller)
+        self.panel = Panel(self)
+        self.handles = Handles(self)
+        self._set_stage()
+        self.controller.plan(request)
+        threading.Thread(target=self._play, daemon=True).start()
 
     # -- the request -------------------------------------------------------------------
 

@@ -24,7 +24,6 @@ from tominpmp.cli.terminal import (
     NO_PLAN,
     PLANNED,
     complain,
-    error_console,
     logged,
     say,
 )
@@ -93,7 +92,7 @@ def run_batch(source: Path, options: Mapping[str, Any], args: BatchOptions) -> i
         say(json_text(data | {"outcomes": each}))
     else:
         for row in failed[:MOST_NAMED]:
-            complain("no motion", f"{row.name}: {row.message}", "bold yellow")
+            complain("no motion", f"{row.name}: {row.message}")
         say(_batch_text(data, args))
     return NO_PLAN if failed else PLANNED
 
@@ -186,7 +185,7 @@ def run_tour(scenario: Path, args: TourOptions) -> int:
     changes = {} if args.max_time is None else {"max_planning_time": args.max_time}
     Options().changed(changes)
     arguments = load_tour(scenario)
-    with logged(args.verbose, error_console()), blaming(Field({}, scenario)):
+    with logged(args.verbose), blaming(Field({}, scenario)):
         tour = plan_tour(**arguments | changes)
     signals = present()
     signals.writing()

@@ -20,5 +20,7 @@ def main() -> None:
     import sys
 
     from tominpmp.cli.app import run
+    from tominpmp.cli.terminal import hold_streams
 
+    hold_streams()
     sys.exit(run(sys.argv[1:]))

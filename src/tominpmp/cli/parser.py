@@ -11,7 +11,7 @@ from cyclopts.help import PlainFormatter
 
 from tominpmp.cli.front import COMMANDS, EXAMPLES, commands
 from tominpmp.cli.option_fields import SEPARATOR, SEVERAL, number
-from tominpmp.cli.terminal import BAD_INPUT, complain, error_console, say
+from tominpmp.cli.terminal import BAD_INPUT, complain, say
 from tominpmp.exceptions import OptionsError, brief
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def dispatch(words: Sequence[str]) -> int:
             message = f"{unused}: neither an option nor a value of the preceding option"
         complain("error", message)
         chain = " ".join(("tominpmp", *(error.command_chain or ())))
-        error_console().print(f"see {chain} --help", soft_wrap=True)
+        say(f"see {chain} --help", err=True)
         return BAD_INPUT
 
 
@@ -64,7 +64,7 @@ def new_app() -> App:
     app = App(
         name="tominpmp",
         help_format="plaintext",
-        help_formatter=HelpFormatter(),
+        help_formatter=_HelpFormatter(),
         version_flags=(),
         default_parameter=Parameter(negative_iterable=(), show_default=False),
         result_action="return_value",
@@ -105,7 +105,7 @@ def _labels(entry: HelpEntry, metavar: str) -> str:
     return ", ".join([*first, *names, *entry.negative_names])
 
 
-class HelpFormatter(PlainFormatter):
+class _HelpFormatter(PlainFormatter):
     """Writes the names on the left and the texts on the right.
 
     The help is written by :func:`~tominpmp.cli.terminal.say`, which reports that there

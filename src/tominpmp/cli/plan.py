@@ -69,7 +69,7 @@ def run_plan(
     signals = present()
     console = error_console()
     progress = Progress(console, quiet=args.quiet, verbose=args.verbose)
-    with logged(args.verbose, console), progress:
+    with logged(args.verbose), progress:
         progress.phase(f"loading {robot}")
         problem, chosen = load_problem(robot, problem_args, options)
         dual = args.certificate or args.sensitivities
@@ -130,7 +130,6 @@ class Progress(ExitStack):
 
     def __init__(self, console: Console, *, quiet: bool, verbose: bool) -> None:
         super().__init__()
-        self._console = console
         self._status = console.status("") if console.is_terminal and not quiet else None
         self._lines = verbose and not quiet and not console.is_terminal
         self._last = time.monotonic()
@@ -150,7 +149,7 @@ class Progress(ExitStack):
             self.phase(_progress_text(record))
         elif self._lines and time.monotonic() - self._last >= PERIOD:
             self._last = time.monotonic()
-            self._console.print(_progress_text(record), soft_wrap=True)
+            say(_progress_text(record), err=True)
 
 
 def _progress_text(record: IterationRecord) -> str:

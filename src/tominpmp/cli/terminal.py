@@ -62,28 +62,44 @@ _FLAGS = {
 }
 
 
+def hold_streams() -> None:
+    """Open the null device in place of standard streams that are closed (``2>&-``).
+
+    The next files would get their numbers, and native code would write messages there;
+    processes of loky cannot be started without a standard error.
+    """
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(number, True)
+    os.close(number)
+    if sys.stderr is None:
+        sys.stderr = open(2, "w", encoding="utf-8", closefd=False)
+
+
 def say(text: str, *, end: str = "\n", err: bool = False) -> None:
     """Write a text to standard output, or to standard error.
 
+    Results and exit codes do not depend on standard error: it may be closed or full.
+
     Raises:
-        OSError: If it cannot be written; names the stream as its file.
+        OSError: If standard output cannot be written; names it as its file.
     """
     stream = sys.stderr if err else sys.stdout
-    if stream is None and not err:  # the program was started without it: >&-
-        raise OSError(errno.EBADF, os.strerror(errno.EBADF), OUTPUT)
     # Names and paths may have characters that the encoding of the stream lacks.
     encoding = getattr(stream, "encoding", None) or "utf-8"
     text = text.encode(encoding, "backslashreplace").decode(encoding)
     try:
+        if stream is None:  # the program was started without it: >&-
+            raise OSError(errno.EBADF, os.strerror(errno.EBADF))
         print(text, end=end, file=stream, flush=True)
     except OSError as error:
-        error.filename = "standard error" if err else OUTPUT
-        raise
+        if not err:
+            error.filename = OUTPUT
+            raise
 
 
 @cache
 def error_console() -> Console:
-    """Console for progress, warnings and errors.
+    """Console for progress, warnings and errors on a terminal.
 
     All output shares one console, as it has to print warnings above the status line.
     """
@@ -123,23 +139,23 @@ def as_command_line_flags(message: str, typed: Collection[str] = ()) -> str:
     return message
 
 
-def complain(
-    prefix: str, message: str, style: str = "bold red", typed: Collection[str] = ()
-) -> None:
+def complain(prefix: str, message: str, typed: Collection[str] = ()) -> None:
     """Write a line like ``error: ...`` to standard error.
 
     Args:
-        prefix: The word before the colon.
+        prefix: The word before the colon; errors are red, others yellow.
         message: The message, whose arguments of Python are replaced by flags.
-        style: Style of the prefix.
         typed: The words of the command line, see :func:`as_command_line_flags`.
     """
     from rich.text import Text
 
+    style = "bold red" if prefix == "error" else "bold yellow"
     text = " ".join(as_command_line_flags(message, typed).split())
     line = Text.assemble((f"{prefix}:", style), " ", text)
-    with suppress(OSError):  # the exit code is correct without the line
+    if error_console().is_terminal:
         error_console().print(line, soft_wrap=True)
+    else:
+        say(line.plain, err=True)
 
 
 @contextmanager
@@ -183,8 +199,8 @@ def guarded(typed: Collection[str] = ()) -> Iterator[None]:
 
 def _explain(message: str, typed: Collection[str]) -> None:
     if "--debug" in typed:
-        traceback.print_exc()
-    complain("error", message, typed=typed)
+        say(traceback.format_exc(), err=True)
+    complain("error", message, typed)
 
 
 @contextmanager
@@ -197,7 +213,7 @@ def _warnings_shown() -> Iterator[None]:
             message: Warning | str, category: type[Warning], *more: Any, **where: Any
         ) -> None:
             if issubclass(category, TominpmpWarning):
-                complain("warning", str(message), "bold yellow")
+                complain("warning", str(message))
             else:
                 usual(message, category, *more, **where)
 
@@ -221,12 +237,11 @@ def log_shown(name: str, show: Callable[[logging.LogRecord], None]) -> Iterator[
         logger.setLevel(level)
 
 
-def logged(verbose: bool, console: Console) -> AbstractContextManager[None]:
+def logged(verbose: bool) -> AbstractContextManager[None]:
     """Show the library's log above the status line if ``verbose``."""
 
     def show(record: logging.LogRecord) -> None:
-        text = f"{record.levelname.lower()}: {record.getMessage()}"
-        console.print(text, soft_wrap=True)
+        say(f"{record.levelname.lower()}: {record.getMessage()}", err=True)
 
     return log_shown("tominpmp", show) if verbose else nullcontext()
 

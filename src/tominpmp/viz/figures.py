@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 BEYOND_COLOR = "#f6e3e1"
-GOAL_COLOR = "#1d8a50"
 LIMIT_LOOK: Any = {"color": LIMIT_COLOR, "linewidth": 0.8, "linestyle": "--"}
 
 # The colours of notebooks, and further ones for arms of many joints.

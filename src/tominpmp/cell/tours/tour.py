@@ -41,7 +41,7 @@ MOST_PROMISE = 0.02
 # Largest number of stations whose names a chart shows; of more every k-th is named; and
 # most characters of a name.
 MOST_NAMES, LONGEST_NAME = 40, 40
-MOTION_COLOR = "#8fa3b8"
+MOTION_COLOR, DWELL_COLOR = "#8fa3b8", "#1d8a50"
 # Least length of the bar of a dwell, as a share of the cycle.
 LEAST_BAR = 0.002
 
@@ -312,8 +312,7 @@ def _draw_bars(axes: Axes, duration: float, bars: Sequence[Visit]) -> None:
     for row, bar in enumerate(bars):
         motion, stay = bar.arrival - before, max(bar.departure - bar.arrival, least)
         axes.barh(row, motion, left=before, color=MOTION_COLOR, label="motion")
-        color = figures.GOAL_COLOR
-        axes.barh(row, stay, left=bar.arrival, color=color, label="dwell")
+        axes.barh(row, stay, left=bar.arrival, color=DWELL_COLOR, label="dwell")
         before = bar.departure
     home = duration - before
     names = [bar.station for bar in bars]
