@@ -67,8 +67,7 @@ def run_plan(
     from tominpmp.sensitivities.analysis import check_applicable
 
     signals = present()
-    console = error_console()
-    progress = Progress(console, quiet=args.quiet, verbose=args.verbose)
+    progress = Progress(error_console(), quiet=args.quiet, verbose=args.verbose)
     with logged(args.verbose), progress:
         progress.phase(f"loading {robot}")
         problem, chosen = load_problem(robot, problem_args, options)
@@ -95,8 +94,7 @@ def run_plan(
 
 def _write(solution: Solution, args: PlanOptions, motion: Path | None) -> bool:
     """Write and report; return whether the written motion solves the problem."""
-    written: dict[str, str] = {}
-    judgement = None
+    written, judgement = dict[str, str](), None
     try:
         if solution.success:
             written, judgement = write_files(solution, args, motion)

@@ -301,14 +301,13 @@ def load_changed_robot(
         return scenario.read_robot(scenario.read_toml(robot).need("robot"))
     locks = [word for text in args.lock or () for word in _words(text)]
     locked: Any = joint_values(locks, "--lock", named=True)
-    group = args.group or ""
     return load_limited_robot(
         args.joint_limits,
         robot,
         package_dirs=args.package_dir or (),
         srdf=args.srdf,
         # With commas, a group is a list of links or joints.
-        group=_words(group) if "," in group else args.group,
+        group=_words(args.group) if args.group and "," in args.group else args.group,
         limits=args.limits,
         locked_joints={**(resting or {}), **locked},
         kinematic=args.kinematic,
@@ -383,11 +382,10 @@ def _typed_problem(name: str, args: ProblemOptions) -> Problem:
         raise ProblemError(f"{message}: give {flags}", "goal")
     scene = _obstacles(args, robot)
     q_start = positions(args, "start", robot)
-    v_start = rates(args, "start_velocity", robot)
-    a_start = rates(args, "start_acceleration", robot)
+    v, a = (rates(args, f"start_{k}", robot) for k in ("velocity", "acceleration"))
     start = q_start, _goal(args, robot, q_start), scene
     more = _changes(args, robot, {})
-    return Problem(robot, *start, v_start=v_start, a_start=a_start, **more)
+    return Problem(robot, *start, v_start=v, a_start=a, **more)
 
 
 def _goal(args: ProblemOptions, robot: Robot, q_start: Array) -> Goal:
