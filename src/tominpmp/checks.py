@@ -546,7 +546,8 @@ def in_order(
             other = brief(joint) + closest(joint, joints)
             raise ProblemError(f"{name} has a value for {other}, {expected}", name)
         if not abs(_number(value, joint, name) - others[joint]) <= LOCK_TOLERANCE:
-            fault = f"is {brief(value)}, but it is locked at {others[joint]:g}"
+            at = f"{others[joint]:g}{' [rad or m]' if others[joint] else ''}"
+            fault = f"is {brief(value)}, but it is locked at {at}"
             raise ProblemError(f"{name}: joint {joint!r} {fault}", name)
     lacking = ", ".join(joint for joint in joints if joint not in values)
     if lacking and missing is None:

@@ -643,7 +643,7 @@ def test_locked_joints_may_be_named_where_they_are_locked(tmp_path: Path) -> Non
     path = write(tmp_path, text.replace('"planar3r"', lock))
     assert load_scenario(path).problem.q_start.tolist() == [0.5, 1.0]
     path = write(tmp_path, text.replace('"planar3r"', lock.replace("0.2", "0.3")))
-    with pytest.raises(ScenarioError, match="but it is locked at"):
+    with pytest.raises(ScenarioError, match=r"locked at 0.3 \[rad or m\]"):
         load_scenario(path)
     # A locked joint has no velocity, whatever its position.
     text = text.replace('"planar3r"', lock)

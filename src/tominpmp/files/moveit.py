@@ -843,7 +843,8 @@ class _GoalReader:
             at = robot.locked_joints[name]
             if not -max(below, LOCK_OFFSET) <= at - position <= max(above, LOCK_OFFSET):
                 item.get("position").fail(
-                    f"is {position:g}, but joint {brief(name)} is locked at {at:g}"
+                    f"is {position:g}, but joint {brief(name)} is locked at {at:g} "
+                    "[rad or m]"
                 )
         return ranges
 
