@@ -6,12 +6,14 @@ from itertools import islice
 
 import numpy as np
 import pinocchio as pin
+import pytest
 
 import tominpmp as tm
 from tests.sample_arms import make_arm, rod
 from tominpmp.initial_guess.guess import GuessRequest, straight_guess
 from tominpmp.initial_guess.inverse_kinematics import Target, moved_nearer
 from tominpmp.kinematics import RobotKinematics
+from tominpmp.stopping import Deadline, Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 
@@ -25,6 +27,10 @@ def test_redundant_configuration_is_moved_as_near_the_start_as_possible():
     )
     goal = system.problem.goal
     (led,) = moved_nearer(Target(system, goal), [there])
+    past = Deadline()
+    past.end = 0.0
+    with past.in_force(), pytest.raises(Stop):
+        moved_nearer(Target(system, goal), [there])
     led, miss = Target(system, goal).solve(led)
     assert miss < 1e-6 and np.abs(led - there).max() < 2.0  # the same branch
 

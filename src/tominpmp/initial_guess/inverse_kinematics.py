@@ -23,6 +23,7 @@ from tominpmp.initial_guess.rrt import is_free
 from tominpmp.kinematics import units_of
 from tominpmp.least_squares import damped_step, least_squares, padded
 from tominpmp.problem.state_checks import unheld
+from tominpmp.stopping import check
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Most least-squares steps from a start.
@@ -367,6 +368,7 @@ def moved_nearer(target: Target, solutions: Sequence[Array]) -> list[Array]:
     weights, scale = speed_weights(limits.velocity), target.scales.joints
     out, rows = np.array(solutions), np.arange(len(solutions))
     for _ in range(STEPS_NEARER):
+        check()
         if not rows.size:
             break
         q = out[rows]
