@@ -358,3 +358,15 @@ def test_start_acceleration_at_the_goal_needs_a_motion_if_jerk_is_limited() -> N
     np.testing.assert_allclose(solution.trajectory(0.0).a, a, atol=1e-4)
     # Where accelerations may jump, the arm stays.
     assert tm.plan(from_start(goal, a_start=a)).T == 0.0
+
+
+def test_start_where_the_arm_cannot_be_held_is_no_goal_to_rest_at() -> None:
+    """A joint without a motor falls, whether the goal names joints or a frame."""
+    weak = tm.load_robot("planar3r", effort=[50.0, 50.0, 0.0])
+    here = tm.PositionGoal("tip", tip())
+    for goal in (here, tm.JointRegionGoal(START, tolerance=0.1), tm.AllGoals([here])):
+        with pytest.raises(tm.ProblemError, match="the start meets it, but joint 'jo"):
+            tm.plan(tm.Problem(weak, START, goal))
+    # A start that moves does not rest there.
+    there = tm.JointGoal(START, v=VELOCITY)
+    assert tm.plan(tm.Problem(weak, START, there, v_start=VELOCITY)).T == 0.0

@@ -40,7 +40,7 @@ def unheld(robot: Robot, q: Array) -> str:
     """Clause on the first motor that cannot hold the arm at rest at q; may be empty."""
     tau, held = holding(robot, q[None])
     for i in np.flatnonzero(~held[0]).tolist():
-        low, high = robot.limits.effort_lower[i], robot.limits.effort_upper[i]
+        low, high = 0.0 + robot.limits.effort_lower[i], robot.limits.effort_upper[i]
         dry = " (its dry friction is not counted on)" if robot.friction[i] else ""
         return (
             f"joint {robot.joint_names[i]!r} cannot hold the arm against gravity "
