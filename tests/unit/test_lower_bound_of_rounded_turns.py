@@ -45,3 +45,23 @@ def test_rotation_beyond_rounding_is_part_of_the_bound() -> None:
     goal = tm.AxisGoal("tip", (1.0, 0.0, 0.0), (-1.0, 0.2, 0.0))
     bound = tm.lower_bound(tm.Problem(arm, start, goal))
     assert "rad to turn" in bound.reason and bound.T > 0.0
+
+
+def test_bound_of_segments_holds_for_the_other_turn_of_an_angle() -> None:
+    """Regression: from 3 rad, -3 rad is 6 rad away, and 0.28 rad from 3 rad less a
+    turn; the bound was 9 s, and the motion took 4 s.
+    """
+    arm = tm.load_robot(
+        "planar3r",
+        position_lower=[-4.0, -2.0, -2.0],
+        position_upper=[3.2, 2.0, 2.0],
+        velocity=[1.0, 10.0, 10.0],
+        gravity=(0.0, 0.0, 0.0),
+    )
+    goals = [tm.JointGoal([q, 0.0, 0.0], wrap=["joint1"]) for q in (3.0, -3.0)]
+    segments = [tm.Segment(goal, stop=True) for goal in goals]
+    problem = tm.Problem(arm, [0.0, 0.0, 0.0], segments=segments)
+    bound, solution = tm.lower_bound(problem), tm.plan(problem, effort="quick")
+    assert solution.success and solution.T < 4.5
+    # The least way is 3 rad and another 0.28 rad.
+    assert 2.0 * np.pi - 3.0 - 1e-6 < bound.T < solution.T

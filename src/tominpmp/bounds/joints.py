@@ -116,12 +116,10 @@ def joint_bounds(
     bounds = []
     ranges = zip(lower.tolist(), upper.tolist(), strict=True)
     pairs = zip(*ends.tolist(), strict=True)
-    # A joint at rest takes the nearest turn; a moving joint may take a further turn.
-    moving = turning & np.any(ends != 0.0, axis=0)
-    each = zip(joints, ranges, pairs, moving.tolist(), strict=True)
-    for joint, (least, most), velocities, passes in each:
+    each = zip(joints, ranges, pairs, turning.tolist(), strict=True)
+    for joint, (least, most), velocities, turns_on in each:
         T, way = _least(joint, least, most, velocities)
-        for side in (TURN, -TURN) if passes else ():
+        for side in (TURN, -TURN) if turns_on else ():
             turns, step = 0, 1
             while step:
                 further = (turns + step) * side

@@ -25,7 +25,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, BoolArray
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.bounds.energy import energy_bounds
 from tominpmp.bounds.frames import frame_bounds, tool_speed_bounds
@@ -41,6 +41,11 @@ from tominpmp.motion_limits import EFFORT
 from tominpmp.problem.joint_limits import effort_range
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import arrival_window
+
+# A time this close to a tick of a clock counts as the tick, in shares of the period.
+ROUNDED = 1e-6
+# No joints begin or end any number of turns away.
+NO_TURNS = np.zeros(1, dtype=bool)
 
 
 @on_one_thread
@@ -84,7 +89,8 @@ def _of_segments(problem: Problem) -> LowerBound:
     )
     if same:
         last = problem.phases[-1].goal
-        total = max(total, _of_goal(problem, last, problem.v_start).T)
+        turned = last.angles(problem.robot)
+        total = max(total, _of_goal(problem, last, problem.v_start, turned=turned).T)
     return LowerBound(total, "the limits of the joints on each segment, and all dwells")
 
 
@@ -92,43 +98,53 @@ def _arrival_bounds(problem: Problem) -> Iterator[LowerBound]:
     """Bounds on the arrival at the goal of each segment, from the start of the motion.
 
     They are the sums of the bounds of segments with a known start, and of the dwells
-    before. Velocities at ends of segments are free unless the goal fixes them.
+    before. Velocities at ends of segments are free unless the goal fixes them. The turn
+    of an angle in which a segment begins is known for the first segment only.
     """
-    begin, start, known = 0.0, problem.v_start, True
+    begin, start, known, turned = 0.0, problem.v_start, True, NO_TURNS
     for phase, segment in zip(problem.phases, problem.segments, strict=True):
         bound = LowerBound(0.0, "")
         if known:
-            bound = _of_goal(phase, phase.goal, start, smooth_ends=False)
+            bound = _of_goal(phase, phase.goal, start, smooth_ends=False, turned=turned)
         earliest, _ = arrival_window(segment)
         arrival = max(begin + bound.T, earliest)
         yield replace(bound, T=arrival)
         begin = arrival + segment.dwell
         known = phase.goal.configuration is not None
+        turned = phase.goal.angles(phase.robot) & bool(phase.goal.alternatives[1:])
         start = _end_velocity(phase, phase.goal)
 
 
-def why_impossible(problem: Problem, tolerance: float) -> str:
+def why_impossible(
+    problem: Problem, tolerance: float, period: float | None = None
+) -> str:
     """Proof by the limits of joints and tools that no motion exists, in a sentence.
 
     Args:
         problem: The problem.
         tolerance: Excess over limits that is tolerated, as a share.
+        period: Period of the clock on which segments end [s]; None without a clock.
 
     Returns:
         The sentence; empty without a proof.
     """
     why = _beyond_motors(problem, tolerance) or _without_room(problem)
-    why = why or _late_arrival(problem, tolerance)
+    why = why or _late_arrival(problem, tolerance, period)
     return why and f"No motion exists: {why}."
 
 
-def _late_arrival(problem: Problem, tolerance: float) -> str:
-    """The first segment whose latest arrival no motion can meet; or empty."""
-    ends = [arrival_window(segment)[1] for segment in problem.segments]
-    if all(map(math.isinf, ends)):
+def _late_arrival(problem: Problem, tolerance: float, period: float | None) -> str:
+    """The first segment whose window of arrival no motion can meet; or empty."""
+    windows = [arrival_window(segment) for segment in problem.segments]
+    if all(latest == math.inf for _, latest in windows):
         return ""
-    each = zip(ends, _arrival_bounds(problem), strict=True)
-    for k, (latest, bound) in enumerate(each, 1):
+    each = zip(windows, _arrival_bounds(problem), strict=True)
+    for k, ((earliest, latest), bound) in enumerate(each, 1):
+        if period and np.floor(latest / period + ROUNDED) < earliest / period - ROUNDED:
+            return (
+                f"the window of arrival of segment {k}, {earliest:.10g} to "
+                f"{latest:.10g} s, holds no multiple of the control period {period:g} s"
+            )
         if bound.T > (1.0 + 2.0 * tolerance) * latest:
             why = f": {bound.reason}" if k == 1 else ", by its joint limits and dwells"
             return (
@@ -201,6 +217,7 @@ def _of_goal(
     longest: float = math.inf,
     *,
     smooth_ends: bool = True,
+    turned: BoolArray = NO_TURNS,
 ) -> LowerBound:
     """The bound for a goal; for alternative goals the least of their bounds.
 
@@ -210,6 +227,8 @@ def _of_goal(
         start: Velocities at the start, shape (n,); infinite where a velocity is free.
         longest: Largest time of the searches [s].
         smooth_ends: Whether accelerations that may not jump are zero at both ends.
+        turned: Joints that may begin or end any number of turns away from the positions
+            of the problem and the goal, shape (n,) or (1,).
     """
     still = not np.any(problem.a_start)
     joints, least = joints_of(problem, smooth_ends and still), []
@@ -217,14 +236,15 @@ def _of_goal(
         q, ends = item.configuration, np.stack([start, _end_velocity(problem, item)])
         lower, upper = (x - problem.q_start for x in item.joint_ranges(problem.robot))
         bounds = [LowerBound(0.0, "no bound above zero is known")]
-        turning = item.angles(problem.robot)
+        # An angle at rest takes the nearest turn; a moving one may take a further turn.
+        turning = turned | (item.angles(problem.robot) & np.any(ends != 0.0, axis=0))
         bounds += joint_bounds(joints, lower, upper, ends, turning)
         bounds += tool_speed_bounds(problem, item)
         if q is not None and np.all(np.isfinite(ends)):
             bounds += energy_bounds(problem, q, ends)
         reach = reach_of(joints, ends)
         for member in item.members:
-            if member.frame_name is not None:
+            if member.frame_name is not None and not np.any(turned):
                 frame = member, member.frame_name
                 bounds += frame_bounds(problem, *frame, reach, longest)
         least.append(max(bounds, key=lambda bound: bound.T))
