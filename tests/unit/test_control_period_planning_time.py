@@ -21,6 +21,7 @@ from tominpmp.planner import candidate
 from tominpmp.planner import control_period as clock
 from tominpmp.planner.control_period import reaches_tick
 from tominpmp.problem.segments import spans_of
+from tominpmp.stopping import Stop
 from tominpmp.transcription.curve import KnotVector, SplineMotion
 from tominpmp.transcription.grid import ticks_of
 from tominpmp.transcription.instants import Instants
@@ -160,6 +161,24 @@ def test_failed_replays_on_the_clock_keep_the_verified_motion(planar3r, monkeypa
     assert solution.status is tm.Status.UNVERIFIED
     assert solution.verification.ok
     assert "keeps all else" in solution.message
+
+
+def test_warm_start_on_the_clock_is_kept_if_the_time_is_used_up(planar3r, monkeypatch):
+    """It solved the problem, and a motion off the clock was no solution."""
+
+    def late(*given, **named):
+        raise Stop(requested=False)
+
+    problem = planar_problem(planar3r)
+    former = tm.plan(problem, control_period=0.01, **QUICK)
+    monkeypatch.setattr(clock, "solve", late)
+    solution = tm.plan(problem, start=former, control_period=0.01, **QUICK)
+    assert solution.success and solution.T == former.T, solution.message
+    assert on_ticks(solution.trajectory, 0.01) and solution.verification.ok
+    # It is no solution for another clock, nor beyond lower limits.
+    slow = planar_problem(planar3r, motion_limits=tm.MotionLimits(effort_scale=0.6))
+    for other, period in ((problem, 0.011), (slow, 0.01)):
+        assert not tm.plan(other, start=former, control_period=period, **QUICK).success
 
 
 @pytest.mark.parametrize("degree", [3, 5])

@@ -117,9 +117,12 @@ def test_time_windows_of_several_segments_with_one_tick_each_are_met():
 
 
 def test_time_window_between_two_ticks_has_no_motion():
-    solution = tm.plan(rail(to(0.4, arrival=(2.0021, 2.0079))), **QUICK)
-    assert not solution.success
-    assert "No motion on a clock of 0.01 s was found" in solution.message
+    between = to(0.4, arrival=(2.0021, 2.0079))
+    for number, parts in enumerate([[between], [to(0.2), between, to(0.8)]], 1):
+        solution = tm.plan(rail(*parts), **QUICK)
+        assert not solution.success and not solution.history
+        said = f"of segment {number}, 2.0021 to 2.0079 s, holds no multiple of the con"
+        assert said in solution.message
 
 
 @pytest.mark.parametrize("dwell", [0.0, 0.1])

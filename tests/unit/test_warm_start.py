@@ -12,7 +12,8 @@ import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.kinematics import RobotKinematics
-from tominpmp.planner import starts
+from tominpmp.planner import plan_state, starts
+from tominpmp.stopping import Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 
@@ -217,6 +218,20 @@ def test_former_motion_is_returned_if_no_plan_is_faster(planar3r, free):
     assert warm.success and warm.T <= fine.T
 
 
+@pytest.mark.parametrize("requested", [False, True])
+def test_former_motion_is_returned_after_a_stop(free, monkeypatch, requested):
+    """Regression: with little planning time there was no motion, or a slower one."""
+
+    def stopped(*given, **named):
+        raise Stop(requested)
+
+    monkeypatch.setattr(plan_state, "solve", stopped)
+    solution = tm.plan(free.problem, start=free)
+    assert solution.success and solution.T == free.T
+    ended = tm.Status.INTERRUPTED if requested else tm.Status.TIME_LIMIT
+    assert solution.status is ended
+
+
 def test_former_motion_beyond_a_new_limit_is_not_returned(ur5):
     """The replay tolerates its excess of 0.4 %, because of which it is the faster
     motion.
@@ -286,7 +301,7 @@ def test_other_guesses_follow_a_failed_warm_start(planar3r, around, monkeypatch)
         return replace(work, make=make)
 
     monkeypatch.setattr(starts, "_warm_start_work", fails)
-    monkeypatch.setattr(starts, "_keep_former", lambda *_: False)
+    monkeypatch.setattr(plan_state.PlanState, "recall_former", lambda *_: False)
     problem = tm.Problem(planar3r, START, tm.JointGoal(END))
     again = tm.plan(problem, start=around)
     assert again.success

@@ -14,6 +14,7 @@ from tominpmp.problem.problem import Problem
 from tominpmp.solvers.iterate import Iterate, SlpResult
 from tominpmp.status import Status
 from tominpmp.transcription.base import ProgramInterface
+from tominpmp.transcription.grid import at_ticks
 from tominpmp.transcription.layout import Gridded, Layout
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.verification import Verification, verify
@@ -117,6 +118,11 @@ class Candidate:
     def confirmed(self) -> bool:
         """Whether the program and the replay of the motion keep all limits."""
         return self.feasible and bool(self.verification)
+
+    def is_on_clock(self, period: float | None) -> bool:
+        """Whether the knots are ticks of a clock; False without a clock."""
+        t = self.trajectory.t
+        return period is not None and np.array_equal(at_ticks(t, period), t)
 
     @property
     def refuted(self) -> bool:

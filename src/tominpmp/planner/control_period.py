@@ -25,7 +25,7 @@ from tominpmp.exceptions import OptionsError
 from tominpmp.motion.trajectory import MAX_SAMPLES, Trajectory
 from tominpmp.options import FEWEST_PERIODS
 from tominpmp.planner.automatic_options import minimum_time, warm_start_options
-from tominpmp.planner.candidate import Candidate
+from tominpmp.planner.candidate import Candidate, best_of
 from tominpmp.planner.first_program import with_active_rows
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import NUMERICAL, Work, make_and_repair
@@ -73,9 +73,9 @@ def on_clock(solution: Solution, state: PlanState) -> Solution:
         state: The plan, whose incumbent is the motion of the solution.
 
     Returns:
-        The solution on the clock; the solution itself if it has no motion, or options
-        have no control period. If no motion on the clock is found, the solution is a
-        failure, and its message says so.
+        The solution on the clock, which may be that of a warm start; the solution
+        itself if it has no motion, or options have no control period. If no motion on
+        the clock is found, the solution is a failure, and its message says so.
 
     Raises:
         OptionsError: If the period does not suit the duration of the motion.
@@ -102,6 +102,8 @@ def on_clock(solution: Solution, state: PlanState) -> Solution:
         logger.warning("the motion could not be brought to the clock: %r", error)
     history = tuple(state.history)
     solution = replace(solution, history=history, planning_time=state.seconds)
+    tried = state.candidates if clocked is None else [*state.candidates, clocked]
+    clocked = best_of([item for item in tried if item.is_on_clock(period)])
     if clocked is None or not clocked.confirmed:
         return _without_clock(solution, period, clocked, status)
     return _with_clock(solution, period, clocked, state)

@@ -14,6 +14,7 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.bounds.lower_bound import lower_bound
 from tominpmp.bounds.result import LowerBound
+from tominpmp.constraints.base import USABLE
 from tominpmp.initial_guess.rrt import PathSearches
 from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate, KeptIterate, best_of
@@ -86,6 +87,8 @@ class PlanState:
         searches: Success of the searches for paths around obstacles.
         reached: Configurations found for goals that leave them open, see
             :class:`~tominpmp.initial_guess.guess.GuessRequest`.
+        former: A warm start that has the ends of the problem, not replayed yet; None
+            without one.
         tried: Keys of the starts from which descents on coarse grids and shooting
             began, see :func:`start_key`.
     """
@@ -114,6 +117,7 @@ class PlanState:
         self.history: list[IterationRecord] = []
         self.searches = PathSearches()
         self.reached: dict[Hashable, tuple[list[Array], bool]] = {}
+        self.former: Candidate | None = None
         self.tried: set[int] = set()
         self._bounds: dict[tuple[int, ...], tuple[Problem, LowerBound]] = {}
         self._begin = time.perf_counter()
@@ -153,6 +157,33 @@ class PlanState:
             changes: New values of its attributes.
         """
         self.candidates.append(replace(candidate, **changes))
+
+    def recall_former(self, status: Status) -> bool:
+        """Keep the warm start as a candidate, if its replay keeps all limits.
+
+        It may exceed them by what the rows of a program leave between them, and not by
+        all that a replay tolerates: the limits may be lower than those that it was
+        planned for.
+
+        Args:
+            status: Status of the candidate.
+
+        Returns:
+            Whether the replay keeps them.
+
+        Raises:
+            Stop: If it is time to stop.
+        """
+        former = self.former
+        if former is None:
+            return False
+        known = (x for x in self.candidates if x.trajectory is former.trajectory)
+        tolerance = min(self.options.limit_tolerance, USABLE)
+        strict = replace(self.options, limit_tolerance=tolerance)
+        same = next(known, None) or former.verified(self.problem, strict)
+        if same.confirmed:
+            self.amend(same, status=status)
+        return same.confirmed
 
     def begin(self, alternative: Problem) -> None:
         """Begin the next candidate, for a problem with one goal."""

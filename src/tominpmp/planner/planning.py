@@ -34,6 +34,7 @@ every iteration. A plan passes through these modules:
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -62,6 +63,7 @@ from tominpmp.planner.work import Schedule, run, use_fallback
 from tominpmp.problem.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
+from tominpmp.stopping import Stop
 from tominpmp.verification.verification import LONGEST
 
 
@@ -92,8 +94,9 @@ def plan(
 
     Raises:
         OptionsError: If an option does not fit the problem.
-        ProblemError: If the goal cannot be reached at all, the former motion has other
-            joints, or the problem has segments and the arm joints without a motor.
+        ProblemError: If the goal cannot be reached at all, the start meets it and the
+            arm cannot rest there, the former motion has other joints, or the problem
+            has segments and the arm joints without a motor.
         SolverNotFound: If the solver of linear programs is not installed.
         Exception: Any error of ``options.callback``.
     """
@@ -142,6 +145,8 @@ def _finish(state: PlanState, status: Status | None) -> Solution:
     """
     options = state.options
     if status is not None:
+        with state.saving(), contextlib.suppress(Stop, KeyboardInterrupt):
+            state.recall_former(status)
         use_fallback(state, status)
     if not state.candidates and state.failures:
         raise state.failures[0]
@@ -168,7 +173,8 @@ def _full_schedule(
         former: A former motion as warm start; None without one.
     """
     problem, options = state.problem, state.options
-    proof = why_impossible(problem, options.limit_tolerance)
+    period = options.control_period
+    proof = why_impossible(problem, options.limit_tolerance, period)
     state.impossible = proof or find_barrier(problem, options.contact_tolerance)
     if state.impossible:
         return

@@ -17,7 +17,6 @@ from functools import partial
 import numpy as np
 
 from tominpmp.blas_threads import on_one_thread
-from tominpmp.constraints.base import USABLE
 from tominpmp.initial_guess.guess import CachedGuesses, Guess, GuessRequest
 from tominpmp.initial_guess.parallel import ready, run_parallel, stop_requested
 from tominpmp.initial_guess.path_velocity import guesses_of
@@ -102,10 +101,16 @@ def starts(
     guesses = CachedGuesses(make(system, request))
     if motion is not None:
         former = warm_start(system, motion)
+        whole = None if system.parts else former.whole(system)
+        if whole is not None:
+            state.former = Candidate(Status.FEASIBLE, True, whole, whole, {})
+            if state.former.is_on_clock(options.control_period):
+                # There may be no time to bring another motion to the clock.
+                state.recall_former(Status.FEASIBLE)
         candidate = yield _warm_start_work(system, former, state)
         solved = candidate is not None and candidate.confirmed
         if candidate is not None and candidate.duration >= former.duration:
-            solved = _keep_former(system, former, state, candidate) or solved
+            solved = state.recall_former(candidate.status) or solved
         enough = solved and (options.starts or 1) == 1
         if enough and not _beatable(system, state, guesses):
             return
@@ -358,31 +363,6 @@ def _warm_start_work(
 
     stop = first_of(stop_if_hopeless(WARM_FAR), stop_if_late)
     return descent_work(system, warm, former, state, stop)
-
-
-def _keep_former(
-    system: ProblemFunctions, former: WarmStart, state: PlanState, candidate: Candidate
-) -> bool:
-    """Keep a former motion that led to no faster one, if its replay keeps all limits.
-
-    It may exceed them by what the rows of a program leave between them, and not by all
-    that a replay tolerates: the limits may be lower than those that it was planned for.
-
-    Returns:
-        Whether the replay keeps them.
-    """
-    motion = None if system.parts else former.whole(system)
-    if motion is None:
-        return False
-    same = replace(
-        candidate, feasible=True, trajectory=motion, violations={}, layout=None
-    )
-    tolerance = min(state.options.limit_tolerance, USABLE)
-    strict = replace(state.options, limit_tolerance=tolerance)
-    same = same.verified(system.problem, strict)
-    if same.duration < candidate.duration:
-        state.amend(same)
-    return same.confirmed
 
 
 def _beatable(
