@@ -14,11 +14,13 @@ from sample_arms import DOWNWARD, make_arm
 import tominpmp as tm
 from tominpmp.bounds.lower_bound import lower_bound, why_impossible
 from tominpmp.initial_guess import segments
+from tominpmp.initial_guess.guess import GuessRequest
 from tominpmp.initial_guess.rrt import PathSearches
 from tominpmp.initial_guess.unreachable import hindrance
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.planner import plan_state
 from tominpmp.status import Status
+from tominpmp.transcription.problem_functions import ProblemFunctions
 
 TOLERANCE = 5e-3
 
@@ -166,6 +168,28 @@ def test_missing_path_names_joint_and_obstacle(
     assert "N m" not in solution.message
 
 
+def test_missing_path_of_a_segment_is_known_to_the_guesses_of_all_segments(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Obstacles that move keep segments from being planned one by one."""
+    monkeypatch.setattr(segments, "PathSearches", partial(PathSearches, checks=500))
+    room = {"position_lower": [-3.0, -0.1, -0.1], "position_upper": [3.0, 0.1, 0.1]}
+    arm, searches = tm.load_robot("planar3r", **room), PathSearches()
+    post = tm.Sphere("post", radius=0.3, position=(0.0, 5.0, 0.0))
+    goals = (tm.JointGoal([q, 0.0, 0.0], wrap=False) for q in (0.5, 2.5))
+    both = [tm.Segment(goal, stop=True) for goal in goals]
+    system = ProblemFunctions.of(
+        tm.Problem(arm, [0.6, 0, 0], None, [post], segments=both)
+    )
+    request = GuessRequest(np.random.default_rng(0), searches=searches)
+    guesses = segments.segmented_guesses(system, request)
+    next(guesses)
+    assert not searches.impasse
+    next(guesses)
+    assert searches.impasse.startswith("on segment 2, no path around the obstacles was")
+    assert "link 'link2' and obstacle 'post'" in searches.impasse
+
+
 def test_goal_where_no_configuration_can_rest_is_named() -> None:
     weak = make_arm(ROD, ROD, effort=np.array([15.0, 9.0]), gravity=DOWNWARD)
     strong = make_arm(ROD, ROD, effort=np.array([50.0, 50.0]), gravity=DOWNWARD)
@@ -196,6 +220,18 @@ def test_obstacle_at_a_frame_goal_is_named() -> None:
 
     assert "configurations found to reach it are in collision" in message
     assert "obstacle 'ball' lack 0." in message
+
+    # Of alternative goals, each is hindered.
+    either = tm.AnyGoal([region, tm.RegionGoal("tip", [2.99, 1.9, -1], [3.01, 2.1, 1])])
+    both = hindrance(tm.Problem(arm, [2.0, 0.0, 0.0], either, [ball], margin=0.02))
+    assert both.startswith(f"{message}; goal: all ")
+    free = tm.AnyGoal([region, tm.PositionGoal("tip", [1.0, 1.0, 0.0])])
+    assert not hindrance(tm.Problem(arm, [2.0, 0, 0], free, [ball], margin=0.02))
+    segment = tm.Segment(either)
+    problem = tm.Problem(
+        arm, [2.0, 0, 0], scene=[ball], margin=0.02, segments=[segment]
+    )
+    assert hindrance(problem) == f"on segment 1, {both}"
 
 
 def test_message_has_the_last_reachable_point_of_a_tool_line() -> None:

@@ -54,20 +54,20 @@ def segmented_guesses(
     @cache
     def from_state(
         place: int, q: tuple[float, ...], v: tuple[float, ...]
-    ) -> tuple[ProblemFunctions, CachedGuesses]:
-        """The functions and the guesses of a segment from a state."""
+    ) -> tuple[ProblemFunctions, PathSearches, CachedGuesses]:
+        """The functions, the searches and the guesses of a segment from a state."""
         single = _alone(system.parts[place], np.array(q), np.array(v))
         own = replace(each[place], onward=onward[place], searches=PathSearches())
         guesses = guesses_of(single, own)
         # A guess at rest at the start does not lead to the start of the next segment.
         moving = (guess for guess in guesses if count == 1 or guess.name != REST_GUESS)
-        return single, CachedGuesses(moving)
+        return single, own.searches, CachedGuesses(moving)
 
     for number in itertools.count():
-        pieces: list[Guess] = []
+        pieces, impasses = list[Guess](), list[str]()
         q, v = system.problem.q_start, system.problem.v_start
         for place in range(count):
-            single, guesses = from_state(place, tuple(q), tuple(v))
+            single, searches, guesses = from_state(place, tuple(q), tuple(v))
             guess = next(guesses.since(number), None)
             if guess is None:
                 if number:
@@ -75,9 +75,12 @@ def segmented_guesses(
                 where = f"segment {place + 1} of {count}: "
                 raise unreachable(single, request.rng, each[place].beyond, where)
             pieces.append(guess)
+            if searches.impasse:
+                impasses.append(f"on segment {place + 1}, {searches.impasse}")
             final = single.problem.goal.configuration
             q = guess.q[-1] if final is None else final
             v = end_velocity(single, q)
+        request.searches.impasse = "".join(impasses[:1])
         yield _joined(pieces)
 
 

@@ -56,9 +56,12 @@ def hindrance(problem: Problem) -> str:
     tool paths, which may not be all that there are.
     """
     q = problem.q_start
-    for number, phase in enumerate(problem.phases):
-        if phase.goal.alternatives[1:]:
-            return ""
+    for number, phase in enumerate(problem.phases, 1):
+        where = f"on segment {number}, " if problem.segments else ""
+        goals = phase.goal.alternatives
+        if goals[1:]:
+            each = [hindrance(phase._altered(goal=goal, q_start=q)) for goal in goals]
+            return where + "; ".join(dict.fromkeys(each)) if all(each) else ""
         system = ProblemFunctions.of(phase._altered(q_start=q))
         target, end = Target(system, phase.goal), phase.goal.configuration
         reason = _lost_path(system)
@@ -67,7 +70,7 @@ def hindrance(problem: Problem) -> str:
             unusable = _why_unusable(target, ik)
             reason = unusable and f"goal: {unusable}"
         if reason:
-            return f"on segment {number + 1}, {reason}" if problem.segments else reason
+            return where + reason
         if end is None:
             end, missing = target.solve(q)
             if missing > REACHED:

@@ -131,7 +131,7 @@ def _alone(
     alone = PlanState(problem, options, stop_requested=lambda: state.deadline.due)
     with alone.deadline.in_force():
         run(alone, schedule(alone, problem))
-    state.searches = alone.searches
+    state.searches.impasse = alone.searches.impasse
     return alone.incumbent
 
 
