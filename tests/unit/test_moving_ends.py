@@ -333,3 +333,24 @@ def test_start_acceleration_applies_to_the_first_segment(
     assert solution.success
     np.testing.assert_allclose(solution.trajectory(0.0).a, state.a, atol=1e-5)
     assert solution.segments[0].end <= 0.7 * smooth.T * (1.0 + 5e-3)
+
+
+@pytest.mark.parametrize(
+    ("limits", "kinematic"),
+    [(SMOOTH, False), (SMOOTH, True), (tm.MotionLimits(effort_rate=500.0), False)],
+    ids=["jerk", "kinematic", "effort rate"],
+)
+def test_goal_with_a_tool_velocity_is_met_without_acceleration(
+    limits: tm.MotionLimits, kinematic: bool
+) -> None:
+    """Regression: the replay, in which the arm has no acceleration after the motion,
+    refuted every plan.
+    """
+    arm = tm.load_robot("planar3r", kinematic=kinematic)
+    there = RobotKinematics(arm).placement(np.array([0.9, -1.2, -0.9]), "tip")
+    goal = tm.PositionGoal("tip", np.array(there.translation), v=[0.5, 0.3, 0.0])
+    problem = tm.Problem(arm, [0.5, 1.7, -1.7], goal, motion_limits=limits)
+    solution = tm.plan(problem, effort="quick")
+    assert solution.success and solution.T < 2.0, solution.message
+    last = solution.trajectory(np.nextafter(solution.T, 0.0))
+    np.testing.assert_allclose(last.a, 0.0, atol=1e-4)

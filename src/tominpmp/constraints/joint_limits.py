@@ -10,8 +10,8 @@ from tominpmp.arrays import Array, IntArray, Record
 from tominpmp.constraints.base import USABLE, LimitOfJoints, Partials, States
 from tominpmp.motion_limits import ACCELERATION
 
-# Zero acceleration at a dwell is not a limit of the user, so it has no quantity.
-AT_DWELL = replace(ACCELERATION, name="acceleration at a dwell", quantity="")
+# Zero acceleration at the end is not a limit of the user, so it has no quantity.
+AT_END = replace(ACCELERATION, name="acceleration at the end", quantity="")
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,14 +38,14 @@ class JointLimit(Record, LimitOfJoints):
         self._keep(field=kind.quantity, order=kind.order, curable=curable)
 
     @classmethod
-    def at_dwell(cls, scale: Array) -> JointLimit:
-        """Zero acceleration at a dwell of an arm whose accelerations must not jump.
+    def at_end(cls, scale: Array) -> JointLimit:
+        """Zero acceleration at the end of an arm whose accelerations must not jump.
 
         Args:
             scale: Scale of the accelerations, shape (n,).
         """
         zero = np.zeros(scale.size)
-        return cls(AT_DWELL, np.arange(scale.size), zero, zero, scale)
+        return cls(AT_END, np.arange(scale.size), zero, zero, scale)
 
     @property
     def usable(self) -> Array | None:

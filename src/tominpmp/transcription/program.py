@@ -28,7 +28,7 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 # An instant counts as attaining the maximum of a constraint if its value is this close.
 ATTAINED = 1e-4
 
-# Velocity limits times this rate scale the accelerations before a dwell [1/s].
+# Velocity limits times this rate scale the accelerations at an end [1/s].
 BRAKING = 10.0
 # Interior-point solvers leave the duration slightly above an active lower bound: a
 # duration within this share of its bound counts as equal to it.
@@ -75,6 +75,11 @@ class NonlinearProgram:
                 transcription, goal, Instants.end(transcription.intervals)
             )
             blocks.insert(first, last)
+        part = system.segments[-1]
+        if part.final_velocity is None and not part.sudden:
+            # The arm moves on without acceleration.
+            at = Instants.end(transcription.intervals)
+            blocks.append(SampledRows(transcription, _unaccelerated(part), at))
         return cls(transcription, tuple(blocks), selection)
 
     def at(self, z: Array) -> NonlinearProgram:
@@ -306,6 +311,10 @@ def _at_ends_of_segments(of: Transcription[Any]) -> list[Block]:
         # The motion is given by its accelerations above degree 3: they cannot jump.
         sudden = part.sudden and parts[number + 1].sudden and of.degree <= 3
         if segment.dwell > 0.0 and not sudden and of.highest_order > 2:
-            rest = JointLimit.at_dwell(BRAKING * part.problem.robot.limits.velocity)
-            goals.append(SampledRows(of, rest, at, within, suffix))
+            goals.append(SampledRows(of, _unaccelerated(part), at, within, suffix))
     return [*goals, *arrivals]
+
+
+def _unaccelerated(part: ProblemFunctions) -> JointLimit:
+    """Zero acceleration of a segment where accelerations must not jump."""
+    return JointLimit.at_end(BRAKING * part.problem.robot.limits.velocity)
