@@ -63,45 +63,28 @@ def differentiate_rates(
         by = dynamics.forward_jacobians(x, u)
         tau_u = np.broadcast_to(np.eye(n), (count, n, n))
         return HeldRates(*by, u, np.zeros((count, n, 2 * n)), tau_u)
-    patterns, which = np.unique(modes, axis=0, return_inverse=True)
-    if len(patterns) > 1:
-        # States with equal modes are solved together, and then restored to their order.
-        rows = [np.flatnonzero(which.ravel() == k) for k in range(len(patterns))]
-        parts = [differentiate_rates(dynamics, x[r], u[r], modes[r]) for r in rows]
-        every, back = zip(*parts, strict=True), np.argsort(np.concatenate(rows))
-        return HeldRates(*(np.concatenate(part)[back] for part in every))
-    return _held_rates(dynamics, x, u, patterns[0])
-
-
-def _held_rates(dynamics: Dynamics, x: Array, u: Array, modes: IntArray) -> HeldRates:
-    """Rates of states at which the same joints are held."""
-    count, n = u.shape
     q, v = x[:, :n], x[:, n:]
-    free = np.flatnonzero((modes & HOLDS) == 0)
-    follows = np.flatnonzero((modes & FOLLOWS) != 0)
-    known = np.flatnonzero((modes & FOLLOWS) == 0)
+    holds, follows = (modes & HOLDS) != 0, (modes & FOLLOWS) != 0
+    # In each state, the torque of the k-th joint that follows holds the k-th held one.
+    (state, held), (_, follower) = np.nonzero(holds), np.nonzero(follows)
     still = dynamics.inverse_jacobians(q, v, np.zeros_like(u))
-    # The unknowns are the accelerations of free joints and the torques that follow.
-    matrix = np.zeros((count, n, n))
-    matrix[:, :, : free.size] = still.tau_a[:, :, free]
-    matrix[:, follows, free.size + np.arange(follows.size)] = -1.0
-    drive = -still.tau
-    drive[:, known] += u[:, known]
+    # The unknowns are the accelerations of free joints, and in the places of the held
+    # joints the torques that follow.
+    matrix = np.where(holds[:, None], 0.0, still.tau_a)
+    matrix[state, follower, held] = -1.0
+    drive = np.where(follows, 0.0, u) - still.tau
     found = np.linalg.solve(matrix, drive[..., None])[..., 0]
-    a, tau = np.zeros_like(u), u.copy()
-    a[:, free], tau[:, follows] = found[:, : free.size], found[:, free.size :]
+    a, tau = np.where(holds, 0.0, found), u.copy()
+    tau[state, follower] = found[state, held]
     by = dynamics.inverse_jacobians(q, v, a)
-    slope = np.concatenate([by.tau_q, by.tau_v], axis=2)
-    by_x = np.linalg.solve(matrix, -slope)
-    by_u = np.linalg.solve(
-        matrix, np.broadcast_to(np.eye(n)[:, known], (count, n, known.size))
-    )
+    known = np.where(follows[:, None], 0.0, np.eye(n))
+    right = np.concatenate([-by.tau_q, -by.tau_v, known], axis=2)
+    slopes, by_tau = np.linalg.solve(matrix, right), np.zeros((count, n, 3 * n))
+    by_tau[:, :, 2 * n :] = known
+    by_tau[state, follower] = slopes[state, held]
+    slopes[state, held] = 0.0
     f_x, f_u = np.zeros((count, 2 * n, 2 * n)), np.zeros((count, 2 * n, n))
-    tau_x, tau_u = np.zeros((count, n, 2 * n)), np.zeros((count, n, n))
     f_x[:, :n, n:] = np.eye(n)
-    f_x[:, n + free] = by_x[:, : free.size]
-    f_u[:, (n + free)[:, None], known] = by_u[:, : free.size]
-    tau_x[:, follows] = by_x[:, free.size :]
-    tau_u[:, follows[:, None], known] = by_u[:, free.size :]
-    tau_u[:, known, known] = 1.0
-    return HeldRates(np.concatenate([v, a], axis=1), f_x, f_u, tau, tau_x, tau_u)
+    f_x[:, n:], f_u[:, n:] = slopes[..., : 2 * n], slopes[..., 2 * n :]
+    f = np.concatenate([v, a], axis=1)
+    return HeldRates(f, f_x, f_u, tau, by_tau[..., : 2 * n], by_tau[..., 2 * n :])
