@@ -60,9 +60,9 @@ def differentiate_rates(
     """
     count, n = u.shape
     if not np.any(modes):
-        by = dynamics.forward_jacobians(x, u)
+        moved = dynamics.forward_jacobians(x, u)
         tau_u = np.broadcast_to(np.eye(n), (count, n, n))
-        return HeldRates(*by, u, np.zeros((count, n, 2 * n)), tau_u)
+        return HeldRates(*moved, u, np.zeros((count, n, 2 * n)), tau_u)
     q, v = x[:, :n], x[:, n:]
     holds, follows = (modes & HOLDS) != 0, (modes & FOLLOWS) != 0
     # In each state, the torque of the k-th joint that follows holds the k-th held one.

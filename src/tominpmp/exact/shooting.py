@@ -7,6 +7,7 @@ the limits to which its margin is small.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -15,6 +16,7 @@ from scipy.interpolate import BarycentricInterpolator
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.base import States
+from tominpmp.constraints.final import GoalReached
 from tominpmp.exact.held_joints import FOLLOWS, HOLDS, differentiate_rates
 from tominpmp.exact.radau import NODES, STAGES, IntegratedArcs, integrate
 from tominpmp.exact.structure import Arcs
@@ -28,29 +30,26 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 # mostly shares of the limit, and for clearances in shares of the reach.
 NEAR = 0.1
 CLOSE = 0.05
-# Kinds of limits, and their names.
-POSITION, VELOCITY, TORQUE, CLEARANCE = range(4)
-KINDS = ("position", "velocity", "torque", "clearance")
-# Kinds of the other rows, which come first: equations, and the bounds of a goal region.
-EQUATIONS = ("goal", "speed")
-GOAL_ROWS = (*EQUATIONS, "goal region")
-# Kind of limit by the field or the name of its constraint.
-FIELDS = {"q": POSITION, "v": VELOCITY, "u": TORQUE, "clearance": CLEARANCE}
+# Kinds of rows, by the field or the name of their constraint, and their names.
+GOAL, POSITION, VELOCITY, TORQUE, CLEARANCE = range(5)
+FIELDS = {"goal": GOAL, "q": POSITION, "v": VELOCITY, "u": TORQUE}
+FIELDS |= {"clearance": CLEARANCE}
+KINDS = ("goal", "position", "velocity", "torque", "clearance")
 # Number of parts of a step with a held joint, whose torque changes during the step.
 CUTS = 4
 # Steps shorter than this share of the duration are left out of the motion.
 VANISHED = 1e-9
 
 
-class WatchedLimits(NamedTuple):
-    """Limits that are rows of a program, at the ends of steps.
+class BoundRows(NamedTuple):
+    """Rows of a program: bounds of constraints at the ends of steps.
 
     Attributes:
-        kind: Kind of each limit, shape (r,).
-        node: Number of the step at whose end the limit is checked, from 1, shape (r,).
+        kind: Kind of the constraint of each row, shape (r,).
+        node: Number of the step at whose end each row is evaluated, from 1, shape (r,).
         which: Index of the value of the constraint, shape (r,).
-        sign: 1 for upper limits, -1 for lower limits, shape (r,).
-        margin: Margin to the limit in the motion that was inspected, shape (r,).
+        sign: 1 for upper bounds, -1 for lower bounds, shape (r,).
+        margin: Margin to the bound in the motion that was inspected, shape (r,).
     """
 
     kind: IntArray
@@ -59,14 +58,18 @@ class WatchedLimits(NamedTuple):
     sign: IntArray
     margin: Array
 
+    @classmethod
+    def joined(cls, parts: Iterable[BoundRows]) -> BoundRows:
+        """Concatenate rows."""
+        return cls(*map(np.concatenate, zip(*parts, strict=True)))
 
-class EndRows(NamedTuple):
-    """Rows of a program, each a function of state, torques and time at a step's end.
+
+class Margins(NamedTuple):
+    """Margins of a motion to the bounds of rows, and their derivatives.
 
     Attributes:
-        value: Row values, shape (k,).
-        node: Number of the step at whose end each row is evaluated, from 1, shape (k,);
-            0 for the start.
+        value: Margins, shape (k,).
+        node: Number of the step at whose end each row is evaluated, shape (k,).
         by_x: Derivatives by the state there, shape (k, 2n).
         by_u: Derivatives by the torques on the step, shape (k, n).
         by_t: Derivatives by the time, shape (k,).
@@ -78,13 +81,6 @@ class EndRows(NamedTuple):
     by_u: Array
     by_t: Array
 
-    @classmethod
-    def of_states(cls, value: Array, node: IntArray | int, by_x: Array) -> EndRows:
-        """Rows that depend on states alone."""
-        count, size = by_x.shape
-        nodes = np.broadcast_to(node, count)
-        return cls(value, nodes, by_x, np.zeros((count, size // 2)), np.zeros(count))
-
 
 @dataclass(frozen=True, eq=False)
 class Shot:
@@ -92,15 +88,16 @@ class Shot:
 
     Attributes:
         motion: The motion.
-        rows: The rows: residuals of e equations, for the goal and the entries of held
-            arcs, and then margins to the bounds of the goal and to the watched limits.
+        rows: Margins to the bounds of all rows: e equations first, of the goal and of
+            the entries of held arcs, then the bounds of a goal region, and the watched
+            limits.
         slopes: Derivatives of the rows, shape (e + r, size).
         equations: Number e of equations.
         by_stages: Derivatives of the stages, shape (M, 3, 2n, size).
     """
 
     motion: IntegratedArcs
-    rows: EndRows
+    rows: Margins
     slopes: Array
     equations: int
     by_stages: Array
@@ -120,7 +117,7 @@ class ArcProgram:
 
     Attributes:
         system: The functions of the problem.
-        limits: The constraints that can become rows, by the kind of limit.
+        limits: The constraints that have rows or can have some, by the kind of row.
         arcs: Structure of the arcs, with their initial lengths and torques.
         steps: Number of integration steps of each arc, shape (K,).
         size: Number of unknowns.
@@ -129,7 +126,9 @@ class ArcProgram:
         follows: Whether torques follow from held joints on the steps, shape (M, n).
         modes: Modes of the joints on the steps, see
             :func:`~tominpmp.exact.held_joints.differentiate_rates`, shape (M, n).
-        watched: Limits that are rows.
+        equations: Number of rows that are equations, which come first.
+        bounds: The rows.
+        watched: The last rows, of the limits that a motion comes near to.
         guess: Stages of a similar motion, the first initial guess of integrations,
             shape (M, 3, 2n); by default the arm stays at its start.
         evaluations: Number of states at which the dynamics have been evaluated.
@@ -137,14 +136,15 @@ class ArcProgram:
 
     def __init__(self, system: ProblemFunctions, arcs: Arcs, steps: IntArray) -> None:
         self.system, self.arcs, self.steps = system, arcs, steps
-        every = {item.field or item.name: item for item in system.constraints}
+        scale = scale_of_goal(system, arcs.duration)
+        goal = GoalReached(system.problem.goal, system.kinematics, scale)
+        every = {item.field or item.name: item for item in (*system.constraints, goal)}
         self.limits: dict[int, Any] = {
             kind: every[key] for key, kind in FIELDS.items() if key in every
         }
         self.size = arcs.count + int(arcs.free.sum())
         self.duration = arcs.duration
         self.arc_of_step = np.repeat(np.arange(arcs.count), steps)
-        self.watched = WatchedLimits(*np.zeros((5, 0), dtype=np.int64))
         self.evaluations = 0
         self._n = system.n
         self._start = system.problem.x_start
@@ -156,11 +156,25 @@ class ArcProgram:
         self.guess = np.tile(self._start, (self.arc_of_step.size, STAGES, 1))
         self._last: tuple[Array, Shot | None] | None = None
         self._base: tuple[Array, Shot] | None = None
+        low, high = map(np.ravel, goal.bounds(1))
+        exact, end = low == high, self.arc_of_step.size
+        rows = [(GOAL, end, k, -1) for k in np.flatnonzero(exact).tolist()]
+        for arc, joint in np.argwhere(arcs.entries).tolist():
+            which = int(np.searchsorted(self.limits[VELOCITY].of_joints, joint))
+            node, sign = int(steps[:arc].sum()), int(arcs.held[arc, joint])
+            rows.append((VELOCITY, node, which, sign))
+        self.equations = len(rows)
+        for sign, bound in ((1, high), (-1, low)):
+            region = np.flatnonzero(~exact & np.isfinite(bound))
+            rows += [(GOAL, end, k, sign) for k in region.tolist()]
+        columns = np.array([(*row, 0) for row in rows], dtype=np.int64)
+        self._required = BoundRows(*columns.reshape(-1, 5).T)
+        self.watch(BoundRows(*np.zeros((5, 0), dtype=np.int64)))
 
-    def watch(self, watched: WatchedLimits) -> None:
-        """Replace the limits that are rows."""
-        self.watched = watched
-        self._last = None
+    def watch(self, watched: BoundRows) -> None:
+        """Replace the rows of limits."""
+        self.watched, self._last = watched, None
+        self.bounds = BoundRows.joined([self._required, watched])
 
     def pack(self) -> Array:
         """Unknowns for the initial arcs."""
@@ -180,18 +194,10 @@ class ArcProgram:
     @property
     def rows(self) -> Rows:
         """Bounds, kinds and groups of the rows."""
-        low, high = self.system.goal_bounds
-        exact = low == high
-        region = np.isfinite(np.stack([low, high])[:, ~exact])
-        counts = [int(part.sum()) for part in (exact, self.arcs.entries, region)]
-        counts += np.bincount(self.watched.kind, minlength=len(KINDS)).tolist()
-        parts = []
-        for name, count in zip((*GOAL_ROWS, *KINDS), counts, strict=True):
-            most = np.full(count, 0.0 if name in EQUATIONS else np.inf)
-            group = np.zeros(count, dtype=np.int64)
-            if count:
-                parts.append((name, np.zeros(count), most, group))
-        return Rows.stack(parts)
+        kind = self.bounds.kind
+        upper = np.where(np.arange(kind.size) < self.equations, 0.0, np.inf)
+        curable = np.zeros(len(KINDS), dtype=bool)
+        return Rows(np.zeros(kind.size), upper, kind, kind, KINDS, curable)
 
     @property
     def of_lengths(self) -> Array:
@@ -300,32 +306,10 @@ class ArcProgram:
 
     def _differentiate(self, motion: IntegratedArcs) -> Shot:
         """Rows of a motion, with their derivatives."""
-        system, n = self.system, self._n
-        x, goal = motion.x, system.problem.goal
-        value, by_q, by_v = goal.residual(system.kinematics, x[-1, :n], x[-1, n:])
-        scale = scale_of_goal(system, self.duration)
-        low, high = system.goal_bounds
-        exact = low == high
-        above, below = ~exact & np.isfinite(high), ~exact & np.isfinite(low)
-        to_high, to_low = (high - value) / scale, (value - low) / scale
-        slope, end = np.hstack([by_q, by_v]) / scale[:, None], self.arc_of_step.size
-        arc, joint = np.nonzero(self.arcs.entries)
-        node = (np.cumsum(self.steps) - self.steps)[arc]
-        limit = system.problem.robot.limits.velocity[joint]
-        entry = x[node, n + joint] / limit - self.arcs.held[arc, joint]
-        parts = [
-            EndRows.of_states(to_low[exact], end, slope[exact]),
-            EndRows.of_states(entry, node, np.eye(2 * n)[n + joint] / limit[:, None]),
-            EndRows.of_states(to_high[above], end, -slope[above]),
-            EndRows.of_states(to_low[below], end, slope[below]),
-            self._watched_rows(motion),
-        ]
-        rows = EndRows(*map(np.concatenate, zip(*parts, strict=True)))
-        by, by_stages = self.propagate(motion)
-        equations = int(exact.sum()) + entry.size
-        return Shot(motion, rows, self._slopes(rows, by), equations, by_stages)
+        rows, (by, by_stages) = self._rows(motion), self.propagate(motion)
+        return Shot(motion, rows, self._slopes(rows, by), self.equations, by_stages)
 
-    def _slopes(self, rows: EndRows, by: Array) -> Array:
+    def _slopes(self, rows: Margins, by: Array) -> Array:
         """Derivatives of rows by the unknowns, shape (k, size).
 
         Args:
@@ -346,12 +330,11 @@ class ArcProgram:
 
     # -- limits ------------------------------------------------------------------------
 
-    def _states(self, motion: IntegratedArcs) -> States:
-        """States and torques at the ends of steps."""
-        n, x = self._n, motion.x[1:]
-        torque = motion.rates.tau.reshape(-1, STAGES, n)[:, -1]
-        empty, t = np.zeros((0, n)), np.cumsum(motion.h)
-        return States(t, x[:, :n], x[:, n:], empty, torque)
+    def _states(self, motion: IntegratedArcs, steps: IntArray | slice) -> States:
+        """States and torques at the ends of some steps."""
+        n, x, t = self._n, motion.x[1:][steps], np.cumsum(motion.h)[steps]
+        torque = motion.rates.tau.reshape(-1, STAGES, n)[steps, -1]
+        return States(t, x[:, :n], x[:, n:], np.zeros((0, n)), torque)
 
     def _margins(self, states: States, kind: int) -> tuple[Array, Array]:
         """Margins to the upper and lower limits at states, shape (m, k) each."""
@@ -359,7 +342,7 @@ class ArcProgram:
         lower, upper = self.limits[kind].bounds(states.t.size)
         return upper - values, values - lower
 
-    def nearby(self, motion: IntegratedArcs, gap: float | None = None) -> WatchedLimits:
+    def nearby(self, motion: IntegratedArcs, gap: float | None = None) -> BoundRows:
         """Limits to which the margin of a motion is small or negative.
 
         Args:
@@ -367,8 +350,8 @@ class ArcProgram:
             gap: Margin below which limits are returned, in units of the rows; None for
                 the default of each kind.
         """
-        system, states = self.system, self._states(motion)
-        parts = list[WatchedLimits]()
+        system, states = self.system, self._states(motion, slice(None))
+        parts = list[BoundRows]()
         # Left out are the speed limits of joints that are held, or about to be, as the
         # speeds are at them, and the limits of torques that do not follow, as the
         # bounds of the unknowns keep them.
@@ -377,7 +360,7 @@ class ArcProgram:
         free = {VELOCITY: held, TORQUE: ~self.follows}
         # Positions and velocities that the goal fixes need no margin at the end.
         given = {POSITION: system.final_configuration, VELOCITY: system.final_velocity}
-        for kind in sorted(self.limits):
+        for kind in sorted(self.limits.keys() - {GOAL}):
             distance = (CLOSE if kind == CLEARANCE else NEAR) if gap is None else gap
             for sign, margin in zip((1, -1), self._margins(states, kind), strict=True):
                 if kind in free:
@@ -387,21 +370,22 @@ class ArcProgram:
                 step, index = np.nonzero(margin < distance)
                 kinds, signs = np.full_like(step, kind), np.full_like(step, sign)
                 small = margin[step, index]
-                parts.append(WatchedLimits(kinds, step + 1, index, signs, small))
-        return WatchedLimits(*map(np.concatenate, zip(*parts, strict=True)))
+                parts.append(BoundRows(kinds, step + 1, index, signs, small))
+        return BoundRows.joined(parts)
 
-    def _watched_rows(self, motion: IntegratedArcs) -> EndRows:
-        """Margins to the watched limits, with derivatives."""
-        n, watched, rates = self._n, self.watched, motion.rates
-        states, count = self._states(motion), watched.kind.size
-        by_x = np.zeros((count, 2 * n))
-        out = EndRows.of_states(np.zeros(count), watched.node, by_x)
-        for kind in np.unique(watched.kind).tolist():
-            rows = np.flatnonzero(watched.kind == kind)
-            node, which, sign = (part[rows] for part in watched[1:4])
-            high, low = (part[node - 1, which] for part in self._margins(states, kind))
+    def _rows(self, motion: IntegratedArcs) -> Margins:
+        """Margins to the bounds of all rows, with their derivatives."""
+        n, rates, count = self._n, motion.rates, self.bounds.kind.size
+        parts = np.zeros(count), self.bounds.node, np.zeros((count, 2 * n))
+        out = Margins(*parts, np.zeros((count, n)), np.zeros(count))
+        for kind in np.unique(self.bounds.kind).tolist():
+            rows = np.flatnonzero(self.bounds.kind == kind)
+            node, which, sign = (part[rows] for part in self.bounds[1:4])
+            used, place = np.unique(node, return_inverse=True)
+            states = self._states(motion, used - 1)
+            high, low = (part[place, which] for part in self._margins(states, kind))
             out.value[rows] = np.where(sign > 0, high, low)
-            by = self.limits[kind].differentiate(states, node - 1, which)
+            by = self.limits[kind].differentiate(states, place, which)
             by = by.times(-sign[:, None])
             for part, joints in ((by.by_q, slice(n)), (by.by_v, slice(n, None))):
                 if part is not None:
