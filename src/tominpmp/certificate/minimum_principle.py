@@ -37,6 +37,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import expm
 
 from tominpmp.arrays import Array, BoolArray
 from tominpmp.blas_threads import on_one_thread
@@ -329,25 +330,13 @@ def _integrated(motion: GridMotion, dual: DualSolution) -> Array:
     u = motion.system.dynamics.inverse(q, v, a)  # torques minus dry friction
     x = np.concatenate([q, v], axis=1)
     slope = motion.system.dynamics.forward_jacobians(x, u).f_x
-    steps = _transitions(slope, np.repeat(changes.h / PLACES, PLACES))
-    steps = steps.reshape(changes.N, PLACES, 2 * n, 2 * n)
+    slope = slope.reshape(changes.N, PLACES, 2 * n, 2 * n)
+    steps = expm(slope * (changes.h / PLACES)[:, None, None, None])
     p = dual.costates
     for i in range(PLACES - 1, -1, -1):
         p = np.einsum("ki,kij->kj", p, steps[:, i]) + dual.jumps[:, i]
     p[1:] += dual.jumps[:-1, PLACES]
     return np.asarray(p)
-
-
-def _transitions(slope: Array, h: Array) -> Array:
-    """State transition matrices of steps, by Radau IIA of order 3, shape (m, k, k).
-
-    Args:
-        slope: f_x in the middle of each step, shape (m, k, k).
-        h: Lengths of the steps [s], shape (m,).
-    """
-    z = slope * h[:, None, None]
-    eye = np.eye(slope.shape[1])
-    return np.asarray(np.linalg.solve(eye - 2 / 3 * z + z @ z / 6, eye + z / 3))
 
 
 def _disagreement(dual: DualSolution, integrated: Array) -> float:
