@@ -8,15 +8,13 @@ bounds are computed at each configuration.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial import ConvexHull, QhullError
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.collision.shapes import Body, outline
@@ -36,13 +34,10 @@ Joints = tuple[Array, Array]
 # First and second body of each pair, shape (pairs, 2).
 Pairs = IntArray
 # Number of balls that cover a body, side by side along its longest axis. With four, the
-# bounds for links of a Panda are 1 to 3 cm below the distances.
+# bounds for links of a Panda are 1 to 6 cm below the distances.
 BALLS = 4
 # Number of steps towards the centre of the smallest ball (Badoiu and Clarkson, 2003).
 CENTRING = 12
-# Up to this number of points, all pairs count as edges; for more points, the edges of
-# their hull are computed.
-FEW = 24
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,39 +82,13 @@ def _enclose(data: bytes, swell: float) -> BoundingVolumes:
     middle = 0.5 * (inside.min(axis=0) + inside.max(axis=0))
     inside = inside - middle
     half = inside.max(axis=0)
-    longest = int(np.argmax(half))
-    cuts = np.linspace(-half[longest], half[longest], BALLS + 1)
-    balls = [_ball(part) for part in (inside, *_slices(inside, longest, cuts))]
-    centres, radii = map(np.array, zip(*balls, strict=True))
-    return BoundingVolumes(R, R @ middle, half, swell, centres, radii + swell)
-
-
-def _slices(points: Array, axis: int, cuts: Array) -> list[Array]:
-    """Corners of the slices of a convex hull between planes across an axis."""
-    first, second = _edges(points)
-    a, b = points[first], points[second]
-    rise = b[:, axis] - a[:, axis]
-    parts = []
-    for low, high in pairwise(cuts.tolist()):
-        tiny = 1e-12 + 1e-9 * (cuts[-1] - cuts[0])
-        level = points[:, axis]
-        part = [points[(level >= low - tiny) & (level <= high + tiny)]]
-        for cut in (low, high):
-            crossing = (a[:, axis] - cut) * (b[:, axis] - cut) < 0.0
-            share = (cut - a[crossing, axis]) / rise[crossing]
-            part.append(a[crossing] + share[:, None] * (b - a)[crossing])
-        parts.append(np.concatenate(part))
-    return parts
-
-
-def _edges(points: Array) -> tuple[IntArray, IntArray]:
-    """First and second points of a superset of the edges of the convex hull."""
-    if len(points) > FEW:
-        with suppress(QhullError):  # points in a plane
-            simplices = ConvexHull(points).simplices
-            return simplices.ravel(), np.roll(simplices, 1, axis=1).ravel()
-    first, second = np.triu_indices(len(points), 1)
-    return first, second
+    # The balls cover the slices of a cylinder around the body, along its longest axis.
+    along, step = np.eye(3)[int(np.argmax(half))], half.max() / BALLS
+    places = step * (2.0 * np.arange(BALLS) + 1.0 - BALLS)
+    (centre, radius), (axis, across) = map(_ball, (inside, inside * (1.0 - along)))
+    centres = np.vstack([centre, axis + places[:, None] * along])
+    radii = swell + np.append(radius, np.full(BALLS, math.hypot(across, step)))
+    return BoundingVolumes(R, R @ middle, half, swell, centres, radii)
 
 
 def _ball(points: Array) -> tuple[Array, float]:
