@@ -99,17 +99,17 @@ def test_bounding_volumes_contain_their_points(
         weights = rng.dirichlet(np.full(count, 0.3), size=200)
         inside = (weights @ points - found.t) @ found.R
         assert np.all(np.abs(inside) <= found.half + 1e-9)
-        outside = np.linalg.norm(inside[:, None] - found.centres, axis=2) - found.radii
-        assert np.all(outside[:, 0] <= -0.1 + 1e-9)
-        assert np.all(np.min(outside[:, 1:], axis=1) <= -0.1 + 1e-9)
+        assert np.all(np.linalg.norm(inside, axis=1) <= found.radius - 0.1 + 1e-9)
+        away = np.linalg.norm(inside[:, None] - found.centres, axis=2)
+        assert np.all(np.min(away, axis=1) <= found.cover - 0.1 + 1e-9)
         assert found.swell == 0.1
 
 
 def test_bounding_balls_of_a_stick_are_small() -> None:
     stick = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     found = BoundingVolumes.of(stick, 0.05)
-    assert found.radii[0] == pytest.approx(0.55)
-    np.testing.assert_allclose(found.radii[1:], 0.5 / BALLS + 0.05)
+    assert found.radius == pytest.approx(0.55)
+    assert found.cover == pytest.approx(0.5 / BALLS + 0.05)
 
 
 @pytest.mark.filterwarnings("ignore:.*safety_controller")

@@ -8,7 +8,6 @@ bounds are computed at each configuration.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -25,8 +24,8 @@ from tominpmp.stopping import check
 TOGETHER, FEWEST = 0.06, 24
 # Number of pairs whose bounds are computed at once, which limits the memory.
 SOME_PAIRS = 1_000
-# Rounding of a bound for grouped configurations [m].
-ROUNDING = 1e-9
+# Rounding of a bound for grouped configurations [m], and of radii, as a factor.
+ROUNDING, ROUNDED = 1e-9, 1.0 + 1e-12
 
 # Placements joint_to_world of joints and moving obstacles: rotations, shape
 # (m, joints, 3, 3), and positions, shape (m, joints, 3) [m].
@@ -36,8 +35,6 @@ Pairs = IntArray
 # Number of balls that cover a body, side by side along its longest axis. With four, the
 # bounds for links of a Panda are 1 to 6 cm below the distances.
 BALLS = 4
-# Number of steps towards the centre of the smallest ball (Badoiu and Clarkson, 2003).
-CENTRING = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,17 +46,19 @@ class BoundingVolumes:
         t: Centre of the box in the axes of the body [m], shape (3,).
         half: Half the edge lengths of the box [m], shape (3,).
         swell: Radius by which the box is inflated [m].
-        centres: Centres of a ball around the body, and of BALLS balls that together
-            cover it [m], shape (1 + BALLS, 3).
-        radii: Radii of these balls [m], shape (1 + BALLS,).
+        radius: Radius of a ball around the body, with the centre of the box [m].
+        centres: Centres of BALLS balls that together cover the body [m], shape
+            (BALLS, 3).
+        cover: Radius of each of these balls [m].
     """
 
     R: Array
     t: Array
     half: Array
     swell: float
+    radius: float
     centres: Array
-    radii: Array
+    cover: float
 
     @classmethod
     def of(cls, points: Array, radius: float) -> BoundingVolumes:
@@ -85,23 +84,10 @@ def _enclose(data: bytes, swell: float) -> BoundingVolumes:
     # The balls cover the slices of a cylinder around the body, along its longest axis.
     along, step = np.eye(3)[int(np.argmax(half))], half.max() / BALLS
     places = step * (2.0 * np.arange(BALLS) + 1.0 - BALLS)
-    (centre, radius), (axis, across) = map(_ball, (inside, inside * (1.0 - along)))
-    centres = np.vstack([centre, axis + places[:, None] * along])
-    radii = swell + np.append(radius, np.full(BALLS, math.hypot(across, step)))
-    return BoundingVolumes(R, R @ middle, half, swell, centres, radii)
-
-
-def _ball(points: Array) -> tuple[Array, float]:
-    """Centre and radius of an almost smallest ball around points."""
-    centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    best, radius = centre, np.inf
-    for step in range(CENTRING):
-        distance = np.linalg.norm(points - centre, axis=1)
-        far = int(np.argmax(distance))
-        if distance[far] < radius:
-            best, radius = centre, float(distance[far])
-        centre = centre + (points[far] - centre) / (step + 8)
-    return best, radius * (1.0 + 1e-12)
+    both = (inside, inside * (1.0 - along))
+    radius, across = (np.max(np.linalg.norm(x, axis=1)) * ROUNDED for x in both)
+    balls = radius + swell, places[:, None] * along, np.hypot(across, step) + swell
+    return BoundingVolumes(R, R @ middle, half, swell, *balls)
 
 
 class BroadPhase:
@@ -130,13 +116,12 @@ class BroadPhase:
         self._swell = np.array([item.swell for item in found])
         # Boxes and balls in the axes of their joints.
         self._R = np.array([box.rotation for box in boxes]).reshape(-1, 3, 3)
-        self._t = np.array([box.translation for box in boxes]).reshape(-1, 3)
-        radii = np.array([item.radii for item in found]).reshape(-1, 1 + BALLS)
-        self.radius, self._cover_radius = radii[:, 0], radii[:, 1:]
-        centres = np.array([item.centres for item in found]).reshape(-1, 1 + BALLS, 3)
-        self.centre = self._t + np.einsum("bij,bj->bi", self._R, centres[:, 0])
-        self._cover = self._t[:, None] + centres[:, 1:] @ np.swapaxes(self._R, 1, 2)
-        self._origin = np.einsum("bij,bi->bj", self._R, self._t)
+        self.centre = np.array([box.translation for box in boxes]).reshape(-1, 3)
+        self.radius = np.array([item.radius for item in found])
+        self._cover_radius = np.array([item.cover for item in found])
+        centres = np.array([item.centres for item in found]).reshape(-1, BALLS, 3)
+        self._cover = self.centre[:, None] + centres @ np.swapaxes(self._R, 1, 2)
+        self._origin = np.einsum("bij,bi->bj", self._R, self.centre)
         self.farthest = self.radius + np.linalg.norm(self.centre, axis=1)
         fixed = self.joint[self.second] == 0
         self._fixed, self._moving = np.flatnonzero(fixed), np.flatnonzero(~fixed)
@@ -263,5 +248,5 @@ class BroadPhase:
         one, other = (instant, self.joint[a]), (instant, self.joint[b])
         centres = self._cover[a] @ np.swapaxes(R[one], 1, 2) + t[one][:, None]
         centres = (centres - t[other][:, None]) @ R[other]
-        nearest = np.min(self._from_boxes(centres, b) - self._cover_radius[a], axis=1)
-        return np.asarray(nearest - self._swell[b])
+        nearest = np.min(self._from_boxes(centres, b), axis=1)
+        return np.asarray(nearest - self._cover_radius[a] - self._swell[b])
