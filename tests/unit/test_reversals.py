@@ -137,6 +137,23 @@ def test_resting_joint_with_residual_velocities_has_no_friction(
         )
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_slow_stop_and_slow_start_belong_to_their_movements(
+    table: tm.Robot, side: float
+) -> None:
+    """A joint with a low jerk limit is slow for milliseconds without resting.
+
+    Taken as rests, they left the torques without friction, and replays missed goals.
+    """
+    t = np.array([0.0, 0.1, 0.104, 0.108, 0.112, 0.2, 0.204, 0.208, 0.3])
+    v = side * np.array([1.0, 9e-7, 4e-7, 1e-7, 0.0, 0.0, 3e-7, 9e-7, 1.0])
+    motion = motion_of(table, t, np.column_stack([v, 0.0 * v + 1.0]), 2)
+    times = np.array([0.05, 0.102, 0.106, 0.111, 0.15, 0.202, 0.206, 0.25])
+    share = friction_share(table, motion, times)[:, 0]
+    resting = (times > 0.112) & (times < 0.2)
+    np.testing.assert_allclose(share, side * ~resting, atol=1e-3)
+
+
 def test_reversal_within_microsecond_intervals_is_no_rest(table: tm.Robot) -> None:
     """Nodes may be microseconds apart; the joint passes through rest, and reverses."""
     t = np.array([0.0, 0.1, 0.1 + 1e-6, 0.1 + 2e-6, 0.2])

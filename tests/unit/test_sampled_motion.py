@@ -98,6 +98,23 @@ def test_samples_with_smooth_accelerations_are_interpolated_exactly(
     np.testing.assert_allclose(state.u, expected, atol=1e-8)
 
 
+@pytest.mark.parametrize(
+    ("rows", "share"), [(2_001, 1.0), (2_001, 0.01), (20_001, 1.0)]
+)
+def test_dense_samples_of_a_smooth_motion_are_no_steps(
+    planar3r: Robot, rows: int, share: float
+) -> None:
+    """Regression: they were joined as steps, in whose velocities errors added up.
+
+    From one sample to the next, the error of steps was less than that of rounding.
+    """
+    t = np.linspace(0.0, 2.0, rows)
+    q, v, a = smooth(t)
+    q = q[0] + share * (q - q[0])
+    found = join(samples_of(t, q=q, v=share * v, a=share * a), planar3r)
+    assert found.manner == "quintic"
+
+
 def test_recorded_accelerations_that_jump_are_ignored(planar3r: Robot) -> None:
     t = np.linspace(0.0, 2.0, 21)
     jumping = smooth(t)[2]

@@ -235,9 +235,11 @@ def _recovered(rows: _Rows) -> Joined:
     if stepwise is not None:
         nodes, steps = stepwise
         return nodes.recorded("steps", steps)
-    if _holds_torques(rows):
+    cubics = _on_cubics(rows)
+    if cubics and _holds_torques(rows):
         return Joined(replace(rows.curve(), u=rows.u), "held")
-    if not _cubics_that_jump(rows) and (_is_smooth(rows) or not _overshoots(rows)):
+    jumps = cubics and _cubics_jump(rows)
+    if not jumps and (_is_smooth(rows) or not _overshoots(rows)):
         return rows.recorded("quintic", rows.a)
     return rows.recorded("cubic")
 
@@ -302,18 +304,21 @@ def _columns(samples: Samples, robot: Robot, file: Field) -> list[int]:
     return [names.index(name) for name in robot.joint_names]
 
 
-def _holds_torques(rows: _Rows) -> bool:
-    """Whether the samples are nodes of a motion with piecewise-constant torques.
+def _on_cubics(rows: _Rows) -> bool:
+    """Whether samples have the accelerations of the cubics that begin at them."""
+    error = rows.curve()(rows.t[:-1]).a - rows.a[:-1]
+    return bool(np.all(np.abs(error) <= SAME * np.abs(rows.a).max()))
 
-    The accelerations of such a motion are the accelerations of the cubics through the
-    nodes, and its torques are not the inverse dynamics of these cubics: the motion was
-    integrated from the torques. At a joint at rest, dry friction may have any value up
-    to its limit.
+
+def _holds_torques(rows: _Rows) -> bool:
+    """Whether samples on cubics are nodes of a motion with piecewise-constant torques.
+
+    The torques of such a motion are not the inverse dynamics of the cubics: the motion
+    was integrated from the torques. At a joint at rest, dry friction may have any value
+    up to its limit.
     """
-    robot, t, q, v, a, u = rows
+    robot, _, q, v, a, u = rows
     if robot.kinematic or not rows.known("u"):
-        return False
-    if np.any(np.abs(rows.curve()(t).a - a) > SAME * np.abs(a).max()):
         return False
     residual = u - RobotDynamics(robot, dry=False).inverse(q, v, a)
     friction = robot.friction
@@ -347,9 +352,8 @@ NANOSECOND = 1e-9
 # Distance of successive jumps from the middles of their intervals, as a share of the
 # interval, up to which they indicate a sampled ramp.
 MIDDLE = 0.01
-# Largest deviation of accelerations from the accelerations of cubics, and least jump of
-# accelerations at a node, as shares of the largest acceleration.
-CUBIC, JUMP = 1e-6, 0.02
+# Least jump of accelerations at a node, as a share of the largest acceleration.
+JUMP = 0.02
 
 
 def _stepwise_motion(rows: _Rows) -> tuple[_Rows, Array] | None:
@@ -379,9 +383,10 @@ def _stepwise_motion(rows: _Rows) -> tuple[_Rows, Array] | None:
         np.sum(gap[jumps] * jump[jumps], axis=1) / size, 0.0, h[jumps]
     )
     gap_q = np.diff(q, axis=0) - h[:, None] * (v[:-1] + 0.5 * h[:, None] * before)
-    missed = np.abs(gap - remaining[:, None] * jump) > slack_v
-    missed_q = np.abs(gap_q - 0.5 * remaining[:, None] ** 2 * jump) > slack_q
-    if _ramps(h, jumps, remaining) or np.any(missed) or np.any(missed_q):
+    # Errors of rounding cancel each other in the sum, those of a sampled ramp add up.
+    missed = np.cumsum(gap - remaining[:, None] * jump, axis=0) / slack_v
+    missed_q = (gap_q - 0.5 * remaining[:, None] ** 2 * jump) / slack_q
+    if _ramps(h, jumps, remaining) or np.abs([missed, missed_q]).max() > 1.0:
         return None
     at = np.flatnonzero(jumps)
     s = (h[at] - remaining[at])[:, None]
@@ -414,16 +419,13 @@ def _ramps(h: Array, jumps: BoolArray, remaining: Array) -> bool:
     return bool(2 * np.sum(successive) > np.sum(jumps))
 
 
-def _cubics_that_jump(rows: _Rows) -> bool:
-    """Whether samples are nodes of cubics whose accelerations jump at some nodes.
+def _cubics_jump(rows: _Rows) -> bool:
+    """Whether the accelerations of cubics between samples jump at some of them.
 
     A row holds the acceleration just after a jump, with which a polynomial of degree 5
     before the jump would have to end.
     """
-    a, largest = rows.a, np.abs(rows.a).max()
-    begins = rows.curve()(rows.t[:-1]).a
     # The mean acceleration of a cubic is the mean of the accelerations at its ends.
-    ends = 2.0 * np.diff(rows.v, axis=0) / np.diff(rows.t)[:, None] - begins
-    if np.any(np.abs(begins - a[:-1]) > CUBIC * largest):
-        return False
-    return bool(np.any(np.abs(ends - a[1:]) > JUMP * largest))
+    means = np.diff(rows.v, axis=0) / np.diff(rows.t)[:, None]
+    jumps = rows.a[1:] - (2.0 * means - rows.a[:-1])
+    return bool(np.any(np.abs(jumps) > JUMP * np.abs(rows.a).max()))
