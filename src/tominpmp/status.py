@@ -11,10 +11,10 @@ class Status(Enum):
 
     CONVERGED = "A locally time-optimal motion was found."
     FEASIBLE = "A motion that keeps all constraints was found, not the fastest one."
-    ITERATION_LIMIT = "The iteration limit was reached before the time had settled."
-    TIME_LIMIT = "The planning time was used up before the time had settled."
+    ITERATION_LIMIT = "The iteration limit was reached before the duration had settled."
+    TIME_LIMIT = "The planning time was used up before the duration had settled."
     INTERRUPTED = "The planning was interrupted."
-    STALLED = "The iteration made no more progress before the time had settled."
+    STALLED = "The iteration made no more progress before the duration had settled."
     UNVERIFIED = "A motion was found, but its verification failed."
     INFEASIBLE = "No motion was found that keeps all constraints."
     NUMERICAL_FAILURE = "The linear programs could not be solved."

@@ -22,7 +22,7 @@ from tominpmp.robot.robot import Robot
 from tominpmp.scene.obstacles import Sphere
 from tominpmp.scene.scene import Scene
 from tominpmp.status import Status
-from tominpmp.verification.diagnosis import GAVE_UP, explain
+from tominpmp.verification.diagnosis import CUT_SHORT, explain
 
 TRIED = (2, 4)
 
@@ -68,7 +68,7 @@ def test_message_has_the_excess_torque_and_its_time() -> None:
     # The torque is 6 / T^2 times the inertia of 1/3, at both ends.
     assert "joint joint1 would need 3.1" in found
     assert "N m at 0.00 s, 2 allowed" in found or "N m at 0.80 s, 2" in found
-    assert found.startswith("Gave up when the planning time was used up")
+    assert found.startswith("The planning time was used up")
     assert "after 2 starts and 4 iterations. In the nearest motion found, " in found
     assert "What may help: stronger motors, or less load or friction." in found
     first = explain(problem, motion, Status.TIME_LIMIT, (1, 2))
@@ -107,7 +107,7 @@ def test_message_has_the_missing_clearance_and_its_pair(planar3r: Robot) -> None
     motion = smooth(planar3r, begin, end, 3.0)
     found = explain(problem, motion, Status.INFEASIBLE, TRIED)
     assert re.search(r"link3 and post lack 0\.\d+ m of clearance at 1\.\d+ s", found)
-    assert "What may help: more room there, a smaller margin" in found
+    assert "What may help: more clearance there, a smaller margin" in found
 
 
 def test_message_has_the_distance_to_the_goal() -> None:
@@ -119,7 +119,7 @@ def test_message_has_the_distance_to_the_goal() -> None:
     goal = PositionGoal("tip", np.array([0.0, 2.0, 0.0]))
     found = explain(replace(problem, goal=goal), motion, Status.STALLED, TRIED)
     assert "frame tip ends 1.7" in found
-    assert found.startswith("Gave up when the iteration made no more progress")
+    assert found.startswith("The iteration made no more progress")
 
 
 @pytest.mark.parametrize("status", list(Status))
@@ -127,8 +127,8 @@ def test_message_without_a_motion_is_that_of_the_status(status: Status) -> None:
     arm = make_arm(ROD, effort=2.0)
     problem = Problem(arm, np.zeros(1), JointGoal(np.ones(1)))
     sentence = status.value
-    if status in GAVE_UP:
-        sentence = f"{GAVE_UP[status]}: no motion was found."
+    if status in CUT_SHORT:
+        sentence = f"{CUT_SHORT[status]}: no motion was found."
     assert explain(problem, None, status, (0, 0)) == sentence
 
 

@@ -127,7 +127,7 @@ def test_message_on_a_closed_wall_names_joint_and_obstacle(tmp_path):
     assert not searches.found
     assert "no path around the obstacles was found: from the " in searches.impasse
     assert "joint 'x' came no farther than " in searches.impasse
-    closed = "and obstacle 'closed' collide; room there may open a way"
+    closed = "and obstacle 'closed' collide; more clearance may open a way"
     assert closed in searches.impasse
 
 

@@ -345,7 +345,7 @@ def _impasse(system: ProblemFunctions, trees: Sequence[Array]) -> str:
     here, there = ("start", "goal")[:: 1 - 2 * root]
     unit = units_of(robot)[j]
     bodies = " or ".join(pair for pair, _ in pairs.most_common(2))
-    before = f" before {bodies} collide; room there may open a way" if pairs else ""
+    before = f" before {bodies} collide; more clearance may open a way" if pairs else ""
     return (
         f"{said}: from the {here}, joint {robot.joint_names[j]!r} came no farther than "
         f"{most[root, j]:.2g} of {abs(way[j]):.3g} {unit} towards the {there}{before}"

@@ -141,8 +141,8 @@ def _collision(system: ProblemFunctions, blocked: Sequence[Array]) -> str:
     )
     return (
         f"all {len(blocked)} configurations found to reach it are in collision: in the "
-        f"one that is least so, {contact.pair} lack {contact.lack:.4g} m of room, at "
-        f"q = {np.round(q, 4).tolist()}"
+        f"one that is least so, {contact.pair} lack {contact.lack:.4g} m of clearance, "
+        f"at q = {np.round(q, 4).tolist()}"
     )
 
 

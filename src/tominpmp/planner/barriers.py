@@ -78,7 +78,7 @@ def _ends(problem: Problem, begin: Array, end: Array) -> Array:
 def _between(
     problem: Problem, begin: Array, ends: Array, forgiven: float, where: str
 ) -> str:
-    """The barrier of the joint with the least room on all of its ways, in a sentence.
+    """The barrier of the joint with the least slack on all of its ways, in a sentence.
 
     Empty without a barrier.
 
@@ -99,16 +99,16 @@ def _between(
     each = np.tile(pairs, len(q))
     margins = problem.margins
     distances = checker.measured(q, instants, each, margins[each])
-    room = (distances - margins[each]).reshape(len(ends), PLACES, pairs.size)
+    slack = (distances - margins[each]).reshape(len(ends), PLACES, pairs.size)
 
     def narrowest(j: int) -> tuple[float, int]:
-        """Least room of a joint on its widest way, and its index among the rooms."""
+        """Least slack of a joint on its widest way, and its index in ``slack``."""
         columns = np.flatnonzero(joint[pairs] == j)
-        rooms = room[:, :, columns]
-        way = int(np.argmax(rooms.min(axis=(1, 2))))
-        place, column = np.unravel_index(np.argmin(rooms[way]), rooms[way].shape)
-        index = np.ravel_multi_index((way, place, columns[column]), room.shape)
-        return float(room.flat[index]), int(index)
+        own = slack[:, :, columns]
+        way = int(np.argmax(own.min(axis=(1, 2))))
+        place, column = np.unravel_index(np.argmin(own[way]), own[way].shape)
+        index = np.ravel_multi_index((way, place, columns[column]), slack.shape)
+        return float(slack.flat[index]), int(index)
 
     _, index = min(map(narrowest, np.unique(joint[pairs]).tolist()))
     pair = int(each[index])
@@ -119,6 +119,6 @@ def _between(
     return (
         f"No motion exists: joint {robot.joint_names[j]!r} has to pass "
         f"{q[instants[index], j]:.4g} {units_of(robot)[j]}{where}, where "
-        f"{contact.pair} lack {contact.lack:.3g} m of room whatever the other joints "
-        "do."
+        f"{contact.pair} lack {contact.lack:.3g} m of clearance whatever the other "
+        "joints do."
     )

@@ -23,7 +23,7 @@ from tominpmp.problem.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop
-from tominpmp.verification.diagnosis import GAVE_UP, explain
+from tominpmp.verification.diagnosis import CUT_SHORT, explain
 from tominpmp.verification.verification import verify
 
 # Shape of the accelerations on an interval, by the degree of the positions.
@@ -242,7 +242,7 @@ def _message(
         return state.impossible or _why_not_found(state, status, reason)
     if best.verification is None:
         return f"{status.value} There was no time to verify the motion that was found."
-    ended = GAVE_UP[status] if status in STOPPED else status.value[:-1]
+    ended = CUT_SHORT[status] if status in STOPPED else status.value[:-1]
     return f"{ended}: {best.verification.message}"
 
 

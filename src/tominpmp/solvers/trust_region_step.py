@@ -113,9 +113,9 @@ class _Proposal(NamedTuple):
         solution: The solution of the subproblem.
         value: The objective at the iterate.
         step: The step, shape (size,).
-        promised: Row values that the linearisation predicts, shape (m,).
+        linear: Row values that the linearisation predicts, shape (m,).
         reached: Row values after the step, shape (m,).
-        room: Rows whose slack exceeds this need not be evaluated exactly.
+        slack: Rows with more slack than this need not be evaluated exactly.
     """
 
     program: Subproblem
@@ -123,9 +123,9 @@ class _Proposal(NamedTuple):
     solution: LpSolution
     value: float
     step: Array
-    promised: Array
+    linear: Array
     reached: Array
-    room: float
+    slack: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,7 +201,7 @@ class TrustRegionStep:
         radius = self.radius * state.radius
         steps = objective.within(nlp, nlp.step_bounds(z, radius))
         # The trust region of the next step may be larger by the factor GROWTH.
-        room = GROWTH * nlp.attention(steps)
+        slack = GROWTH * nlp.attention(steps)
         value = objective.value(nlp, z, values)
         accuracy = value * (self.accuracy or ACCURACY * objective.tolerance)
         # Solvers without curvature get a root without rows.
@@ -226,7 +226,7 @@ class TrustRegionStep:
                     model = model.with_curvature(root)
                     continue
             step = program.step(solution)
-            reached = nlp.evaluate(z + step, room)
+            reached = nlp.evaluate(z + step, slack)
             broken = nlp.rows.violation(reached) > MISSED
             broken[linearization.rows] = False
             if additions == ADDITIONS or not np.any(broken):
@@ -234,9 +234,9 @@ class TrustRegionStep:
             additions += 1
             selecting = np.where(broken, reached, selecting)
             linearization = nlp.linearize(z, selecting, steps)
-        promised = values.copy()
-        promised[program.rows] += program.change(step)
-        return _Proposal(program, model, solution, value, step, promised, reached, room)
+        linear = values.copy()
+        linear[program.rows] += program.change(step)
+        return _Proposal(program, model, solution, value, step, linear, reached, slack)
 
     def _search(self, loop: Loop, proposal: _Proposal) -> StepOutcome:
         """Try the step, then its second-order corrections, then shorter steps."""
@@ -249,24 +249,24 @@ class TrustRegionStep:
         ) -> TrialPoint:
             check()
             there = z + damping * step
-            reached = nlp.evaluate(there, proposal.room) if known is None else known
+            reached = nlp.evaluate(there, proposal.slack) if known is None else known
             merit = model.value(there, reached) + penalty(reached)
             return TrialPoint(there, reached, merit, damping)
 
         now = model.value(z, values)
         # In this order there is no rounding error if the model is exact.
-        promise = now - model.without_curvature(z) + model.without_curvature(z + step)
-        promise += penalty(proposal.promised)
+        modelled = now - model.without_curvature(z) + model.without_curvature(z + step)
+        modelled += penalty(proposal.linear)
         if proposal.solution.curved:
-            promise += model.curvature_term(step)
+            modelled += model.curvature_term(step)
         now += penalty(values)
-        predicted = max(now - promise, 0.0)
+        predicted = max(now - modelled, 0.0)
         trial = best = tried(step, known=proposal.reached)
         equations = bool(np.any(rows.lower == rows.upper))
         for _ in range(CORRECTIONS_OF_EQUATIONS if equations else CORRECTIONS):
             left = rows.largest_violation(trial.values)
-            brought = (now - trial.merit) / max(predicted, 1e-12)
-            if brought >= ENOUGH or not EXACT < left < CORRECTABLE:
+            achieved = (now - trial.merit) / max(predicted, 1e-12)
+            if achieved >= ENOUGH or not EXACT < left < CORRECTABLE:
                 break
             linear = values[program.rows] + program.change(trial.z - z)
             error = trial.values[program.rows] - linear

@@ -2,8 +2,8 @@
 
 A reason that the stages of the plan know comes first. Without one, the motion with the
 smallest constraint violations is examined: its violations are the smallest known
-relaxation of the problem. A search that ended by itself ("infeasible") is distinguished
-from a search that was cut short ("gave up").
+relaxation of the problem. A search that ended by itself, for which the problem seems
+infeasible, is distinguished from a search that was cut short.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from tominpmp.verification.stages import Stage, stages_of
 from tominpmp.verification.verification import judge
 
 # Descriptions of searches that were cut short.
-GAVE_UP = {
-    Status.TIME_LIMIT: "Gave up when the planning time was used up",
-    Status.ITERATION_LIMIT: "Gave up at the iteration limit",
-    Status.INTERRUPTED: "Interrupted",
-    Status.STALLED: "Gave up when the iteration made no more progress",
-    Status.NUMERICAL_FAILURE: "Gave up as the linear programs could not be solved",
+CUT_SHORT = {
+    Status.TIME_LIMIT: "The planning time was used up",
+    Status.ITERATION_LIMIT: "The iteration limit was reached",
+    Status.INTERRUPTED: "The planning was interrupted",
+    Status.STALLED: "The iteration made no more progress",
+    Status.NUMERICAL_FAILURE: "The linear programs could not be solved",
 }
 # Largest number of violations in a message.
 MOST = 3
@@ -37,7 +37,7 @@ HELP = {
     "goal": "a goal that leaves more freedom, or more starts",
     "speed": "another velocity at the goal",
     "arrival": "another time of arrival",
-    "clearance": "more room there, a smaller margin, or more starts",
+    "clearance": "more clearance there, a smaller margin, or more starts",
     "position": "wider position limits",
     EFFORT.name: "stronger motors, or less load or friction",
 }
@@ -67,12 +67,12 @@ def explain(
         One to three sentences: how the search ended, and the reason; or else the
         violations of the motion, and what may help against the largest one.
     """
-    ended = GAVE_UP.get(status, status.value.rstrip("."))
+    ended = CUT_SHORT.get(status, status.value.rstrip("."))
     starts, iterations = tried
     if motion is None and not reason:
         if not starts and (many := len(problem.alternatives)) > 1:
             ended += f" before the first start to any of {many} combinations of goals"
-        return f"{ended}: no motion was found." if status in GAVE_UP else status.value
+        return f"{ended}: no motion was found." if status in CUT_SHORT else status.value
     if starts:
         ended += f" after {_count(starts, 'start')} and "
         ended += _count(iterations, "iteration")
