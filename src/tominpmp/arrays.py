@@ -10,7 +10,7 @@ import copy
 import copyreg
 import inspect
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, field, fields
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, TypeAlias, TypeVar
@@ -211,19 +211,22 @@ class Record:
 
     # Prefix of the field names in messages.
     _owner: ClassVar[str] = ""
-    _field_checks: ClassVar[Mapping[str, Check]] = MappingProxyType({})
+    _field_checks: ClassVar[Mapping[str, tuple[Check, ...]]] = MappingProxyType({})
 
     def __init_subclass__(cls, **options: Any) -> None:
         """Keep dataclasses from generating ``__repr__``; collect checks of fields."""
         super().__init_subclass__(**options)
         if "__repr__" not in cls.__dict__:
             setattr(cls, "__repr__", cls.__repr__)  # noqa: B010
-        cls._field_checks = {**cls._field_checks, **dict(_checks_of(cls))}
+        own = {name: field_type(cls, name) for name in inspect.get_annotations(cls)}
+        more = {k: v.__metadata__ for k, v in own.items() if hasattr(v, "__metadata__")}
+        cls._field_checks = {**cls._field_checks, **more}
 
     def __post_init__(self) -> None:
-        """Check and convert the fields."""
-        for name, check in self._field_checks.items():
-            self._keep(**{name: check(getattr(self, name), self._owner + name)})
+        """Check and convert the fields, in their order."""
+        for name in (item.name for item in fields(self)):  # type: ignore[arg-type]
+            for check in self._field_checks.get(name, ()):
+                self._keep(**{name: check(getattr(self, name), self._owner + name)})
 
     def __repr__(self) -> str:
         """Name of the class, and the arguments that differ from their defaults."""
@@ -277,10 +280,3 @@ def field_type(kind: type, name: str) -> Any:
             named = isinstance(declared, str)
             return known.get(declared, declared) if named else declared
     return None
-
-
-def _checks_of(kind: type) -> Iterator[tuple[str, Check]]:
-    """Fields that a class declares with a check in their type, and these checks."""
-    for name in inspect.get_annotations(kind):
-        for check in getattr(field_type(kind, name), "__metadata__", ()):
-            yield name, check

@@ -165,6 +165,14 @@ BAD = {
         "plan planar3r --start start --goal 1,1,1 --obstacle box:x:at=1,1,1",
         "size: is missing",
     ),
+    "obstacle value": (
+        "plan planar3r --start start --goal 1,1,1 --obstacle box:x:0.1:at=1,1,1",
+        "error: --obstacle 'box:x:0.1:at=1,1,1': 0.1 lacks =VALUE; expected KIND:NAME",
+    ),
+    "obstacle without a place": (
+        "plan planar3r --start start --goal 1,1,1 --obstacle sphere:x:r=1",
+        "it lacks at=X,Y,Z",
+    ),
     "obstacle numbers": (
         "plan planar3r --start start --goal 1,1,1 --obstacle sphere:x:r=1:at=1,1",
         "expected three coordinates",

@@ -240,6 +240,13 @@ def test_bad_poses_are_refused(pose: object, message: str) -> None:
     assert caught.value.field == "goal.pose"
 
 
+def test_position_and_rotation_apart_are_refused_as_a_pose() -> None:
+    """Regression: the message was about the velocity, which comes after the pose."""
+    with pytest.raises(ProblemError, match="a pair of a position") as caught:
+        PoseGoal("tip", (1, 1, 1), (0, 0, 0, 1))
+    assert caught.value.field == "goal.pose"
+
+
 # Goals as values
 
 

@@ -177,7 +177,7 @@ def obstacle(text: str) -> Obstacle:
         table.fail("it has no name")
     read: Obstacle = _read_items(table, (f"name={name}", *items), kinds)
     if "position" not in table.value:
-        table.fail("it lacks at")
+        table.fail("it lacks at=X,Y,Z")
     return read
 
 
@@ -199,10 +199,10 @@ def _read_items(
     """Read ``KEY=VALUE`` items of a record as its table in a scenario file."""
     kind = table.value["type"]
     for item in items:
-        word, _, value = item.partition("=")
+        word, equals, value = item.partition("=")
         key = ABBREVIATIONS.get(word, word)
-        if key in table.value:
-            table.fail(f"{word} is given twice")
+        if not equals or key in table.value:
+            table.fail(f"{word} {'is given twice' if equals else 'lacks =VALUE'}")
         declared = field_type(kinds.get(kind, object), key)
         plain = getattr(declared, "__origin__", declared) in (str, "str")
         numbers = [number(word) for word in _words(value)]
