@@ -29,19 +29,19 @@ class IterationRecord:
     """One iteration of a solver.
 
     Attributes:
-        iteration: Its number, from 0.
-        duration: T after it [s].
-        violation: Largest violation after it, in the scaled units of the rows.
-        objective: Merit after it [s].
+        iteration: Number of the iteration in its start, from 0.
+        duration: T of the iterate [s].
+        violation: Largest violation of the iterate, in the scaled units of the rows.
+        objective: Merit of the iterate [s].
         predicted: Reduction of the merit that the linear program predicted [s].
         actual: Reduction of the merit that the step achieved [s].
         radius: Trust region radius, as a share of the initial one.
         accepted: Whether the step was taken.
-        programs: Linear programs solved in it.
-        pivots: Simplex or interior-point iterations in them.
-        program_seconds: Time spent in them [s].
+        programs: Number of linear programs that were solved.
+        pivots: Simplex or interior-point iterations of these programs.
+        program_seconds: Time for these programs [s].
         seconds: Time since the start of planning [s].
-        start: Number of the initial guess that it belongs to.
+        start: Number of the start, from 0: a descent or its improvement.
     """
 
     iteration: int

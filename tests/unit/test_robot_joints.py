@@ -132,7 +132,7 @@ def test_mimic_limits_that_leave_the_leader_no_room_are_ignored(tmp_path: Path) 
         "", wrong, limit='<limit lower="0" upper="1" effort="1" velocity="1"/>'
     )
     with pytest.warns(
-        TominpmpWarning, match=r"joint j2 leave joint j1.* no room"
+        TominpmpWarning, match=r"joint j2 leave joint j1.* no range"
     ) as caught:
         arm = load_robot(write(tmp_path, text))
     assert caught[0].filename == __file__
@@ -295,7 +295,7 @@ def test_missing_limits_are_named_in_one_error(tmp_path: Path) -> None:
     message = str(caught.value)
     assert "no effort limit for j1, j2: give effort={'j1': ..., 'j2': ...}" in message
     assert "no velocity limit for j1, j3: give velocity={'j1': ..." in message
-    assert "no room between them, for j1: give position_lower=" in message
+    assert "no range between them, for j1: give position_lower=" in message
     arm = load(
         tmp_path,
         text,

@@ -150,7 +150,7 @@ def test_replay_that_diverges_ends_early_and_is_reported() -> None:
     verdict = verify(problem, wild)
     assert not verdict.ok
     assert verdict.goal_error == np.inf
-    lost = f"the replay is lost at {verdict.replay.duration:.3f} s"
+    lost = f"the integration fails at {verdict.replay.duration:.3f} s"
     assert f"{lost}, before joint joint1 is at the goal; " in verdict.message
     assert "inf" not in verdict.message
 

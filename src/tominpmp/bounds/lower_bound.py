@@ -128,7 +128,7 @@ def why_impossible(
     Returns:
         The sentence; empty without a proof.
     """
-    why = _beyond_motors(problem, tolerance) or _without_room(problem)
+    why = _beyond_motors(problem, tolerance) or _too_close_to_limit(problem)
     why = why or _late_arrival(problem, tolerance, period)
     return why and f"No motion exists: {why}."
 
@@ -175,11 +175,11 @@ def _beyond_motors(problem: Problem, tolerance: float) -> str:
     return ""
 
 
-def _without_room(problem: Problem) -> str:
-    """The first joint without room to stop, or for the run-up to a speed; or empty.
+def _too_close_to_limit(problem: Problem) -> str:
+    """The first joint too close to a position limit to stop, or to reach a speed.
 
-    The room ends at a position limit. A joint needs none on a segment that it passes in
-    one direction.
+    On a segment that a joint passes in one direction it may be at the limit. Empty
+    without such a joint.
     """
     q: Array | None = problem.q_start
     v, many = problem.v_start, len(problem.phases) > 1
@@ -195,14 +195,14 @@ def _without_room(problem: Problem) -> str:
             if place is None:
                 continue
             limit = np.where(way > 0.0, limits.position_upper, limits.position_lower)
-            room = np.abs(limit - place)
+            left = np.abs(limit - place)
             needed = 0.5 * np.where(returns, speed, 0.0) ** 2 / np.maximum(most, 1e-9)
-            lacking = needed * (1.0 - SHARE) > room + TOLERANCE
+            lacking = needed * (1.0 - SHARE) > left + TOLERANCE
             for i in np.flatnonzero(lacking).tolist():
                 unit = units_of(phase.robot)[i]
                 return (
                     f"joint {phase.robot.joint_names[i]!r} has {abs(speed[i]):.4g} "
-                    f"{unit}/s at the {end}{f' of segment {k}' * many}, {room[i]:.4g} "
+                    f"{unit}/s at the {end}{f' of segment {k}' * many}, {left[i]:.4g} "
                     f"{unit} from its position limit of {limit[i]:.4g} {unit}, and "
                     f"needs {needed[i]:.4g} {unit} to {verb}"
                 )

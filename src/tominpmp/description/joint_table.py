@@ -455,7 +455,7 @@ class JointTable:
         faults = {
             f"no effort limit for {{0}}: give effort={{1}}, or {KINEMATIC}": no_effort,
             "no velocity limit for {0}: give velocity={1}": np.isnan(self["velocity"]),
-            "no position limits, or no room between them, for {0}: give "
+            "no position limits, or no range between them, for {0}: give "
             "position_lower={1} and position_upper={1}, or lock them": ~(lower < upper),
         }
         for loss in LOSSES:
@@ -533,7 +533,7 @@ def _with_follower(
             warn_caller(
                 f"the position limits [{follower.lower:g}, {follower.upper:g}] of "
                 f"joint {follower.name} leave joint {joint.name}, which it follows, "
-                "no room; they are ignored"
+                "no range; they are ignored"
             )
             return joint
         joint = replace(joint, lower=lower, upper=upper)

@@ -161,14 +161,14 @@ class GuessRequest:
             fastest line, of those that satisfy the constraints if there are any.
         beyond: Constraints on positions that hold from the goal on.
         passes: Whether the arm may pass the goal, although the guesses stop there.
-        onward: Estimates the time that the motion takes after the goal [s] from its
-            final configuration, shape (n,); None if it ends there, or for no estimate.
+        onward: Estimates the time that the motion takes after the goal [s] from the
+            configuration there, shape (n,); None if the motion ends at the goal.
         searches: Success of the searches for paths, which further searches update.
         place: Number of the segment and identity of its goal; None for a problem
             without segments.
         reached: Final configurations by segment, goal, start, rest at the goal, and
             scene, see :meth:`final_configurations`; combinations of goals share them,
-            which otherwise would seek those of each goal many times.
+            so that inverse kinematics is solved once for each goal.
     """
 
     rng: np.random.Generator

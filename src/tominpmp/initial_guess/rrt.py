@@ -34,8 +34,8 @@ from tominpmp.transcription.problem_functions import PADDING, ProblemFunctions
 
 # Longest branches of the trees [rad of a joint of median speed].
 REACH = 0.75
-# Number of random configurations towards which a tree grows at once. Of as many, a
-# failed search tells what is in their way.
+# Number of random configurations towards which a tree grows at once, and of nodes next
+# to which a failed search looks for the blocking bodies.
 BATCH = 16
 # Collision checks after which a search is long.
 LONG = 12_000
@@ -217,7 +217,7 @@ class _Space:
         self.lower = np.maximum(low, self.ends.min(axis=0) - beyond)
         self.upper = np.minimum(high, self.ends.max(axis=0) + beyond)
         self._radian = scale / self.unit
-        # One joint has no way but the straight line: a few checks show what is in it.
+        # A single joint can only follow the line: a few checks find what blocks it.
         self.budget = checks if system.n > 1 else checks // 100
         self._system, robot = system, system.problem.robot
         self._last = FrameMotions(robot, str(robot.model.names[last_joint(robot)]))
@@ -314,10 +314,10 @@ class _Tree:
 
 
 def _impasse(system: ProblemFunctions, trees: Sequence[Array]) -> str:
-    """What is known of a search for a path that found none, in a clause.
+    """Why a search has found no path, in a clause.
 
-    It names the joint that made the least headway towards the other end, and what this
-    joint runs into if it alone moves on.
+    It names the joint with the least progress towards the other end, and the pairs that
+    collide if this joint alone moves on.
 
     Args:
         system: Limits and clearance.

@@ -50,7 +50,7 @@ def unreachable(
 
 
 def hindrance(problem: Problem) -> str:
-    """What may keep an arm from its goal, in a clause; or empty.
+    """Why no motion may reach the goal, in a clause; empty without a likely reason.
 
     It holds for the configurations that were found to reach the goals and the points of
     tool paths, which may not be all that there are.

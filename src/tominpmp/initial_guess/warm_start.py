@@ -103,8 +103,9 @@ class WarmStart(Guess):
         A motion of the same degree keeps its nodes if it has at least the requested
         number of intervals, as a coarser grid would lose its refinement, or if its
         accelerations jump at them: the longest intervals are then halved, if necessary.
-        So does every motion that is lifted. Motions with far more nodes, or with nodes
-        that are too close, and all others are interpolated on the usual grid.
+        So does a motion with states and torques as unknowns. Motions with far more
+        nodes, or with nodes too close to each other, and all others are interpolated on
+        the usual grid.
 
         Args:
             system: Functions of the problem.

@@ -1,4 +1,4 @@
-"""Planning: the story from a problem to a motion, which begins in planning.py."""
+"""Planning: from a problem to a verified motion; the entry point is planning.py."""
 
 import lazy_loader
 

@@ -1,14 +1,14 @@
-"""Search on coarse grids: cheap descents are compared, and the best ones are finished.
+"""Search for one goal: starts are compared on coarse grids, and the best are finished.
 
-A descent on few intervals takes a fraction of the time of a descent on the requested
-grid, and is less apt to end in a poor local optimum, as obstacles and torque limits are
-active at fewer instants. Starts are therefore compared by their motions on a coarse
-grid, and dropped if they lead to a slower motion or to one that is known already.
+Where speed limits rule, a single descent on the requested grid mostly ends within a per
+cent of the lower bound, and no other start is needed. Elsewhere starts are compared by
+descents on few intervals. Such a descent takes a fraction of the time, and is less apt
+to end in a poor local optimum, as obstacles and torque limits are active at fewer
+instants. Starts that lead to a slower or a known motion are dropped.
 
-Further starts are tried if the incumbent is far above the lower bound: most motions
-that speed limits rule are within a per cent of it, and need no other start. Every
-decision depends only on the candidates before it, so that a search with more starts
-finds the motions of a search with fewer starts first, and then others.
+Further starts follow if the incumbent is far above the lower bound. Every decision
+depends only on the candidates before it, so that a search with more starts finds the
+motions of a search with fewer starts first, and then others.
 """
 
 from __future__ import annotations
@@ -158,7 +158,7 @@ def _paths_first(
 
 
 def _gap_rule(state: PlanState, system: ProblemFunctions, loop: Loop) -> Status | None:
-    """Stop rule among obstacles: the gap to the lower bound remains too large."""
+    """Stop rule among obstacles: an iterate is too far above the lower bound."""
     record = loop.history[-1]
     bound = state.lower_bound(system.problem).T
     above = record.duration / max(bound, 1e-12) - 1.0

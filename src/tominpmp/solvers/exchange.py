@@ -103,14 +103,14 @@ class RowExchange:
     def join(
         self, loop: Loop, status: Status | None
     ) -> tuple[RowExchange, Status | None]:
-        """Check the motion between its rows, and let missing rows join.
+        """Check the motion between its rows, and add missing rows.
 
         Args:
             loop: The iteration, which continues with these rows.
             status: Status with which it is about to end; None if it continues.
 
         Returns:
-            The exchange from now on, and the new status: None to continue.
+            The updated exchange, and the new status: None to continue.
         """
         changed = self.revise(loop.program, loop.state.z)
         if changed is None:

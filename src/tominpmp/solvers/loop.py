@@ -43,10 +43,9 @@ Callback = Callable[[IterationRecord], Status | None]
 Keep = Callable[[NonlinearProgram, Iterate], None]
 # Stop rule: the status with which the loop ends; None to continue.
 Rule = Callable[["Loop"], Status | None]
-# Least trust-region radius to which a settled loop is limited, as a share of its first
-# one.
+# Least trust-region radius of a loop that has settled, as a share of the initial one.
 SETTLED_RADIUS = 0.01
-# Radius below which a loop has stalled, as a share of its first one.
+# Radius below which a loop has stalled, as a share of the initial one.
 SMALLEST_RADIUS = 1e-6
 # Time for slowing a motion down once a stop was requested [s].
 RESTORATION_TIME = 0.2
@@ -69,7 +68,7 @@ class Exchange(Protocol):
         """Whether an exchange is due; ``status`` is that of the stop rules, or None."""
 
     def join(self, loop: Loop, status: Status | None) -> tuple[Exchange, Status | None]:
-        """Let missing rows join; the exchange from now on, and the new status."""
+        """Add the missing rows; the updated exchange, and the new status."""
 
 
 def solve(
@@ -162,7 +161,7 @@ class Loop:
     _programs: list[tuple[int, float]] = field(default_factory=list)
 
     def count(self, solution: LpSolution, begin: float) -> LpSolution:
-        """Count a program whose solution began at a time; returns the solution."""
+        """Record the iterations and the time of a solved program; its solution."""
         self._programs.append((solution.iterations, time.perf_counter() - begin))
         return solution
 
@@ -191,7 +190,7 @@ class Loop:
         self.callback_status = None if self.callback is None else self.callback(record)
 
     def drop(self) -> Status:
-        """Give the motion up; the status of the loop then."""
+        """Mark the motion as dropped; the status with which the loop ends."""
         self.dropped = True
         return Status.STALLED
 

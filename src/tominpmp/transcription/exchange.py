@@ -214,7 +214,7 @@ class Inspection:
             speed = np.max(np.abs(v), axis=1, initial=0.0)
             way = 0.5 * width * h[at.interval] * speed
             attention = max(attention, float(np.max(way, initial=0.0)))
-        room = FINE * float(np.max(constraint.room, initial=0.0)) + LEAST
+        fine = FINE * float(np.max(constraint.room, initial=0.0)) + LEAST
         found: list[tuple[Instants, Array]] = []
         while True:
             excess = self.excess(at, attention)
@@ -222,11 +222,11 @@ class Inspection:
             over = np.flatnonzero(np.max(violation, axis=1, initial=-np.inf) > 0.0)
             near = np.zeros(0, dtype=np.int64)
             if not any(instants.size for instants, _ in found):
-                tolerated = room if found else 0.0
+                tolerated = fine if found else 0.0
                 near = between_samples(violation, tolerated, attention)
             found.append((at[over], violation[over]))
             step = width * h[at.interval]
-            if float(np.max(step, initial=0.0)) * rise > room:
+            if float(np.max(step, initial=0.0)) * rise > fine:
                 ahead = excess[:, moving] + 0.5 * step[:, None] * rises[moving]
                 near = np.union1d(near, np.flatnonzero(np.max(ahead, axis=1) > 0.0))
             if not near.size or len(found) > CUTS:

@@ -39,10 +39,10 @@ class LimitViolation:
             of a constraint.
         name: Name of the joint, of the frame, of the pair ("link and obstacle"), or of
             the subject of a constraint; "late" or "early" for arrivals, "the motion"
-            for durations, and "the arm" for goals before which a replay is lost.
+            for durations, and "the arm" for goals after a failed integration.
         time: Time of the violation [s].
-        amount: Excess over the limit, or distance from the goal, infinite for a lost
-            replay; negative for slack.
+        amount: Excess over the limit, or distance from the goal, infinite after a
+            failed integration; negative for slack.
         unit: Unit of the amount.
         share: The amount relative to the limit, for positions and efforts relative to
             the range of the limits; for goals, clearances and arrivals the amount
@@ -83,7 +83,7 @@ class LimitViolation:
             if self.amount < np.inf:
                 return f"{self.name} ends {amount} from {velocity}the goal"
             verb = f"has {velocity}" if velocity else "is at "
-            return f"the replay is lost {when}, before {self.name} {verb}the goal"
+            return f"the integration fails {when}, before {self.name} {verb}the goal"
         if self.kind == "arrival":
             verb = f"too {self.name}" if self.amount > 0.0 else "in time"
             return f"the goal is reached {amount} {verb}, {when}"
