@@ -54,7 +54,7 @@ class ToppraResult:
         t: Times of the grid points, shape (M+1,), in [s].
         q: Positions at the grid points, shape (M+1, n).
         v: Velocities at the grid points, shape (M+1, n).
-        seconds: Time of all passes, set-up included, in [s].
+        seconds: Processor time of all passes, set-up included [s].
         passes: Number of passes; more than one only with friction.
     """
 
@@ -175,7 +175,7 @@ def solve_line(
         max_passes: Most passes (only with friction).
         tolerance: Relative gain of T below which no further pass is made.
     """
-    started = time.perf_counter()
+    started = time.process_time()
     logging.getLogger("toppra").setLevel(logging.ERROR)
     step = q_goal - q_start
     # Dense at both ends, where a uniform grid loses up to 1 % of T: a strong arm on a
@@ -220,7 +220,7 @@ def solve_line(
         t=_times(grid, best_sd),
         q=q,
         v=np.outer(best_sd, step),
-        seconds=time.perf_counter() - started,
+        seconds=time.process_time() - started,
         passes=passes,
     )
 

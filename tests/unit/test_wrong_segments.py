@@ -75,7 +75,7 @@ def constraint_tables(*constraints: str) -> str:
         ),
         (
             LEVEL + constraint_tables(LOAD),
-            ("the load slips or tips, even at rest", "friction 0.3"),
+            ("at rest: the load slips or tips, as", "friction 0.3"),
         ),
         (LEVEL + constraint_tables(GRASP), ("49 N at rest", "no more than 0.6 N")),
         (

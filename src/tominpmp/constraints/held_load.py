@@ -130,7 +130,7 @@ class HeldLoad(FrameRows):
         why = self.reason(self.wrenches(q[None], rest, rest)[0])
         return (
             f"the {self.name} is {size:.3g} {self.unit} at rest: the load "
-            f"{self.falls}, even at rest, as {why}"
+            f"{self.falls}, as {why}"
         )
 
     falls: str = "is not held"
