@@ -105,8 +105,9 @@ def planned(problem: tm.Problem, **options: Any) -> tm.Solution:
     Raises:
         RuntimeError: If no motion is found.
     """
+    # Without a time limit, as the motions must not depend on the load of the machine.
     quick = {"effort": "quick", "intervals": 40, "refine": None}
-    solution = tm.plan(problem, **quick | options)
+    solution = tm.plan(problem, **quick | {"max_planning_time": math.inf} | options)
     verified = solution.verification
     if not solution.success or verified is None or not verified.ok:
         raise RuntimeError(f"no motion to be spoilt: {solution.message}")

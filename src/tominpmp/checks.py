@@ -551,7 +551,7 @@ def in_order(
             raise ProblemError(f"{name}: joint {joint!r} {fault}", name)
     lacking = ", ".join(joint for joint in joints if joint not in values)
     if lacking and missing is None:
-        raise ProblemError(f"{name} says nothing about {lacking}, {expected}", name)
+        raise ProblemError(f"{name} has no value for {lacking}, {expected}", name)
     return np.array([_number(values.get(j, missing), j, name) for j in joints])
 
 

@@ -36,7 +36,7 @@ def test_positions_are_read_from_names_states_and_lists(planar3r: Robot) -> None
     assert read("start,joint3=1") == [0.5, 1.7, 1.0]
     assert read("joint1=1,joint2=1,joint3=1") == [1.0, 1.0, 1.0]
     assert read("[0.5, 1.7, -1.7]") == [0.5, 1.7, -1.7]
-    with pytest.raises(ProblemError, match="--goal says nothing about joint1, joint3"):
+    with pytest.raises(ProblemError, match="--goal has no value for joint1, joint3"):
         read("joint2=1")
 
 

@@ -179,9 +179,9 @@ def test_start_without_a_joint_of_the_group_is_refused(tmp_path: Path) -> None:
     paths = files(tmp_path, "arm", {**start, "x": 1.0}, dict.fromkeys(PANDA, 0.1))
     with (
         pytest.raises(
-            ScenarioError, match=r"about the joints panda_joint7, and .* no joint 'x'"
+            ScenarioError, match=r"for the joints panda_joint7, and .* no joint 'x'"
         ),
-        pytest.warns(TominpmpWarning, match="says nothing about panda_finger_joint1"),
+        pytest.warns(TominpmpWarning, match="has no value for panda_finger_joint1"),
     ):
         load_moveit("panda", *paths)
 

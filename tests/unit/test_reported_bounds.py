@@ -87,8 +87,8 @@ goal = {type = "joint", q = [0.6, 1.0, -0.3]}
         done = invoke(["tour", str(path)])
         assert done.exit_code == 0, done.output
         found.append(done.output)
-    assert ABOVE in found[0] and "No tour beats" in found[0]
-    assert "no useful bound" in found[1] and "No tour beats" not in found[1]
+    assert ABOVE in found[0] and "No tour takes less" in found[0]
+    assert "no useful bound" in found[1] and "No tour takes less" not in found[1]
 
 
 def test_deprecated_argument_quick_warns():

@@ -113,7 +113,7 @@ def test_group_state_must_name_every_joint(tmp_path: Path) -> None:
     state = '<group_state name="a"><joint name="j1" value="1"/></group_state>'
     write(tmp_path, f"<robot>{state}</robot>", "sample.srdf")
     arm = load(tmp_path, chain("", ""))
-    with pytest.raises(ProblemError, match="'a' says nothing about j2"):
+    with pytest.raises(ProblemError, match="'a' has no value for j2"):
         arm.group_state("a")
 
 

@@ -524,7 +524,7 @@ joint_limits:
         (
             ('state = "start"', "q = {joint1 = 1}"),
             "start.q",
-            "nothing about joint2, joint3",
+            "has no value for joint2, joint3",
         ),
         (('state = "start"', 'q = [1, 2, "x"]'), "start.q", "expected 3 numbers"),
         (('state = "start"', "q = [1, 2, nan]"), "start.q", "'joint3' is nan"),

@@ -510,7 +510,7 @@ def test_message_about_a_wrong_planning_scene_names_its_key(
         (
             ("start_state", "joint_state", {"name": JOINTS[:2], "position": [1, 1]}),
             "start_state.joint_state.name",
-            "nothing about the joints joint3",
+            "has no values for the joints joint3",
         ),
         (
             ("start_state", "joint_state", "position", [-1.7, 1.7, float("nan")]),

@@ -191,7 +191,7 @@ def read_motion(
     return samples, content if held else None
 
 
-@np.errstate(all="ignore")  # numbers of a stranger's file may overflow
+@np.errstate(all="ignore")  # numbers of a caller's file may overflow
 def _checked(samples: Samples, file: Field) -> Samples:
     """Check the values of samples from a file; names and shapes are checked already."""
     for key, fault in _not_finite(samples):

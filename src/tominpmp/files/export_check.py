@@ -111,7 +111,7 @@ def _listed(steps: tuple[float | None, ...]) -> str:
     )
 
 
-@np.errstate(all="ignore")  # numbers of a stranger's file may overflow
+@np.errstate(all="ignore")  # numbers of a caller's file may overflow
 def check_file(
     problem: Problem,
     path: str | Path,

@@ -507,7 +507,7 @@ def _outside_group(
         )
     lacking = [joint for joint in outside if joint not in start]
     remark = (
-        "start_state says nothing about {}, outside the group; held where the robot's "
+        "start_state has no value for {}, outside the group; held where the robot's "
         "SRDF file has them, else at 0"
     )
     warn_of({remark: lacking}, request.path)
@@ -665,7 +665,7 @@ def _check_state(robot: Robot, state: Field, start: Mapping[str, float]) -> None
     if lacking:
         hint = f", and there is no joint {', '.join(others[:10])}" if others else ""
         names.fail(
-            f"says nothing about the joints {', '.join(lacking)}{hint}; the robot "
+            f"has no values for the joints {', '.join(lacking)}{hint}; the robot "
             f"has: {', '.join(sorted(known))}"
         )
     # For example joints of a gripper.

@@ -69,7 +69,7 @@ def blaming(item: Field) -> Iterator[None]:
 
 
 def keys_in_brief(keys: Iterable[str]) -> list[str]:
-    """Keys of a stranger's file for a warning: cut, control characters escaped."""
+    """Keys of a caller's file for a warning: cut, control characters escaped."""
     return [brief(key).strip("'\"") for key in keys]
 
 

@@ -60,8 +60,8 @@ def candidates_of_alternatives(
     worth = 1.0 - PROMISE if one_place else 1.0
     bounds = [state.lower_bound(part).T for part in parts]
     order = sorted(range(len(parts)), key=lambda i: (i != entered, bounds[i]))
-    forgiven = state.options.tolerances.contact
-    free = [i for i in order if not barrier_on_way(parts[i], forgiven)]
+    tolerated = state.options.tolerances.contact
+    free = [i for i in order if not barrier_on_way(parts[i], tolerated)]
     waiting = deque(free or order)
     answers: list[Candidate | None] = [None] * len(parts)
     wrong: list[str] = []

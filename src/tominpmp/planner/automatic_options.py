@@ -184,7 +184,7 @@ def _resolve_control(problem: Problem, options: Options, method: str) -> Control
     )
     if method != "inverse" and (smooth or control not in ("auto", "constant")):
         raise OptionsError(
-            f"method {method!r} knows piecewise constant torques only: motion limits "
+            f"method {method!r} has piecewise constant torques only: motion limits "
             "and controls 'linear' and 'spline' need method 'inverse' and all motors",
             "control",
         )

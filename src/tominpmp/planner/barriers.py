@@ -22,7 +22,7 @@ PLACES = 128
 DEEP = 1e-4
 
 
-def find_barrier(problem: Problem, forgiven: float) -> str:
+def find_barrier(problem: Problem, tolerated: float) -> str:
     """A barrier that blocks all motions, in a sentence; empty if none is proved.
 
     Every alternative of the goal must be blocked, and for joints that are angles the
@@ -31,19 +31,19 @@ def find_barrier(problem: Problem, forgiven: float) -> str:
 
     Args:
         problem: The problem.
-        forgiven: Lack of clearance that is tolerated in a motion [m].
+        tolerated: Missing clearance that a motion may have [m].
     """
     parts = problem.alternatives
-    barriers = [barrier_on_way(part, forgiven, turning=True) for part in parts]
+    barriers = [barrier_on_way(part, tolerated, turning=True) for part in parts]
     return barriers[0] if all(barriers) else ""
 
 
-def barrier_on_way(problem: Problem, forgiven: float, *, turning: bool = False) -> str:
+def barrier_on_way(problem: Problem, tolerated: float, *, turning: bool = False) -> str:
     """The barrier on the first blocked segment, in a sentence; empty without one.
 
     Args:
         problem: The problem, with one goal.
-        forgiven: Lack of clearance that is tolerated in a motion [m].
+        tolerated: Missing clearance that a motion may have [m].
         turning: Whether joints that are angles may reach the goal by other turns.
     """
     begin: Array | None = problem.q_start
@@ -53,7 +53,7 @@ def barrier_on_way(problem: Problem, forgiven: float, *, turning: bool = False) 
         if begin is not None and end is not None and len(phase.scene):
             where = f" on segment {number}" if many else ""
             ends = _ends(phase, begin, end) if turning else end[None]
-            barrier = _between(phase, begin, ends, forgiven, where)
+            barrier = _between(phase, begin, ends, tolerated, where)
             if barrier:
                 return barrier
         begin = end
@@ -76,7 +76,7 @@ def _ends(problem: Problem, begin: Array, end: Array) -> Array:
 
 
 def _between(
-    problem: Problem, begin: Array, ends: Array, forgiven: float, where: str
+    problem: Problem, begin: Array, ends: Array, tolerated: float, where: str
 ) -> str:
     """The barrier of the joint with the least slack on all of its ways, in a sentence.
 
@@ -86,7 +86,7 @@ def _between(
         problem: The problem of the segment.
         begin: Configuration at its start, shape (n,).
         ends: Configurations at the ends of the ways, shape (k, n).
-        forgiven: Lack of clearance that is tolerated in a motion [m].
+        tolerated: Missing clearance that a motion may have [m].
         where: The segment, in words; empty if there is only one.
     """
     checker, robot = problem.checker, problem.robot
@@ -113,7 +113,7 @@ def _between(
     _, index = min(map(narrowest, np.unique(joint[pairs]).tolist()))
     pair = int(each[index])
     contact = checker.contact(pair, float(distances[index]), float(margins[pair]))
-    if contact.lack <= forgiven + DEEP:
+    if contact.lack <= tolerated + DEEP:
         return ""
     j = int(joint[pair])
     return (

@@ -64,7 +64,7 @@ def on_finer_grids(result: Descended, state: PlanState) -> Descended:
     incumbent = state.incumbent
     if incumbent is not None and options.refine != "switching":
         # On the requested grid only a candidate that beats the incumbent is refined,
-        # unless the incumbent is refined for want of exact switches.
+        # unless the incumbent is refined as exact switches were not found.
         rival = incumbent.coarser or incumbent
         if best.duration >= rival.trajectory.duration:
             return result

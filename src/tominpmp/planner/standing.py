@@ -48,7 +48,7 @@ def standing(problem: Problem, options: Options) -> Solution | None:
         return None
     T, reason = motion.duration, "the start already satisfies the goal"
     if T > 0.0:
-        reason = "the stays and the times of arrival that segments ask for"
+        reason = "the dwells and the times of arrival that segments require"
     message = f"T = {T:.4g} s. {STANDS}"
     return without_search(problem, options, motion, message, reason, begin)
 

@@ -252,9 +252,9 @@ def use_fallback(state: PlanState, status: Status) -> None:
     tries = state.fallbacks[:1]
     if best == np.inf:
         # The best one may lack clearance, which slowing down does not restore.
-        sound = [item for item in state.fallbacks[1:] if item.feasible]
+        feasible = [item for item in state.fallbacks[1:] if item.feasible]
         others = [item for item in state.fallbacks[1:] if not item.feasible]
-        tries = [*tries, *sound, *state.first_guesses.values(), *others]
+        tries = [*tries, *feasible, *state.first_guesses.values(), *others]
     errors = state.failures[-1:]
     remark = "".join(STAGE_FAILED.format(type(error).__name__) for error in errors)
     tried: list[Candidate] = []

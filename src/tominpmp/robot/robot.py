@@ -307,7 +307,7 @@ class Robot(Record):
         lacking = [joint for joint in self.joint_names if joint not in states[name]]
         if lacking:
             raise ProblemError(
-                f"the group state {name!r} says nothing about {', '.join(lacking)}",
+                f"the group state {name!r} has no value for {', '.join(lacking)}",
                 "name",
             )
         return np.array([states[name][joint] for joint in self.joint_names])

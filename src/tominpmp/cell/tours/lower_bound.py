@@ -49,7 +49,7 @@ def tour_bound(task: TourTask) -> LowerBound:
         reason, total = "a 1-tree", _one_tree(np.minimum(least, least.T), rules.ends)
     return LowerBound(
         total * (1.0 - ROUNDING) + stays,
-        f"{reason} of the times that no leg can beat, and all stays",
+        f"{reason} of the lower bounds of the legs, and all dwells",
     )
 
 

@@ -383,7 +383,7 @@ def plan_tour(
                 bound = tour_bound(task)
     message = tour.message
     if bound.useful(tour.cycle_time):
-        message = f"{message} No tour beats {bound.T:.4g} s: {bound.reason}."
+        message = f"{message} No tour takes less than {bound.T:.4g} s: {bound.reason}."
     return replace(
         tour,
         message=message,
