@@ -247,7 +247,7 @@ def _message(
 
 
 def _reason(state: PlanState) -> str:
-    """What stood in the way of a plan without a motion, in a clause; or empty."""
+    """Why a plan has found no motion, in a clause; empty without a known reason."""
     with contextlib.suppress(Stop), state.saving():
         return state.searches.impasse or hindrance(state.problem)
     return ""
