@@ -175,7 +175,7 @@ class Solution:
         """Roughness of the torques; infinite if planning failed, NaN without torques.
 
         The sum over the joints of the squared torque differences between neighbouring
-        ones of 100 instants, in full ranges of the torque.
+        ones of 1000 instants, in full ranges of the torque.
         """
         if self.trajectory is None or not self.success:
             return math.inf

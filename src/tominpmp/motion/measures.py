@@ -22,8 +22,9 @@ from tominpmp.robot.robot import datasheet_hint
 if TYPE_CHECKING:
     from tominpmp.problem.problem import Problem
 
-# Number of instants whose torques are compared for the roughness.
-ROUGHNESS_INSTANTS = 100
+# Number of instants whose torques are compared for the roughness: a hundred would miss
+# torques of some milliseconds, in which fast joints reach their speed limits.
+ROUGHNESS_INSTANTS = 1000
 # Quadrature points of each interval for energies, some of which have kinks where a
 # motor begins to brake.
 GAUSS_POINTS = 12

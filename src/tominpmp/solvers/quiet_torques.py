@@ -4,12 +4,12 @@ The objective adds two sums of squares, each divided by its initial value:
 
 - torque variation, the squared differences of neighbouring torques,
 
-  .. math:: \sum_k \frac{\bar d}{d_k} |u_{k+1} - u_k|^2
+  .. math:: \sum_k |u_{k+1} - u_k|^2
 
-  over a sequence of torques u_k, in shares of their ranges, at distances d_k in time:
-  the mean torques of the intervals if torques jump between these, otherwise the torques
-  at nodes and at midpoints of intervals. dbar is the mean of the d_k, so that the sum
-  does not depend on the spacing of the grid;
+  over a sequence of torques u_k, in shares of their ranges: the mean torques of the
+  intervals if torques jump between these, otherwise the torques at nodes and at
+  midpoints of intervals. Jumps count alike wherever they are: divided by the distances
+  in time, those between the short intervals at both ends would rule the sum;
 
 - with a small weight, mean speeds between nodes,
 
@@ -74,22 +74,13 @@ class QuietTorques(Objective):
         scheme, speeds = nlp.transcription, mean_speeds(nlp, z)
         norm = _norm(speeds.at(z)) / np.sqrt(SPEED_WEIGHT)
         speeds = Variation(speeds.matrix / norm, speeds.offset / norm)
-        sequence, h = scheme.torque_sequence, scheme.motion(z).h
-        times = Instants.spread(h.size, (0.5,)).times(h)
-        if sequence is not None:
-            times = sequence @ scheme.instants(2, "u").times(h)
-        weights = np.sqrt(np.diff(times).mean() / np.diff(times))
+        sequence = scheme.torque_sequence
         if sequence is None:  # torques are unknowns
-            jumps = scheme.variation(z).matrix
-            each = np.repeat(weights, jumps.shape[0] // weights.size)
-            differences = sp.csr_matrix(sp.diags(each) @ jumps)
+            differences = scheme.variation(z).matrix
         else:
             # Torque rows are in shares of half their ranges.
-            shape = weights.size, weights.size + 1
-            steps = sp.diags([-0.5, 0.5], [0, 1], shape=shape)
-            weighted = sp.diags(weights) @ steps @ sequence
-            unit = sp.identity(nlp.system.n)
-            differences = sp.csr_matrix(sp.kron(weighted, unit))
+            steps = 0.5 * (sequence[1:] - sequence[:-1])
+            differences = sp.csr_matrix(sp.kron(steps, sp.identity(nlp.system.n)))
         whole = cls(SETTLED, feasibility, differences, 1.0, speeds)
         torques = differences @ whole._torques(nlp, z, nlp.evaluate(z))
         return replace(whole, torque_norm=_norm(torques))
