@@ -180,6 +180,16 @@ def test_roughness_of_one_jump_matches_the_formula(planar3r):
     assert roughness(motion, planar3r.limits) == pytest.approx(3 * 0.25)
 
 
+def test_torques_of_some_milliseconds_are_rough_and_made_quiet():
+    """The cart reaches its low speed limit within 5 ms, and brakes within 5 ms."""
+    cart = tm.load_robot(SLIDER, velocity=0.01, gravity=(0.0, 0.0, 0.0))
+    solution = plan_quickly(tm.Problem(cart, [0.0], tm.JointGoal([0.02])))
+    assert solution.roughness > 0.3
+    quiet = tm.smooth(solution, 0.02)
+    assert quiet.T == pytest.approx(1.02 * solution.T, rel=1e-9)
+    assert quiet.roughness < 0.1 * solution.roughness
+
+
 def test_smooth_rejects_a_missing_motion_and_wrong_slack(planar3r):
     from dataclasses import replace
 
