@@ -262,7 +262,7 @@ class AxisGoal(FrameGoal):
         axis = np.asarray(place.rotation @ self.axis)
         value, by_axis = (x[0] for x in deviations(axis[None], self.direction))
         # The rate of the axis is the cross product of angular velocity and axis.
-        by_q = np.cross(axis, by_axis) @ jacobian[3:]
+        by_q = by_axis @ pin.skew(axis).T @ jacobian[3:]
         tilt = Place.within(value, by_q, self.angle_tolerance, self.label("rad"))
         if self.position is None:
             return tilt
