@@ -221,7 +221,7 @@ def plot_controls(
 
 # Instants at which the arm is drawn, and opacity at the first of them.
 INSTANTS, LIGHTEST = 15, 0.16
-ARM_COLOR, OBSTACLE_COLOR = "#12375f", "#d6453a"
+ARM_COLOR, OBSTACLE_COLOR, GOAL_COLOR = "#12375f", "#d6453a", "#1d8a50"
 
 
 def plot_motions(
@@ -244,7 +244,7 @@ def plot_motions(
             path_of_tip = skeleton(task.robot, q, "tip").points[:, -1, :2]
             look = {"color": figures.color(1), "lw": 1.1, "label": "path of the end"}
             panel.plot(*path_of_tip.T, **look)
-            look = {"color": figures.GOAL_COLOR, "ms": 8.0, "mew": 2.0, "ls": ""}
+            look = {"color": GOAL_COLOR, "ms": 8.0, "mew": 2.0, "ls": ""}
             panel.plot(*GOAL.position[:2], marker="x", label="goal", **look)
             for ball in task.scene:
                 assert isinstance(ball, tm.Sphere)

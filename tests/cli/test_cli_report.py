@@ -87,7 +87,7 @@ def test_failed_plan_writes_no_file(
     assert result.exit_code == code
     assert status.value in result.stdout
     assert ("best attempt" in result.stdout) == motion
-    assert "duration" not in result.stdout
+    assert "\nduration " not in result.stdout
     assert os.listdir() == []
 
 

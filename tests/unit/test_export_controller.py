@@ -318,7 +318,7 @@ def test_numbers_and_names_are_readable_by_yaml_1_1(
     library's reader, as YAML 1.2, reads 1e5 as a number.
     """
     names = ('a,"b"', "on", "ü 🤖", "line\nbreak", "1e5")
-    q = np.array([[1e-5, -2e-300, 1e300, 0.0, 1.0], [1.5e-7, 2.0, 1e22, -0.0, 1.0]])
+    q = np.array([[1e-5, -2e-300, 1e100, 0.0, 1.0], [1.5e-7, 2.0, 1e22, -0.0, 1.0]])
     motion = Trajectory(names, np.array([0.0, 1.0]), q, 0 * q, 0 * q)
     path = export(motion, tmp_path / f"m.{ending}")
     points = yaml.safe_load(path.read_text(encoding="utf-8"))["points"]

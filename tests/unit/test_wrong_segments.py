@@ -174,7 +174,9 @@ def test_incomplete_goal_after_a_free_configuration_names_its_segment() -> None:
     there = tm.RegionGoal("tip", (-1.0,) * 3, (1.0,) * 3)
     then = tm.JointGoal({robot.joint_names[0]: 0.5})
     segments = [tm.Segment(there), tm.Segment(then)]
-    with pytest.raises(tm.ProblemError, match=r"segment 2 of 2: goal\.q says") as found:
+    with pytest.raises(
+        tm.ProblemError, match=r"segment 2 of 2: goal\.q has no value"
+    ) as found:
         tm.Problem(robot, [0.0, 0.0], segments=segments)
     assert found.value.field == "segments[1].goal.q"
 

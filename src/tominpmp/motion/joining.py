@@ -386,7 +386,7 @@ def _stepwise_motion(rows: _Rows) -> tuple[_Rows, Array] | None:
     # Errors of rounding cancel each other in the sum, those of a sampled ramp add up.
     missed = np.cumsum(gap - remaining[:, None] * jump, axis=0) / slack_v
     missed_q = (gap_q - 0.5 * remaining[:, None] ** 2 * jump) / slack_q
-    if _ramps(h, jumps, remaining) or np.abs([missed, missed_q]).max() > 1.0:
+    if _ramps(h, jumps, remaining) or not np.abs([missed, missed_q]).max() <= 1.0:
         return None
     at = np.flatnonzero(jumps)
     s = (h[at] - remaining[at])[:, None]
