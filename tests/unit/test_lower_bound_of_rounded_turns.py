@@ -65,3 +65,21 @@ def test_bound_of_segments_holds_for_the_other_turn_of_an_angle() -> None:
     assert solution.success and solution.T < 4.5
     # The least way is 3 rad and another 0.28 rad.
     assert 2.0 * np.pi - 3.0 - 1e-6 < bound.T < solution.T
+
+
+def test_energy_bound_of_segments_holds_for_the_other_turn_of_an_angle() -> None:
+    """Regression: the bound of heavy rotors was 12.0 s, and the motion took 11.1 s."""
+    arm = tm.load_robot(
+        "planar3r",
+        position_lower=[-4.0, -2.0, -2.0],
+        position_upper=[3.2, 2.0, 2.0],
+        velocity=50.0,
+        effort=5.0,
+        armature=20.0,
+        gravity=(0.0, 0.0, 0.0),
+    )
+    goals = [tm.JointGoal([q, 0.0, 0.0], wrap=["joint1"]) for q in (3.0, -3.0)]
+    segments = [tm.Segment(goal, stop=True) for goal in goals]
+    problem = tm.Problem(arm, [0.0, 0.0, 0.0], segments=segments)
+    bound, solution = tm.lower_bound(problem), tm.plan(problem, effort="quick")
+    assert solution.success and 0.5 * solution.T < bound.T <= solution.T

@@ -36,6 +36,7 @@ from tominpmp.checks import instance, number
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import warn_caller
 from tominpmp.goals.base import Goal
+from tominpmp.goals.turns import TURN
 from tominpmp.kinematics import units_of
 from tominpmp.motion_limits import EFFORT
 from tominpmp.problem.joint_limits import effort_range
@@ -241,7 +242,8 @@ def _of_goal(
         bounds += joint_bounds(joints, lower, upper, ends, turning)
         bounds += tool_speed_bounds(problem, item)
         if q is not None and np.all(np.isfinite(ends)):
-            bounds += energy_bounds(problem, q, ends)
+            turns = np.where(turned, np.round((q - problem.q_start) / TURN), 0.0)
+            bounds += energy_bounds(problem, q - TURN * turns, ends)
         reach = reach_of(joints, ends)
         for member in item.members:
             if member.frame_name is not None and not np.any(turned):
