@@ -42,9 +42,9 @@ SETTLED = 5e-3
 # Least norm that residuals are divided by, for quantities that do not vary at all.
 LEAST_NORM = 1e-6
 # Weight of the mean speeds relative to the torque variation. With a third of it the
-# detours of joints are half as long again; with three times as much torques are less
-# quiet by a sixth (24 goals of four arms).
-SPEED_WEIGHT = 0.1
+# detours of joints are twice as long, and torques are quieter by a tenth at most (40
+# goals of five arms, benchmarks/smoothing.py).
+SPEED_WEIGHT = 0.3
 
 
 @dataclass(frozen=True, eq=False)
