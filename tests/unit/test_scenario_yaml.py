@@ -153,6 +153,12 @@ def test_merge_keys_complete_a_table() -> None:
     assert read["e"] == {"<<": 7}
 
 
+def test_aliases_of_a_key_are_keys() -> None:
+    """Regression: an alias of ``<<`` as a key ended with an AttributeError."""
+    read = parse_yaml(b"a: &a <<\n*a : {b: 1}\n", HERE)
+    assert read == {"a": "<<", "<<": {"b": 1}}
+
+
 @pytest.mark.parametrize("value", ["1", "[{a: 1}, 2]", "~"])
 def test_merge_keys_take_tables_alone(value: str) -> None:
     with pytest.raises(ScenarioError, match=r"line 2: << merges .*, no table"):

@@ -143,15 +143,15 @@ class _Builder:
     def _mapping(self, depth: int) -> dict[str, Any]:
         table, merged = dict[str, Any](), dict[str, Any]()
         while not isinstance(event := next(self.events), yaml.MappingEndEvent):
-            key = self._value(event, depth)
+            key, merges = self._value(event, depth), False
             if isinstance(event, yaml.ScalarEvent):
-                key = event.value
+                key, merges = event.value, event.value == MERGE and not event.style
             if not isinstance(key, str):
                 self.fail("a key is not a single word", event)
             if key in table:
                 self.fail(f"the key {brief(key)} occurs twice", event)
             table[key] = self._value(next(self.events), depth)
-            if key == MERGE and not event.style:
+            if merges:
                 tables = table.pop(key)
                 for inner in reversed(tables if isinstance(tables, list) else [tables]):
                     if not isinstance(inner, dict):
