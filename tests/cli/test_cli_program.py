@@ -281,6 +281,27 @@ def test_standard_error_that_cannot_be_written_leaves_the_motion_as_it_is(
         assert found == expected
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+@pytest.mark.parametrize("words", ["info no.urdf", "info --no", QUICK])
+def test_exit_codes_are_the_same_in_colour_on_a_full_standard_error(
+    words: str, tmp_path: Path
+) -> None:
+    """Regression: what Rich could not write ended as a traceback with exit code 1."""
+    coloured = {"cwd": tmp_path, "env": {**os.environ, "FORCE_COLOR": "1"}}
+    with open("/dev/full", "w") as full:
+        streams = {"capture_output": False, "stdout": -1, "stderr": full}
+        result = program(*words.split(), **streams, **coloured)
+    assert result.returncode == (0 if words == QUICK else 2)
+
+
+def test_lines_of_the_log_are_not_broken_on_a_terminal(tmp_path: Path) -> None:
+    """Regression: above a status line they were broken at the width of the terminal."""
+    narrow = {**os.environ, "FORCE_COLOR": "1", "COLUMNS": "30"}
+    result = program(*QUICK.split(), "--verbose", env=narrow, cwd=tmp_path)
+    assert result.returncode == 0
+    assert "info: start 0: A locally time-optimal motion was found." in result.stderr
+
+
 @pytest.mark.skipif(os.name != "posix", reason="shells of POSIX")
 def test_batch_runs_without_a_standard_error(tmp_path: Path) -> None:
     """Regression: loky cannot start a process then, which was called a defect."""

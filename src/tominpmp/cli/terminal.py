@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Callable, Collection, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from functools import cache
+from io import TextIOWrapper
 from typing import TYPE_CHECKING, Any
 
 from tominpmp.exceptions import TominpmpError, TominpmpWarning
@@ -66,19 +67,32 @@ def hold_streams() -> None:
     """Open the null device in place of standard streams that are closed (``2>&-``).
 
     The next files would get their numbers, and native code would write messages there;
-    processes of loky cannot be started without a standard error.
+    processes of loky cannot be started without a standard error. Results and exit codes
+    do not depend on standard error: what it does not take is left out.
     """
     while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
         os.set_inheritable(number, True)
     os.close(number)
-    if sys.stderr is None:
-        sys.stderr = open(2, "w", encoding="utf-8", closefd=False)
+    stream = sys.stderr.buffer if sys.stderr else open(2, "wb", closefd=False)
+    encoding = sys.stderr.encoding if sys.stderr else "utf-8"
+    sys.stderr = _Tolerant(stream, encoding, "backslashreplace", line_buffering=True)
+
+
+class _Tolerant(TextIOWrapper):
+    """Standard error, without what it does not take: it may be closed or full."""
+
+    def write(self, text: str) -> int:
+        with suppress(OSError):
+            super().write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        with suppress(OSError):
+            super().flush()
 
 
 def say(text: str, *, end: str = "\n", err: bool = False) -> None:
     """Write a text to standard output, or to standard error.
-
-    Results and exit codes do not depend on standard error: it may be closed or full.
 
     Raises:
         OSError: If standard output cannot be written; names it as its file.
@@ -92,14 +106,13 @@ def say(text: str, *, end: str = "\n", err: bool = False) -> None:
             raise OSError(errno.EBADF, os.strerror(errno.EBADF))
         print(text, end=end, file=stream, flush=True)
     except OSError as error:
-        if not err:
-            error.filename = OUTPUT
-            raise
+        error.filename = OUTPUT
+        raise
 
 
 @cache
 def error_console() -> Console:
-    """Console for progress, warnings and errors on a terminal.
+    """Console for progress, warnings and errors.
 
     All output shares one console, as it has to print warnings above the status line.
     """
@@ -152,10 +165,7 @@ def complain(prefix: str, message: str, typed: Collection[str] = ()) -> None:
     style = "bold red" if prefix == "error" else "bold yellow"
     text = " ".join(as_command_line_flags(message, typed).split())
     line = Text.assemble((f"{prefix}:", style), " ", text)
-    if error_console().is_terminal:
-        error_console().print(line, soft_wrap=True)
-    else:
-        say(line.plain, err=True)
+    error_console().print(line, soft_wrap=True)
 
 
 @contextmanager
@@ -241,7 +251,8 @@ def logged(verbose: bool) -> AbstractContextManager[None]:
     """Show the library's log above the status line if ``verbose``."""
 
     def show(record: logging.LogRecord) -> None:
-        say(f"{record.levelname.lower()}: {record.getMessage()}", err=True)
+        text = f"{record.levelname.lower()}: {record.getMessage()}"
+        error_console().print(text, soft_wrap=True)
 
     return log_shown("tominpmp", show) if verbose else nullcontext()
 
