@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import piqp
@@ -13,6 +14,8 @@ from test_slp import Program, least_time
 from tominpmp.linear_programs.piqp import USUAL_TERMINATION, PiqpSolver, Termination
 from tominpmp.options import Options
 from tominpmp.solvers.exchange import ITERATIONS, LEAST_RADIUS, SETTLED, RowExchange
+from tominpmp.solvers.iterate import Iterate
+from tominpmp.solvers.loop import Loop
 from tominpmp.solvers.trust_region_step import GROWTH
 from tominpmp.status import Status
 
@@ -92,6 +95,19 @@ def test_trust_region_radius_is_kept_when_rows_join():
     assert np.all(change[moving] > 0.3 - 1e-9)
     assert radii[-1] < LEAST_RADIUS
     assert np.all((change < GROWTH + 1e-9) | (radii[1:] <= GROWTH * LEAST_RADIUS))
+
+
+@pytest.mark.parametrize(("last", "settled"), [(1.0, False), (2.0, True)])
+def test_radius_shrinks_once_the_objective_has_settled(last, settled):
+    """Where the duration is fixed, only the objective shows whether it has settled."""
+    values = iter([2.0, last])
+    objective = SimpleNamespace(value=lambda *_: next(values), any_will_do=False)
+    program = shadow([0.0, 1.5])
+    loop = Loop(program, objective, Iterate.of(program, np.array([2.0, 0.7, 2.5]), 1.0))
+    exchange = RowExchange(revise=lambda program, z: (program, z))
+    for _ in range(2):
+        exchange, _ = exchange.join(loop, None)
+    assert (exchange.radius < LEAST_RADIUS) == settled
 
 
 def test_rows_that_join_bring_additional_iterations():

@@ -32,7 +32,7 @@ ITERATIONS, EXTENSIONS = 25, 12
 # duration leaves free, and the violations that it causes grow with the square of the
 # radius.
 LEAST_RADIUS = 0.1
-# A motion is nearly optimal if its duration has changed by at most this share since
+# A motion is nearly optimal if the objective has changed by at most this share since
 # rows last joined. Each exchange then halves the radius: reversals of joints with dry
 # friction would otherwise move on, and with them the missing rows.
 SETTLED = 1e-4
@@ -67,7 +67,7 @@ class RowExchange:
 
     Attributes:
         extensions: How often rows have joined at the end of the iteration.
-        joined_at: Duration when rows last joined [s]; infinite before.
+        joined_at: Objective when rows last joined; infinite before.
         radius: Least trust-region radius after rows have joined, or the largest one for
             a nearly optimal motion.
         longest: Motions with a longer duration are not checked [s].
@@ -121,14 +121,15 @@ class RowExchange:
             return self, Status.ITERATION_LIMIT if settled else status
         loop.program, z = changed
         joined = loop.state.on(loop.program, z)
-        settled = abs(self.joined_at / loop.state.duration - 1.0) <= SETTLED
+        value = loop.objective.value(loop.program, joined.z, joined.values)
+        settled = abs(self.joined_at / value - 1.0) <= SETTLED
         limit = max(0.5 * self.radius, SETTLED_RADIUS) if settled else self.radius
         radius = max(joined.radius, limit)
         if settled:
             radius = min(max(math.sqrt(joined.violation), SETTLED_RADIUS), limit)
         loop.state, loop.best = replace(joined, radius=radius, gains=()), None
         loop.extended_limit = len(loop.history) + ITERATIONS
-        exchange, slower = replace(self, joined_at=joined.duration, radius=limit), None
+        exchange, slower = replace(self, joined_at=value, radius=limit), None
         if status is not None:
             exchange = replace(exchange, extensions=self.extensions + 1)
             if loop.objective.any_will_do:
