@@ -73,9 +73,10 @@ def hold_streams() -> None:
     while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
         os.set_inheritable(number, True)
     os.close(number)
-    stream = sys.stderr.buffer if sys.stderr else open(2, "wb", closefd=False)
-    encoding = sys.stderr.encoding if sys.stderr else "utf-8"
-    sys.stderr = _Tolerant(stream, encoding, "backslashreplace", line_buffering=True)
+    if sys.stderr is None or isinstance(sys.stderr, TextIOWrapper):
+        encoding = getattr(sys.stderr, "encoding", "utf-8")
+        raw, lossless = open(2, "wb", closefd=False), "backslashreplace"
+        sys.stderr = _Tolerant(raw, encoding, lossless, line_buffering=True)
 
 
 class _Tolerant(TextIOWrapper):
