@@ -161,21 +161,21 @@ class PlanState:
     def recall_former(self, status: Status) -> bool:
         """Keep the warm start as a candidate, if its replay keeps all limits.
 
-        It may exceed them by what the rows of a program leave between them, and not by
-        all that a replay tolerates: the limits may be lower than those that it was
-        planned for.
+        It is left out if the incumbent is faster. It may exceed the limits by what the
+        rows of a program leave between them, and not by all that a replay tolerates:
+        the limits may be lower than those that it was planned for.
 
         Args:
             status: Status of the candidate.
 
         Returns:
-            Whether the replay keeps them.
+            Whether it is kept.
 
         Raises:
             Stop: If it is time to stop.
         """
         former = self.former
-        if former is None:
+        if former is None or self.best_duration < former.trajectory.duration:
             return False
         known = (x for x in self.candidates if x.trajectory is former.trajectory)
         tolerance = min(self.options.limit_tolerance, USABLE)

@@ -122,7 +122,7 @@ class RowExchange:
         loop.program, z = changed
         joined = loop.state.on(loop.program, z)
         value = loop.objective.value(loop.program, joined.z, joined.values)
-        settled = abs(self.joined_at / value - 1.0) <= SETTLED
+        settled = abs(self.joined_at - value) <= SETTLED * value
         limit = max(0.5 * self.radius, SETTLED_RADIUS) if settled else self.radius
         radius = max(joined.radius, limit)
         if settled:

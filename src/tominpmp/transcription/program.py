@@ -65,21 +65,17 @@ class NonlinearProgram:
         system = transcription.system
         blocks = [*transcription.equations, *blocks_of(transcription)]
         blocks += _at_ends_of_segments(transcription)
-        scale = transcription.goal_scale
+        scale, end = transcription.goal_scale, Instants.end(transcription.intervals)
         if scale is not None:
             goal = GoalReached(system.problem.goal, system.kinematics, scale)
             # The goal comes first if the torques are the only unknowns, as in the
             # paper: among steps of equal cost, linear programs then find a better one.
             first = 0 if transcription.by_component else len(blocks)
-            last = SampledRows(
-                transcription, goal, Instants.end(transcription.intervals)
-            )
-            blocks.insert(first, last)
+            blocks.insert(first, SampledRows(transcription, goal, end))
         part = system.segments[-1]
         if part.final_velocity is None and not part.sudden:
             # The arm moves on without acceleration.
-            at = Instants.end(transcription.intervals)
-            blocks.append(SampledRows(transcription, _unaccelerated(part), at))
+            blocks.append(SampledRows(transcription, _unaccelerated(part), end))
         return cls(transcription, tuple(blocks), selection)
 
     def at(self, z: Array) -> NonlinearProgram:
