@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from functools import partial
 
@@ -9,7 +10,11 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
+from tominpmp.initial_guess import path_velocity, rrt
+from tominpmp.initial_guess.guess import GuessRequest
+from tominpmp.initial_guess.path_velocity import guesses_of
 from tominpmp.options import Tolerances
+from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.verification.verification import verify
 
 # Other tests cover the search for the best motion.
@@ -183,3 +188,19 @@ def test_equal_motions_of_three_types_give_the_same_replay(alone):
         assert judged.min_clearance == pytest.approx(room, abs=1e-3)
         # The motion that was planned without the ball collides with it.
         assert not verify(task, alone.trajectory, Tolerances()).ok
+
+
+def test_searches_past_a_shut_gate_are_short(monkeypatch):
+    """While the gate is shut no path is found, and a motion that waits is known."""
+    allowed: list[int] = []
+
+    def search(system, q_end, seed, searches):
+        allowed.append(searches.checks)
+
+    monkeypatch.setattr(rrt, "sample_path", search)
+    system = ProblemFunctions.of(problem(gate(3.0)))
+    guesses = guesses_of(system, GuessRequest(np.random.default_rng(0)))
+    assert next(guesses).delay > 1.0
+    assert len([*itertools.islice(guesses, 8)]) == 8
+    assert len(allowed) >= len(path_velocity.MOMENTS)
+    assert max(allowed) <= rrt.LONG

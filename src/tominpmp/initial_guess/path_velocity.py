@@ -21,6 +21,7 @@ from tominpmp.collision.checker import CollisionChecker
 from tominpmp.constraints.path import PathConstraint, Window
 from tominpmp.initial_guess.constrained import constraints_of
 from tominpmp.initial_guess.guess import SAMPLED, VIA_POINT, Guess, GuessRequest
+from tominpmp.initial_guess.rrt import LONG, PathSearches
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Number of places on the path, and the shortest time step between two places [s].
@@ -29,9 +30,8 @@ SHORTEST = 5e-3
 # Most collision checks for a path.
 CHECKS = 30_000
 # Longest duration of a motion that waits: PATIENCE times the duration of the path, but
-# at least LONG [s].
-PATIENCE = 10.0
-LONG = 10.0
+# at least LEAST_PATIENCE [s].
+PATIENCE, LEAST_PATIENCE = 10.0, 10.0
 # Tolerated violation of constraints on positions, as a share of their scale.
 TOLERATED = 1e-6
 # Additional clearance of a cautious passage, as a share of the reach.
@@ -63,7 +63,10 @@ def guesses_of(system: ProblemFunctions, request: GuessRequest) -> Iterator[Gues
         return
     for share in MOMENTS if system.problem.scene.moving else ():
         still = system.resting(share * first.duration)
-        for guess in request.guesses(still):
+        # At that instant obstacles may leave no way, and a motion is mostly known: the
+        # search is short.
+        brief = replace(request, searches=PathSearches(checks=LONG))
+        for guess in brief.guesses(still):
             if guess.name == VIA_POINT:
                 break
             if guess.name == SAMPLED:  # the straight lines are those from above
@@ -158,7 +161,7 @@ def _passage(
     here = np.zeros(len(q), dtype=bool)
     here[0] = True
     reached, time, checks = [here], 0.0, 0
-    most = int(max(PATIENCE * (len(q) - 1), LONG / step))
+    most = int(max(PATIENCE * (len(q) - 1), LEAST_PATIENCE / step))
     # From this time on the arm may remain at the end.
     over = max((window.end for window, places in windows if places[-1]), default=0.0)
     while not (here[-1] and time >= over):
