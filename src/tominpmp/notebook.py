@@ -6,10 +6,8 @@ may come from untrusted files.
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Sequence
 from html import escape
-from typing import Any
 
 import numpy as np
 
@@ -101,12 +99,6 @@ def curves(title: str, t: Array, values: Array, limits: Sequence[float] = ()) ->
     return _svg(title, parts)
 
 
-def _share_curves(name: str, t: Array, values: Array, largest: Array) -> str:
-    """A panel with values, shape (m, n), as shares of the largest, shape (n,)."""
-    share = values / np.where(largest > 0.0, largest, np.inf)
-    return curves(f"{name} over its limit", t, share, (-1.0, 1.0))
-
-
 def skeletons(title: str, arms: Sequence[Array]) -> str:
     """A panel with stick figures.
 
@@ -149,38 +141,8 @@ def motion_card(
     largest = (np.abs(x).max(axis=0).tolist() for x in rates.values())
     columns = names, q[0].tolist(), q[-1].tolist(), *largest
     head = ("joint", "start", "end", *(f"max |{name}|" for name in rates))
-    return card(
-        title, *panels, table(head, list(zip(*columns, strict=True)), joints=True)
-    )
-
-
-def outcome_card(
-    title: str,
-    message: str,
-    facts: Sequence[tuple[str, object]],
-    motion: Any,
-    limits: Any,
-) -> str:
-    """Summary of a planning result.
-
-    Args:
-        title: Title of the summary.
-        message: A sentence or two.
-        facts: Rows of the table below the message: names and values.
-        motion: The trajectory; None without a motion.
-        limits: ``JointLimits`` of the robot.
-    """
-    rows: list[tuple[str, object]] = [("", x) for x in textwrap.wrap(message, 60)]
-    rows += [fact for fact in facts if fact[1] != ""]
-    panels = []
-    if motion is not None:
-        t = np.linspace(0.0, motion.duration, 200)
-        state = motion(t)
-        panels.append(_share_curves("speed", t, state.v, limits.velocity))
-        if not np.all(np.isnan(state.u)):
-            effort = np.maximum(np.abs(limits.effort_lower), limits.effort_upper)
-            panels.append(_share_curves("torque", t, state.u, effort))
-    return card(title, *panels, table((), rows))
+    rows = table(head, list(zip(*columns, strict=True)), joints=True)
+    return card(title, *panels, rows)
 
 
 def _line(points: Array, color: str, width: float = 1.4, name: str = "") -> str:

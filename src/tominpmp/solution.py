@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from tominpmp.arrays import MaybeNone
 from tominpmp.checks import flag, instance
@@ -21,7 +24,7 @@ from tominpmp.motion.measures import (
     roughness,
 )
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.notebook import outcome_card
+from tominpmp.notebook import card, curves, table
 from tominpmp.options import Options
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import SegmentOfMotion, segments_of
@@ -101,14 +104,21 @@ class Solution:
         )
 
     def _repr_html_(self) -> str:
-        """Speeds and torques relative to their limits, and the status (notebooks)."""
-        title = "Solution" if self.success else "No motion"
-        facts: list[tuple[str, object]] = [("T [s]", self.T)]
-        facts += [("planned in [s]", self.planning_time)]
+        """Speeds and controls relative to their limits, and the status (notebooks)."""
+        from tominpmp.viz.shares import shares_of_limits
+
+        lines, panels = textwrap.wrap(self.message, 60), list[str]()
+        rows: list[tuple[str, object]] = [("", line) for line in lines]
+        rows += [("T [s]", self.T), ("planned in [s]", self.planning_time)]
         if self.success and self.lower_bound is not None:
-            facts += [("lower bound", self.lower_bound.in_words(self.T))]
-        motion, limits = self.trajectory, self.problem.robot.limits
-        return outcome_card(title, self.message, facts, motion, limits)
+            rows += [("lower bound", self.lower_bound.in_words(self.T))]
+        if self.trajectory is not None:
+            times = np.linspace(0.0, self.trajectory.duration, 200)
+            shares = shares_of_limits(self.problem, self.trajectory, times)
+            for kind, x in (("speed", shares.speed), (shares.control, shares.torque)):
+                panels += [curves(f"{kind} over its limit", times, x, (-1.0, 1.0))]
+        title = "Solution" if self.success else "No motion"
+        return card(title, *panels, table((), rows))
 
     def __getstate__(self) -> dict[str, Any]:
         """State to copy and pickle: all but the callback, which is no longer needed."""
