@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -11,9 +10,15 @@ from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 
-from tominpmp.arrays import Array, number_or_nan
-from tominpmp.checks import HUGE
-from tominpmp.exceptions import ScenarioError, TominpmpError, closest, shortened
+from tominpmp.arrays import Array
+from tominpmp.checks import number
+from tominpmp.exceptions import (
+    ProblemError,
+    ScenarioError,
+    TominpmpError,
+    closest,
+    shortened,
+)
 
 try:
     import tomllib
@@ -85,14 +90,11 @@ class Field:
     @property
     def is_filled_in(self) -> bool:
         """Whether the value differs from the defaults of a ROS message."""
-
-        def filled(value: Any) -> bool:
-            if isinstance(value, dict | list):
-                inner = value.values() if isinstance(value, dict) else value
-                return any(map(filled, inner))
-            return value not in (None, "", 0, False)
-
-        return filled(self.value)
+        if isinstance(self.value, dict | list):
+            listed = isinstance(self.value, list)
+            inner = self.items() if listed else self.table().values()
+            return any(item.is_filled_in for item in inner)
+        return self.value not in (None, "", 0, False)
 
     def get(self, name: str) -> Field:
         """Value of a key of a table; its value is None if the key is missing."""
@@ -147,29 +149,21 @@ class Field:
         expected: str = "a finite number",
         *,
         default: float | None = None,
-        least: float = -math.inf,
-        above: float = -math.inf,
-        most: float = math.inf,
-        infinite: bool = False,
+        **bounds: Any,
     ) -> float:
         """Number in a range, of 1e150 at most unless infinite ones are allowed.
 
         Args:
             expected: Description of valid numbers, for messages.
             default: Number for a missing value; None if the value is required.
-            least: Smallest valid number.
-            above: Bound that the number must exceed.
-            most: Largest valid number.
-            infinite: Whether the number may be infinite.
+            bounds: Range of valid numbers, see :func:`~tominpmp.checks.number`.
         """
-        value = self.value
-        if value is None and default is not None:
+        if self.value is None and default is not None:
             return default
-        number = value if type(value) is float else number_or_nan(value)
-        ranged = least <= number <= most and (above == -math.inf or number > above)
-        if not ranged or not (infinite or abs(number) <= HUGE):
-            self._expected(expected)
-        return number
+        try:
+            return number(self.value, "", expected, **bounds)
+        except ProblemError as error:
+            self.fail(str(error).lstrip())
 
     def numbers(self, count: int | None = None) -> list[float]:
         """List of finite numbers, of a given length if ``count`` is set."""

@@ -341,13 +341,10 @@ def _in_any_case(path: Path) -> Path | None:
     path = path.absolute()
     existing = Path(path.anchor)
     for part in path.parts[1:]:
-        names = _names_in(existing)
-        if part not in names:
-            names = tuple(n for n in names if n.casefold() == part.casefold())
-            if len(names) != 1:
-                return None
-            part = names[0]
-        existing /= part
+        names = [n for n in _names_in(existing) if n.casefold() == part.casefold()]
+        if part not in names and len(names) != 1:
+            return None
+        existing /= part if part in names else names[0]
     return existing
 
 

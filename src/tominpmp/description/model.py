@@ -214,17 +214,17 @@ def sticks(model: pin.Model, q: Array) -> Array:
         Shape (k, 2, 3) [m], in the world; at least one line.
     """
     data = model.createData()
-    pin.framesForwardKinematics(model, data, q)
-    lines: list[Any] = [
-        (data.oMi[model.parents[j]].translation, data.oMi[j].translation)
-        for j in range(1, model.njoints)
-    ]
-    lines += [
-        (data.oMi[frame.parentJoint].translation, data.oMf[index].translation)
-        for index, frame in enumerate(model.frames)
-        if frame.type == pin.FrameType.BODY and frame.parentJoint
-    ]
-    return np.array(lines or [np.zeros((2, 3))])
+    pin.forwardKinematics(model, data, q)
+    places = ((data.oMi[joint], end) for joint, end in stick_ends(model))
+    return np.array([(place.translation, place.act(end)) for place, end in places])
+
+
+def stick_ends(model: pin.Model) -> list[tuple[int, Array]]:
+    """Joints, and where those and the bodies that each carries are in its axes [m]."""
+    joints, body = range(1, model.njoints), pin.FrameType.BODY
+    ends = [(model.parents[joint], model.jointPlacements[joint]) for joint in joints]
+    ends += [(k.parentJoint, k.placement) for k in model.frames[1:] if k.type == body]
+    return [(int(joint), np.array(place.translation)) for joint, place in ends]
 
 
 def are_neighbours(

@@ -24,7 +24,7 @@ from trimesh.util import append_faces, concatenate
 from tominpmp.arrays import Array, IntArray
 from tominpmp.collision.bodies import obstacle_shape
 from tominpmp.collision.shapes import is_mesh
-from tominpmp.description.model import mesh_arrays
+from tominpmp.description.model import mesh_arrays, stick_ends
 from tominpmp.exceptions import RobotLoadError, quiet, warn_caller
 from tominpmp.robot.robot import Robot
 from tominpmp.scene.grids import HeightField, OcTree
@@ -359,17 +359,12 @@ def _colors(mesh: Any) -> Array:
 
 def _sticks(robot: Robot) -> list[Body]:
     """Capsules from every joint to the joints and frames that follow it."""
-    model = robot.model
-    joints = range(1, model.njoints)
-    ends = [(int(model.parents[j]), model.jointPlacements[j]) for j in joints]
-    for frame in model.frames[1:]:
-        if frame.type == pin.FrameType.BODY:
-            ends.append((int(frame.parentJoint), frame.placement))
-    lengths = [float(np.linalg.norm(place.translation)) for _, place in ends]
-    longest, bodies = max(lengths, default=0.0), list[Body]()
-    for (joint, place), length in zip(ends, lengths, strict=True):
+    ends, bodies = stick_ends(robot.model), list[Body]()
+    lengths = [float(np.linalg.norm(end)) for _, end in ends]
+    longest = max(lengths)
+    for (joint, end), length in zip(ends, lengths, strict=True):
         if length > 1e-6 * longest or joint:
-            end, name = place.translation, f"stick {len(bodies)}"
+            name = f"stick {len(bodies)}"
             turn = pin.Quaternion.FromTwoVectors(np.eye(3)[2], end).toRotationMatrix()
             surface = capsule(0.02 * longest or 0.02, length)
             surface.apply_transform(transform(end / 2, turn))
