@@ -26,16 +26,10 @@ from tominpmp.robot.robot import Robot
 from tominpmp.scene.obstacles import Box, Cylinder, Sphere
 from tominpmp.viz.skeleton import last_frame
 
-# Robots at the top of the list, with their locked joints [rad or m].
-ARMS: dict[str, tuple[tuple[str, float], ...]] = {
+# Joints such as fingers that are locked, with their positions, by robot [rad or m].
+LOCKED: dict[str, tuple[tuple[str, float], ...]] = {
     "panda": (("panda_finger_joint1", 0.04),),
-    "ur5": (),
-    "ur10": (),
-    "xarm7": (),
-    "kinova": (),
     "z1": (("jointGripper", 0.0),),
-    "so100": (),
-    "planar3r": (),
 }
 # Names of group states for the start, in order of preference.
 START_NAMES = ("ready", "default", "home", "start", "neutral", "half_sitting", "arm_up")
@@ -54,7 +48,7 @@ def known(source: str, **others: Any) -> RobotChoice:
         source: Name of the robot, or path of a URDF file.
         **others: Further fields of the choice.
     """
-    return RobotChoice(source, **{"locked": ARMS.get(source, ())} | others)
+    return RobotChoice(source, **{"locked": LOCKED.get(source, ())} | others)
 
 
 def first_request(choice: RobotChoice) -> Request:

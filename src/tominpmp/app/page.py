@@ -27,7 +27,7 @@ import pinocchio as pin
 
 from tominpmp.app import pictures, stage
 from tominpmp.app.controller import Controller
-from tominpmp.app.first_request import ARMS, known
+from tominpmp.app.first_request import known
 from tominpmp.app.origins import serve
 from tominpmp.app.planning import Outcome, ShownMotion, plain_name
 from tominpmp.app.request import (
@@ -44,7 +44,7 @@ from tominpmp.app.request import (
     resized,
     sizes_of,
 )
-from tominpmp.description.files import robot_names
+from tominpmp.description.files import manipulators_first, robot_names
 from tominpmp.exceptions import OptionsError, TominpmpError, optional, quiet
 from tominpmp.scene.obstacles import Obstacle, Sphere
 from tominpmp.viz.surfaces import obstacle_surface, robot_bodies
@@ -439,7 +439,7 @@ class Panel:
 
     def _add_robots(self) -> None:
         gui = self._gui
-        names = tuple(dict.fromkeys((*ARMS, *robot_names())))
+        names = manipulators_first(robot_names())
         self._robots = gui.add_dropdown("Robot", names)
         self._groups = gui.add_dropdown("Joints", (ALL_JOINTS,))
         self._datasheet = gui.add_checkbox("Maker's data sheet", False)
