@@ -264,21 +264,15 @@ class Workcell(Record):
             own = [f"{name}/{joint}" for joint in robot.joint_names]
             rows = [trajectory.joint_names.index(joint) for joint in own]
             own_torques = partial(_torques_of_some, rows, trajectory.n)
-            inverse, holding = trajectory.inverse_dynamics, trajectory.holding
-            motions[name] = replace(
-                trajectory,
-                joint_names=robot.joint_names,
-                q=trajectory.q[:, rows],
-                v=trajectory.v[:, rows],
-                u=trajectory.u[:, rows],
-                a=None if trajectory.a is None else trajectory.a[:, rows],
-                inverse_dynamics=inverse and partial(own_torques, inverse),
-                holding=holding and partial(own_torques, holding),
-                segment_dynamics=tuple(
-                    partial(own_torques, dynamics)
-                    for dynamics in trajectory.segment_dynamics
-                ),
-            )
+            each = [partial(own_torques, item) for item in trajectory.segment_dynamics]
+            parts: dict[str, Any] = {"segment_dynamics": tuple(each)}
+            for key in ("q", "v", "u", "a"):
+                values = getattr(trajectory, key)
+                parts[key] = None if values is None else values[:, rows]
+            for key in ("inverse_dynamics", "holding"):
+                function = getattr(trajectory, key)
+                parts[key] = function and partial(own_torques, function)
+            motions[name] = replace(trajectory, joint_names=robot.joint_names, **parts)
         return motions
 
 
