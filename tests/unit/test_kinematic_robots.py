@@ -172,6 +172,7 @@ def test_certificate_messages_name_accelerations_not_torques(
     assert "the worst is the acceleration of joint" in moving.message
     assert "orque" not in moving.message
     assert "torque" not in solution._repr_html_()
+    assert "acceleration over its limit" in solution._repr_html_()
 
 
 def test_robots_derived_from_a_kinematic_robot_are_kinematic() -> None:
