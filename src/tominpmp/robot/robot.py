@@ -28,7 +28,6 @@ from tominpmp.description.files import check_folders, find_files
 from tominpmp.description.from_pinocchio import describe_model
 from tominpmp.description.inertials import check_inertia, warn_of_inertia
 from tominpmp.description.joint_table import (
-    OVERRIDES,
     JointLimits,
     JointTable,
     JointValues,
@@ -332,9 +331,15 @@ class Robot(Record):
             JointNotFound: If a joint is unknown.
             RobotLoadError: If the inertia becomes singular.
         """
-        ends, losses = (position_lower, position_upper), (damping, armature, friction)
-        given = *ends, velocity, effort, *losses
-        values = dict(zip(OVERRIDES, given, strict=True))
+        values = {
+            "damping": damping,
+            "armature": armature,
+            "friction": friction,
+            "effort": effort,
+            "velocity": velocity,
+            "position_lower": position_lower,
+            "position_upper": position_upper,
+        }
         check_kinematic(self.kinematic, values)
         table = self._table().overridden(values)
         changed = check_gravity(self.gravity if gravity is None else gravity)
@@ -743,9 +748,15 @@ def load_robot(
         JointNotFound: If a joint is unknown.
         MissingDependency: If it is a xacro file and the extra is not installed.
     """
-    ends, losses = (position_lower, position_upper), (damping, armature, friction)
-    given = *ends, velocity, effort, *losses
-    values = dict(zip(OVERRIDES, given, strict=True))
+    values = {
+        "damping": damping,
+        "armature": armature,
+        "friction": friction,
+        "effort": effort,
+        "velocity": velocity,
+        "position_lower": position_lower,
+        "position_upper": position_upper,
+    }
     check_kinematic(kinematic, values)
     loaded = read_source(source, package_dirs, srdf, geometry, xacro_args)
     linkage = loaded.linkage(group, {} if locked_joints is None else locked_joints)
