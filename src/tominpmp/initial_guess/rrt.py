@@ -18,10 +18,10 @@ Distances in the trees approximate times: slow joints have a larger weight.
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import cycle, takewhile
+from itertools import takewhile
 
 import numpy as np
 from scipy.constants import golden_ratio
@@ -133,14 +133,15 @@ def sample_paths(
     """
     paths = list(known)
     searches.found |= bool(paths)
-    ends = [q for q in ends if is_free(system, q)]
-    failures = 0
-    for end in cycle(ends):
-        if failures >= TRIES + len(ends):
-            break
+    searched = deque(q for q in ends if is_free(system, q))
+    failures, most = 0, TRIES + len(searched)
+    while searched and failures < most:
         seed = int(rng.integers(1, 2**31))
-        path = sample_path(system, end, seed, searches)
+        path = sample_path(system, searched[0], seed, searches)
         failures += FAILED if path is None else 1
+        searched.rotate(-1)
+        if path is not None and len(path) == 2:
+            searched.pop()  # a search finds no other path where the line is free
         if path is None or any(alike(system, path, other) for other in paths):
             continue
         failures = 0
