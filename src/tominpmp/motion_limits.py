@@ -234,6 +234,8 @@ VELOCITY = LimitKind("velocity", ("rad/s", "m/s"), "v", 1)
 EFFORT = LimitKind("effort", ("N m", "N"), "u", 2)
 # Bounds the torques that a feedback adds in a replay.
 FEEDBACK = replace(EFFORT, name="feedback")
+# Bounds the torques that hold the arm at rest at its goal.
+HOLDING = replace(EFFORT, name="holding torque")
 # Kinds of the fields of motion limits.
 ACCELERATION = LimitKind("acceleration", ("rad/s^2", "m/s^2"), "a", 2)
 # Acceleration limit of kinematic robots, whose controls are accelerations.
@@ -419,7 +421,7 @@ def joint_kinds() -> dict[str, LimitKind]:
     """All kinds of limits of joints by name, with those that a caller has defined."""
     every = classes_of_limits()
     further = [kind for limits in every for kind in kinds_of(limits).values()]
-    known = POSITION, VELOCITY, EFFORT, FEEDBACK, *further
+    known = POSITION, VELOCITY, EFFORT, FEEDBACK, HOLDING, *further
     return {kind.name: kind for kind in known}
 
 

@@ -191,6 +191,7 @@ def limits_of(motion: GridMotion, near: bool = True) -> LimitRows:
     for number, part in enumerate(motion.segments):
         for limit in limits_of_joints(part):
             every += (_slopes if limit.order > 2 else _of_joints)(part, limit)
+        every += _held(part)
         numbered = [*(_clearances(part) if near else ()), _goal(part)]
         for index, item in enumerate(part.system.problem.ready_constraints):
             numbered.append(_of_constraint(part, item, index))
@@ -454,6 +455,14 @@ def _arrivals(motion: GridMotion) -> Iterator[LimitRows]:
             sampled = SampledConstraint.of(part, item, Instants.end(part.span[1]))
             yield sampled.rows(ARRIVAL, np.array([number]))
         dwells += segment.dwell
+
+
+def _held(part: GridMotion) -> Iterator[LimitRows]:
+    """Rows of the torques that hold the arm at the end of a segment."""
+    item = part.system.held
+    if item is not None:
+        sampled = SampledConstraint.of(part, item, Instants.end(part.span[1]))
+        yield sampled.rows(item.name, np.arange(item.count), equal=~item.driven)
 
 
 def _goal(part: GridMotion) -> LimitRows:

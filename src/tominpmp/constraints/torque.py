@@ -1,4 +1,4 @@
-"""Torque limits, speed-dependent torque limits, and limits of torque rates.
+"""Torque limits, also at rest or depending on speed, and limits of torque rates.
 
 These are the paper's limits on the controls (equation 3), on controls as functions of
 the state, and on the rates of controls (section 4).
@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from tominpmp.arrays import Array, IntArray
+from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.constraints.base import Constraint, LimitOfJoints, Partials, States
 from tominpmp.constraints.friction import Signs, velocity_signs
 from tominpmp.dynamics import Dynamics
-from tominpmp.motion_limits import SIDES
+from tominpmp.motion_limits import HOLDING, SIDES
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,6 +173,48 @@ class TorqueLimit(MotorLimit):
     def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
         """Derivatives of the inverse dynamics."""
         return self.motors.differentiate(states, at, which)
+
+
+@dataclass(frozen=True, eq=False)
+class HeldAtRest(Constraint):
+    """Torques that hold the arm at rest, as shares of their limits.
+
+    A goal on a frame leaves the final configuration open, and the torques that brake
+    the arm there may be within limits that those against gravity alone exceed.
+
+    Attributes:
+        motors: Functions of the torques, without dry friction.
+        driven: Whether each joint has a motor, shape (n,).
+    """
+
+    motors: Motors
+    driven: BoolArray
+
+    name = HOLDING.name
+
+    @property
+    def count(self) -> int:
+        """Number of joints."""
+        return int(self.driven.size)
+
+    def bounds(self, instants: int) -> tuple[Array, Array]:
+        """Bounds -1 and 1; zero for joints without a motor."""
+        most = np.tile(self.driven.astype(float), (instants, 1))
+        return -most, most
+
+    def _resting(self, states: States) -> States:
+        """States at rest in the same configurations."""
+        rest = np.zeros_like(states.q)
+        return states._replace(v=rest, a=rest, u=None)
+
+    def evaluate(self, states: States, attention: float = np.inf) -> Array:
+        """Torques at rest as shares of their limits, shape (m, n)."""
+        return self.motors.shares(self._resting(states))
+
+    def differentiate(self, states: States, at: IntArray, which: IntArray) -> Partials:
+        """Derivatives by the configuration."""
+        by = self.motors.differentiate(self._resting(states), at, which)
+        return Partials(at, by.by_q)
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,7 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 SMOOTH = "Its switches were not placed exactly: that is not done for control {!r}."
 
 
-def with_exact_switches(state: PlanState) -> Schedule[None]:
+def _with_exact_switches(state: PlanState) -> Schedule[None]:
     """Place the switches of the best motion exactly, or remark why this is not done.
 
     Args:
@@ -56,7 +56,7 @@ def with_exact_switches(state: PlanState) -> Schedule[None]:
 # Schedules that improve the incumbent or update its status, by name. The gain of each
 # stage is measured by `python -m benchmarks.ablation`, which leaves out one at a time.
 IMPROVEMENTS: dict[str, Callable[[PlanState], Schedule[None]]] = {
-    "exact switches": with_exact_switches,
+    "exact switches": _with_exact_switches,
     "certificate": certified,
 }
 

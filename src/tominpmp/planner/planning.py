@@ -94,9 +94,8 @@ def plan(
 
     Raises:
         OptionsError: If an option does not fit the problem.
-        ProblemError: If the goal cannot be reached at all, the start meets it and the
-            arm cannot rest there, the former motion has other joints, or the problem
-            has segments and the arm joints without a motor.
+        ProblemError: If the goal cannot be reached at all, the former motion has other
+            joints, or the problem has segments and the arm joints without a motor.
         SolverNotFound: If the solver of linear programs is not installed.
         Exception: Any error of ``options.callback``.
     """

@@ -12,7 +12,6 @@ from dataclasses import replace
 import numpy as np
 
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.exceptions import ProblemError
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
@@ -37,10 +36,8 @@ def standing(problem: Problem, options: Options) -> Solution | None:
 
     Returns:
         A verified motion, which no other motion can beat; None if the start does not
-        satisfy all goals, or the arm cannot stand still there for the required time.
-
-    Raises:
-        ProblemError: If the arm cannot rest there against gravity.
+        satisfy all goals, or the arm cannot rest there against gravity, or not for the
+        required time.
     """
     begin = time.perf_counter()
     motion = _motion(problem, options)
@@ -67,9 +64,8 @@ def _motion(problem: Problem, options: Options) -> Trajectory | None:
         misses = phase.goal.misses(RobotKinematics(phase.robot), q, v)
         if any(miss.amount > tolerance for miss in misses):
             return None
-        rests = phase.goal.fixes_velocity and not np.any(v)
-        if rests and (fault := unheld(phase.robot, q)):
-            raise ProblemError(f"goal: the start meets it, but {fault}", "goal")
+        if phase.goal.fixes_velocity and not np.any(v) and unheld(phase.robot, q):
+            return None
         earliest, latest = arrival_window(segment)
         arrival = max(now, whole_periods(earliest, period))
         if arrival > latest:

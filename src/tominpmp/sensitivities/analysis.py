@@ -53,7 +53,7 @@ from tominpmp.goals.place import joint_labels
 from tominpmp.kinematics import RobotKinematics, units_of
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.motion_limits import EFFORT, SIDES
+from tominpmp.motion_limits import EFFORT, HOLDING, SIDES
 from tominpmp.problem.joint_limits import (
     JointBounds,
     control_bounds,
@@ -190,12 +190,12 @@ class SegmentRows:
         """The robot of the segment, with its payload."""
         return self._problem.robot
 
-    def _sums(self, kind: str, values: Array, count: int) -> Array:
-        """Sums of values over the rows of a kind, by subject.
+    def _sums(self, kind: str | list[str], values: Array, count: int) -> Array:
+        """Sums of values over the rows of a kind, or of several, by subject.
 
         Shape (count,), or longer up to the last subject that has a row.
         """
-        mask = self.rows.of(kind)
+        mask = np.isin(self.rows.kind, kind)
         sums = np.bincount(self.rows.subject[mask], values[mask], minlength=count)
         return np.asarray(sums, dtype=float)
 
@@ -229,10 +229,11 @@ class SegmentRows:
                 sides = [("upper position", most, gain * upper)]
                 sides.append(("lower position", item.lower, gain * ~upper))
             for name, limit, values in sides:
-                value = 0.0 - self._sums(kind.name, values, limit.size)
+                of = [kind.name, HOLDING.name] if kind.quantity == "u" else kind.name
+                value = 0.0 - self._sums(of, values, limit.size)
                 if kind.quantity == "u":
                     shift = system.effort_middle / system.effort_half
-                    value -= shift * self._sums(kind.name, rows.y, limit.size)
+                    value -= shift * self._sums(of, rows.y, limit.size)
                 for j in np.flatnonzero(np.isfinite(limit)).tolist():
                     # Positions may be zero, and have no derivative by a share.
                     per = f"1/{units[j]}" if kind.quantity == "q" else ""
@@ -316,6 +317,13 @@ class SegmentRows:
             multiplier = rows.y if by.row is None else rows.y[by.row]
             np.add.at(weight, by.at, multiplier[:, None] * by.by_u)
             every.append(np.stack([q, v, a, motion.ways(at), weight]))
+        if motion.system.held is not None:
+            rows = self.rows.selected(self.rows.of(HOLDING.name) & (self.rows.y != 0.0))
+            at_rest = np.zeros((5, rows.y.size, n))
+            at_rest[0] = motion.states(rows.at).q
+            share = rows.y / motion.system.held.motors.half[rows.subject]
+            at_rest[4, np.arange(rows.y.size), rows.subject] = share
+            every.append(at_rest)
         return np.concatenate(every, axis=1)
 
     def _cost(self, robot: Robot) -> float:

@@ -14,7 +14,13 @@ from tominpmp.collision.query import ROUNDING
 from tominpmp.constraints.base import Constraint
 from tominpmp.constraints.clearance import ClearanceConstraint
 from tominpmp.constraints.joint_limits import JointLimit
-from tominpmp.constraints.torque import Motors, TorqueLimit, TorqueOverSpeed, TorqueRate
+from tominpmp.constraints.torque import (
+    HeldAtRest,
+    Motors,
+    TorqueLimit,
+    TorqueOverSpeed,
+    TorqueRate,
+)
 from tominpmp.dynamics import Dynamics, RobotDynamics, directions
 from tominpmp.kinematics import RobotKinematics, prismatic_joints
 from tominpmp.motion_limits import SIDES, MotionLimits
@@ -283,6 +289,21 @@ class ProblemFunctions:
         """Joint velocity at the end, shape (n,); None if the goal does not fix it."""
         goal = self.problem.goal
         return goal.final_velocity(self.n) if goal.fixes_velocity else None
+
+    @cached_property
+    def held(self) -> HeldAtRest | None:
+        """Constraint that the motors hold the arm where the segment ends.
+
+        None if the arm moves on, without gravity or torques, and if the problem has
+        checked the final configuration, as it is given.
+        """
+        robot, v = self.problem.robot, self.final_velocity
+        given = self.final_configuration is not None or robot.kinematic
+        if given or v is None or np.any(v) or not np.any(robot.gravity):
+            return None
+        middle, half = effort_range(robot, None)
+        half = np.where(self.driven, half, 1.0)
+        return HeldAtRest(Motors(self.dynamics, middle, half), self.driven)
 
     @cached_property
     def effort_middle(self) -> Array:

@@ -73,6 +73,8 @@ class NonlinearProgram:
             first = 0 if transcription.by_component else len(blocks)
             blocks.insert(first, SampledRows(transcription, goal, end))
         part = system.segments[-1]
+        if part.held is not None:
+            blocks.append(SampledRows(transcription, part.held, end))
         if part.final_velocity is None and not part.sudden:
             # The arm moves on without acceleration.
             blocks.append(SampledRows(transcription, _unaccelerated(part), end))
@@ -304,6 +306,8 @@ def _at_ends_of_segments(of: Transcription[Any]) -> list[Block]:
         part = parts[number]
         goal = GoalReached(part.problem.goal, part.kinematics, part.goal_scale)
         goals.append(SampledRows(of, goal, at, within, suffix))
+        if part.held is not None:
+            goals.append(SampledRows(of, part.held, at, within, suffix))
         # The motion is given by its accelerations above degree 3: they cannot jump.
         sudden = part.sudden and parts[number + 1].sudden and of.degree <= 3
         if segment.dwell > 0.0 and not sudden and of.highest_order > 2:

@@ -35,8 +35,8 @@ class LimitViolation:
 
     Attributes:
         kind: "goal", "speed", "position", "velocity", "effort", "acceleration", "jerk",
-            "effort rate", "feedback", "clearance", "duration", "arrival", or the name
-            of a constraint.
+            "effort rate", "feedback", "holding torque", "clearance", "duration",
+            "arrival", or the name of a constraint.
         name: Name of the joint, of the frame, of the pair ("link and obstacle"), or of
             the subject of a constraint; "late" or "early" for arrivals, "the motion"
             for durations, and "the arm" for goals after a failed integration.

@@ -20,9 +20,12 @@ from tominpmp.motion.extrema import least_between
 from tominpmp.motion.joining import checked_motion
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
+from tominpmp.motion_limits import HOLDING
 from tominpmp.options import Tolerances
+from tominpmp.problem.joint_limits import effort_range
 from tominpmp.problem.segments import SAME, arrival_window, spans_of
-from tominpmp.verification.limit_violations import LimitViolation
+from tominpmp.problem.state_checks import holding
+from tominpmp.verification.limit_violations import Excesses, LimitViolation
 from tominpmp.verification.polynomials import Pieces
 from tominpmp.verification.replay import TIME_STEP, Replay
 
@@ -282,7 +285,8 @@ def goal_misses(
     """Largest deviations from the goal of a segment, in position and in velocity.
 
     Both are evaluated at the end of the segment and before its dwell; a goal that
-    leaves the velocity free has no deviation in velocity.
+    leaves the velocity free has no deviation in velocity. The torques that hold the arm
+    at rest there follow.
 
     Args:
         stage: The segment.
@@ -305,4 +309,27 @@ def goal_misses(
             violated = not amount <= tolerance
             item = kind, miss.name, time, amount, miss.unit, amount, violated
             worst.append(LimitViolation(*item))
-    return worst
+    return [*worst, *_at_rest(stage, replay, tolerances.limits)]
+
+
+def _at_rest(stage: Stage, replay: Replay, tolerance: float) -> list[LimitViolation]:
+    """Excess of the torques that hold the arm where a segment ends over their limits.
+
+    A goal that is a configuration was checked with its problem; joints without a motor
+    are at rest within the tolerance of the goal, or leave it.
+
+    Args:
+        stage: The segment.
+        replay: The motion on the segment.
+        tolerance: Tolerated excess, as a share of half the range of the torques.
+    """
+    robot, (q, v) = stage.problem.robot, (replay.q[-1], replay.v[-1])
+    goal = stage.problem.goal.nearest(RobotKinematics(robot), q, v)
+    passes = goal.ends_moving or not goal.fixes_velocity
+    if passes or goal.configuration is not None or robot.kinematic:
+        return []
+    torque, _ = holding(robot, q[None])
+    middle, half = effort_range(robot, None)
+    excess = np.where(half > 0.0, np.abs(torque - middle) - half, -np.inf)
+    rows = Excesses.of_joints(robot, HOLDING, replay.t[-1:], excess, half)
+    return rows.worst(tolerance)
