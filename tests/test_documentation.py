@@ -67,6 +67,16 @@ def test_comments_mark_blocks_slow_needing_modules_or_left_out(tmp_path: Path) -
     assert slow["found"] == [0, 1, 2, 5]
 
 
+def test_commands_are_run_for_named_pages_only(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Regression: without pages, `tominpmp app` of a page ran for ever."""
+    monkeypatch.setattr(sys, "argv", ["doc_blocks.py", "--commands"])
+    with pytest.raises(SystemExit):
+        doc_blocks.main()
+    assert "--commands needs PAGE" in capsys.readouterr().err
+
+
 OBJECTS: dict[str, Any] = {
     "tm": tm,
     "solution": tm.Solution,

@@ -11,9 +11,10 @@ comments, which are not displayed, set how blocks are run:
     <!-- left out: WHY -->   the next block is not run
 
 With --commands, lines of a page that call the command `tominpmp` in indented code are
-run after its blocks, in the same folder, which also contains the examples.
+run after its blocks, in the same folder, which also contains the examples; the pages
+are then named, as many have commands with parts left out, or that never end.
 
-Without pages, all of README.md and docs are run.
+Without pages, the blocks of README.md and of all docs are run.
 """
 
 from __future__ import annotations
@@ -158,6 +159,8 @@ def main() -> int:
     parser.add_argument("--slow", action="store_true", help="blocks marked slow, too")
     parser.add_argument("--commands", action="store_true", help="commands, too")
     arguments = parser.parse_args()
+    if arguments.commands and not arguments.pages:
+        parser.error("--commands needs PAGE: not every page has complete commands")
     warnings.simplefilter("error")
     # From the event loop of the viewer's server, and from strings in TOPP-RA.
     warnings.filterwarnings("ignore", "zmq.eventloop.ioloop is deprecated")

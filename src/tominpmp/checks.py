@@ -41,6 +41,7 @@ from tominpmp.exceptions import (
     TominpmpError,
     brief,
     closest,
+    counted,
 )
 
 T = TypeVar("T")
@@ -65,12 +66,16 @@ def wrong(
 ) -> TominpmpError:
     """Error that names an argument, shows its value and describes the expected one.
 
+    Finite numbers of more than 1e150 in size are told that size.
+
     Args:
         value: The argument.
         name: Its name.
         expected: Description of valid values.
         error: Makes the error from the message and the name.
     """
+    if isinstance(value, float) and HUGE < abs(value) < math.inf:
+        expected += f", of at most {HUGE:g} in size"
     return error(f"{name} is {brief(value)}, expected {expected}", name)
 
 
@@ -292,7 +297,7 @@ def one_per_joint(values: Array, name: str, joints: Sequence[str]) -> None:
     """
     if values.size != len(joints):
         raise ProblemError(
-            f"{name} has {values.size} number{'s' * (values.size != 1)}, expected "
+            f"{name} has {counted(values.size, 'number')}, expected "
             f"{len(joints)}, one for each of: {', '.join(joints)}",
             name,
         )

@@ -60,6 +60,11 @@ def enumerated(items: Sequence[object], most: int = MOST_NAMED) -> str:
     return "; ".join(map(str, items[:most])) + rest
 
 
+def counted(number: int, noun: str) -> str:
+    """A number with its noun: "1 joint", "3 joints"."""
+    return f"{number} {noun}{'s' * (number != 1)}"
+
+
 def brief(value: object, most: int = BRIEF) -> str:
     """Show a value in a message: its ``repr`` on one line, cut to the given length."""
     try:

@@ -33,7 +33,8 @@ BAD = {
     ),
     "nothing": (
         "plan planar3r --start '' --goal 1,1,1",
-        "--start: has no joint positions",
+        "--start: has no joint positions, expected q (numbers for joint1, joint2, "
+        "joint3) or state (a group state)",
     ),
     "NaN": (
         "plan planar3r --start 1,nan,1 --goal 1,1,1",
@@ -221,6 +222,7 @@ BAD = {
     # Refused by the parser.
     "no robot": ("plan --start 1", "ROBOT"),
     "no start": ("plan planar3r --goal 1,1,1", "'planar3r' is not a scenario file"),
+    "empty robot": ("plan ''", "'' is not a scenario file"),
     "folder as a robot": ("plan /", "'/' is a folder, not a scenario file (.toml)"),
     "no folder": ("batch nowhere", "there is no folder or file nowhere"),
     "option": ("plan planar3r --sart 1,1,1", "--sart"),

@@ -149,7 +149,7 @@ def test_error_of_a_full_disk_has_the_path(tmp_path: Path) -> None:
 def test_export_to_a_missing_folder_or_a_folder_is_an_error(
     motions: tuple[Trajectory, Trajectory], tmp_path: Path
 ) -> None:
-    with pytest.raises(ScenarioError, match="No such file or directory"):
+    with pytest.raises(ScenarioError, match="there is no folder"):
         export(motions[0], tmp_path / "nowhere" / "m.csv")
     (tmp_path / "folder.csv").mkdir()
     with pytest.raises(ScenarioError, match="is a folder"):

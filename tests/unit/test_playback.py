@@ -657,7 +657,7 @@ def test_wrong_arguments_are_refused_and_no_file_is_written(tmp_path: Path) -> N
     other = speed_up_and_brake(robot, [0.0, 0.0], [0.1, 0.2], 1.0, 4)
     with pytest.raises(ProblemError, match="this is a motion of j1, j2"):
         play(problem, other, path=tmp_path / "m.html")
-    with pytest.raises(ScenarioError, match="No such file or directory"):
+    with pytest.raises(ScenarioError, match="there is no folder"):
         play(problem, held, path=tmp_path / "nowhere" / "m.html")
     assert list(tmp_path.glob("*.html")) == []
     for name in ("motion.pdf", "motion"):

@@ -259,7 +259,7 @@ def test_wrong_arguments_are_refused_and_no_file_is_written(
     problem, held, _ = motions
     with pytest.raises(ProblemError, match=r"not written as \.xyz; there are: .*png"):
         plot_trajectory(problem, held, tmp_path / "figure.xyz")
-    with pytest.raises(ScenarioError, match="No such file or directory"):
+    with pytest.raises(ScenarioError, match="there is no folder"):
         plot_trajectory(problem, held, tmp_path / "nowhere" / "figure.png")
     robot = simple_arm(tmp_path, ["0 0 1"] * 2)
     other = quintic(robot, [0.0, 0.0], [0.1, 0.2], 1.0, 5)

@@ -6,9 +6,11 @@ import copy
 import math
 import pickle
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from motion_samples import simple_arm
 
 import tominpmp as tm
 from tominpmp.cli.report import report_data, report_text
@@ -68,6 +70,18 @@ def test_repr_of_each_object_is_one_short_line(solution: tm.Solution) -> None:
         assert type(item).__name__ in text
         assert "\n" not in text
         assert len(text) <= 320, text
+
+
+def test_repr_of_a_single_thing_has_its_noun_in_the_singular(tmp_path: Path) -> None:
+    robot = simple_arm(tmp_path, ["0 0 1"])
+    assert "with 1 joint:" in repr(robot)
+    segments = [tm.Segment(tm.JointGoal([0.5]))]
+    problem = tm.Problem(robot, [0.0], segments=segments)
+    assert "with 1 joint: " in repr(problem)
+    assert repr(problem).endswith(", 1 segment>")
+    row = np.zeros((1, 1))
+    samples = tm.Samples(("j1",), [0.0], row, row, row, row)
+    assert repr(samples) == "<Samples of 1 joint (j1): 1 row, 0 to 0 s>"
 
 
 def test_repr_of_options_leaves_defaults_out() -> None:

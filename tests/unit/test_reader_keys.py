@@ -9,6 +9,7 @@ import contextlib
 import json
 import re
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -107,8 +108,6 @@ def test_planner_settings_of_requests_give_no_warning(
 def test_acceleration_limits_are_scaled_by_the_request(
     planar3r: Robot, tmp_path: Path
 ) -> None:
-    from dataclasses import replace
-
     limits = tm.MotionLimits(acceleration={"joint1": 8.0}, jerk=100.0)
     robot = replace(planar3r, motion_limits=limits)
     request = REQUEST | {"max_acceleration_scaling_factor": 0.25}
@@ -274,3 +273,18 @@ def test_urdf_parts_for_other_programs_give_no_warning(tmp_path: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert load_robot(write(tmp_path, text)).n == 2
+
+
+def test_scaling_that_leaves_no_limit_names_the_factor_and_the_file(
+    planar3r: Robot, tmp_path: Path
+) -> None:
+    limits = tm.MotionLimits(acceleration=4.0)
+    robot = replace(planar3r, motion_limits=limits)
+    for kind in ("velocity", "acceleration"):
+        key = f"max_{kind}_scaling_factor"
+        paths = write_moveit(tmp_path, request=REQUEST | {key: 1e-320})
+        with pytest.raises(
+            ScenarioError, match=f"request.yaml: {key}: {kind}"
+        ) as error:
+            tm.load_moveit(robot, *paths)
+        assert error.value.key == key

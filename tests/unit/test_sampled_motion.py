@@ -147,6 +147,14 @@ def test_first_sample_after_time_zero_needs_the_start_state(planar3r: Robot) -> 
     early = Samples(NAMES, whole.t - 1.0, whole.q, whole.v, whole.a, whole.u)
     with pytest.raises(ScenarioError, match="time: begins at -1 s"):
         join(early, planar3r, HERE, (start, np.zeros(3)))
+    # Nothing can be divided by a time as short as this.
+    soon = Samples(
+        NAMES,
+        np.array([1e-320, 1.0]),
+        *(x[:2] for x in (whole.q, whole.v, whole.a, whole.u)),
+    )
+    with pytest.raises(ScenarioError, match=r"begins at .*e-321 s"):
+        join(soon, planar3r, HERE, (start, np.zeros(3)))
 
 
 @pytest.mark.parametrize("interpolation", ["auto", "controller"])

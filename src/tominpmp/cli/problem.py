@@ -368,7 +368,7 @@ def _obstacles(args: SceneOptions, robot: Robot) -> Scene:
 def _typed_problem(name: str, args: ProblemOptions) -> Problem:
     """The problem of a command line without a scenario and a motion plan request."""
     if args.start is None:
-        kind = "a folder, not" if Path(name).is_dir() else "not"
+        kind = "a folder, not" if name and Path(name).is_dir() else "not"
         raise ProblemError(
             "there is no start: give --start, or a --scene and a --request; "
             f"{name!r} is {kind} a scenario file (.toml)",

@@ -10,13 +10,14 @@ from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 
+from tominpmp import checks
 from tominpmp.arrays import Array
-from tominpmp.checks import number
 from tominpmp.exceptions import (
     ProblemError,
     ScenarioError,
     TominpmpError,
     closest,
+    counted,
     shortened,
 )
 
@@ -156,20 +157,20 @@ class Field:
         Args:
             expected: Description of valid numbers, for messages.
             default: Number for a missing value; None if the value is required.
-            bounds: Range of valid numbers, see :func:`~tominpmp.checks.number`.
+            **bounds: The range, as of :func:`~tominpmp.checks.number`.
         """
         if self.value is None and default is not None:
             return default
         try:
-            return number(self.value, "", expected, **bounds)
+            return checks.number(self.value, self.key, expected, **bounds)
         except ProblemError as error:
-            self.fail(str(error).lstrip())
+            self.fail(str(error))
 
     def numbers(self, count: int | None = None) -> list[float]:
         """List of finite numbers, of a given length if ``count`` is set."""
         values = self.value
         if not isinstance(values, list) or count not in (None, len(values)):
-            self._expected("numbers" if count is None else f"{count} numbers")
+            self._expected("numbers" if count is None else counted(count, "number"))
         return [item.number() for item in self.items()]
 
     def vector(self, names: str) -> Array:

@@ -714,9 +714,11 @@ def _check_upright(frames: _Frames, robot: Robot, message: Field) -> None:
 
 def _scaled(robot: Robot, request: Field) -> Robot:
     """Scale limits of speeds and accelerations, as MoveIt does."""
-    speed = _factor(request.get("max_velocity_scaling_factor"))
+    factor = request.get("max_velocity_scaling_factor")
+    speed = _factor(factor)
     if speed < 1.0:
-        robot = robot.with_changes(velocity=speed * robot.limits.velocity)
+        with blaming(factor):
+            robot = robot.with_changes(velocity=speed * robot.limits.velocity)
     factor = request.get("max_acceleration_scaling_factor")
     share, limits = _factor(factor), robot.motion_limits
     if share == 1.0:
@@ -728,7 +730,8 @@ def _scaled(robot: Robot, request: Field) -> Robot:
         )
         return robot
     accelerations = share * limits.by_joint("acceleration", robot.joint_names)
-    return replace(robot, motion_limits=replace(limits, acceleration=accelerations))
+    with blaming(factor):
+        return replace(robot, motion_limits=replace(limits, acceleration=accelerations))
 
 
 def _factor(field: Field) -> float:

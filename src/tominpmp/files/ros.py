@@ -37,8 +37,8 @@ import numpy as np
 import yaml
 
 from tominpmp.arrays import Array, IntArray
+from tominpmp.checks import INT64_END, wrong
 from tominpmp.checks import names as joints_named
-from tominpmp.checks import wrong
 from tominpmp.description.fields import Field
 from tominpmp.description.yaml_reader import MAX_VALUES
 from tominpmp.exceptions import (
@@ -283,9 +283,8 @@ def _seconds(value: Field) -> float:
     total = 0
     for name, item in value.table().items():
         if item.given:
-            if type(item.value) is not int:
-                item.fail(f"is {item.value!r}, expected a whole number")
-            item.number()  # refuses values that do not fit into a float
+            if type(item.value) is not int or abs(item.value) >= INT64_END:
+                item.fail(f"is {brief(item.value)}, expected a whole number of 64 bits")
             total += item.value * units[name]
     return total / BILLION
 

@@ -199,7 +199,7 @@ def _read_each(items: Field, base: type[Any], noun: str) -> tuple[Any, ...]:
     return tuple(from_table(item, kinds, noun) for item in items.items())
 
 
-def read_goal(table: Field, robot: Robot, before: Array | None) -> Goal:
+def _read_goal(table: Field, robot: Robot, before: Array | None) -> Goal:
     """Read a goal.
 
     Args:
@@ -237,7 +237,8 @@ def positions(table: Field, robot: Robot, base: Array | None) -> Array:
     """
     state, q = table.get("state"), table.get("q")
     if not state.given and not q.given:
-        table.fail("has no joint positions, expected q or state")
+        rows = f"q (numbers for {', '.join(robot.joint_names)})"
+        table.fail(f"has no joint positions, expected {rows} or state (a group state)")
     if isinstance(q.value, str) and not state.given:
         state, q = q, replace(q, value=None)
     known = {} if base is None else dict(zip(robot.joint_names, base, strict=True))
@@ -321,7 +322,7 @@ def read_phase(
         table: Its table.
         robot: The robot.
         before: Positions of the joints that its goal does not name, see
-            :func:`read_goal`.
+            :func:`_read_goal`.
 
     Raises:
         ScenarioError: If the table is wrong.
@@ -331,7 +332,7 @@ def read_phase(
     for name in (key for key, default in known.items() if default is MISSING):
         table.need(name)
     conditions = read_conditions(table, robot)
-    goal = read_goal(table.get("goal"), robot, before)
+    goal = _read_goal(table.get("goal"), robot, before)
     try:
         return kind(goal=goal, **conditions)
     except ProblemError as error:
@@ -691,7 +692,7 @@ def read_scenario(
     target = document.get("goal")
     if target.value is None and not document.get("segments").given:
         target.fail("is missing, and there are no segments; expected one or the other")
-    goal = None if target.value is None else read_goal(target, robot, q_start)
+    goal = None if target.value is None else _read_goal(target, robot, q_start)
     segments = _read_segments(document.get("segments"), robot, q_start)
     conditions = read_conditions(document, robot)
     changed = changes(robot, conditions)

@@ -55,7 +55,8 @@ def write_file(path: str | Path, write: Callable[[BinaryIO], object]) -> Path:
             draft.unlink(missing_ok=True)
             raise
     except OSError as error:
-        reason = error.strerror or str(error)
+        lost, reason = not target.parent.is_dir(), error.strerror or str(error)
+        reason = f"there is no folder {str(path.parent)!r}" if lost else reason
         raise ScenarioError(f"{path} cannot be written: {reason}", path) from error
     return path
 

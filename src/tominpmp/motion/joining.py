@@ -17,7 +17,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from tominpmp.arrays import Array, BoolArray
-from tominpmp.checks import instance
+from tominpmp.checks import TINY, instance
 from tominpmp.description.fields import Field
 from tominpmp.description.joint_table import example_values
 from tominpmp.dynamics import STANDSTILL, RobotDynamics, torques_of
@@ -119,7 +119,7 @@ def join(
         # With a payload on each segment, torques differ from the torques of the bare
         # robot; they are computed later, from the movement.
         rows = rows._replace(u=np.full_like(rows.q, np.nan))
-    if rows.t[0] > 0.0 and start is not None:
+    if rows.t[0] >= TINY and start is not None:
         rows = _from_start(rows, *start)
     elif rows.t[0] != 0.0:
         file.get("time").fail(f"begins at {rows.t[0]:g} s, expected 0")
@@ -265,13 +265,13 @@ def checked_motion(motion: Trajectory | Samples, problem: Problem) -> Trajectory
             raise
     instance(motion, Trajectory, "trajectory", "a Trajectory or Samples")
     motion._check_joints(robot.joint_names)
-    motion = with_controls(motion, robot)
+    motion = _with_controls(motion, robot)
     if not all(np.all(np.isfinite(x)) for x in (motion.q, motion.v, motion.u)):
         raise ProblemError("the motion has values that are not finite numbers")
     return motion
 
 
-def with_controls(motion: Trajectory, robot: Robot) -> Trajectory:
+def _with_controls(motion: Trajectory, robot: Robot) -> Trajectory:
     """A motion with the controls that drive it.
 
     Accelerations take the place of torques for a kinematic robot; torques that a motion

@@ -9,7 +9,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, IntArray, Record, frozen_array
 from tominpmp.checks import array, choice, names, wrong
-from tominpmp.exceptions import brief, naming
+from tominpmp.exceptions import brief, counted, naming
 
 # Interpolation of samples, see the attribute of Samples.
 Interpolation: TypeAlias = Literal["auto", "controller", "linear", "cubic", "quintic"]
@@ -72,10 +72,11 @@ class TimedRows(Record):
         if not valid:
             raise wrong(self.segment_ends, "segment_ends", expected)
 
-    def _in_brief(self, contents: str) -> str:
-        """Show the joints, and a description of the rows, on one line."""
+    def _in_brief(self, row: str, span: str) -> str:
+        """Show the joints, the number of rows, and their times, on one line."""
         kind, joints = type(self).__name__, brief(", ".join(self.joint_names))[1:-1]
-        return f"<{kind} of {len(self.joint_names)} joints ({joints}): {contents}>"
+        n, rows = counted(len(self.joint_names), "joint"), counted(self.t.size, row)
+        return f"<{kind} of {n} ({joints}): {rows}, {span}>"
 
     @property
     def _ends(self) -> Array:
@@ -135,7 +136,7 @@ class Samples(TimedRows):
     def __repr__(self) -> str:
         """Show joints, rows and times on one line."""
         span = f"{self.t[0]:g} to {self.t[-1]:g} s" if self.t.size else "none"
-        return self._in_brief(f"{self.t.size} rows, {span}")
+        return self._in_brief("row", span)
 
 
 def clock(duration: float, period: float) -> Array:

@@ -161,7 +161,7 @@ class Trajectory(TimedRows):
 
     def __repr__(self) -> str:
         """Show joints, nodes and duration on one line."""
-        return self._in_brief(f"{self.t.size} nodes, T = {self.duration:.6g} s")
+        return self._in_brief("node", f"T = {self.duration:.6g} s")
 
     @overload
     def __call__(

@@ -22,7 +22,7 @@ from tominpmp.description.inertials import singular_directions
 from tominpmp.description.joint_table import example_values
 from tominpmp.description.model import sticks
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.exceptions import ProblemError, brief, naming, warn_caller
+from tominpmp.exceptions import ProblemError, brief, counted, naming, warn_caller
 from tominpmp.goals.base import Goal
 from tominpmp.goals.joints import joint_vector
 from tominpmp.goals.sets import passed, restricted
@@ -148,12 +148,12 @@ class Problem(Record):
 
     def __repr__(self) -> str:
         """Show robot, goal and further settings on one line."""
-        robot = f"{brief(self.robot.name)} with {self.robot.n} joints"
-        count = len(self.scene)
-        more = f", {count} obstacle{'s' if count > 1 else ''}" if count else ""
+        robot = f"{brief(self.robot.name)} with {counted(self.robot.n, 'joint')}"
+        scene, segments = len(self.scene), len(self.segments)
+        more = f", {counted(scene, 'obstacle')}" if scene else ""
         more += f", margin {self.margin:g} m" if self.margin else ""
         more += ", motion limits" if self.motion_limits is not None else ""
-        more += f", {len(self.segments)} segments" if self.segments else ""
+        more += f", {counted(segments, 'segment')}" if segments else ""
         return f"<Problem of {robot}: {brief(self.goal)}{more}>"
 
     def _repr_html_(self) -> str:

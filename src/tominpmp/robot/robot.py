@@ -60,6 +60,7 @@ from tominpmp.exceptions import (
     ProblemError,
     RobotLoadError,
     brief,
+    counted,
     unknown,
 )
 from tominpmp.motion_limits import MotionLimits, kinds_of, limits_by_joint
@@ -153,7 +154,7 @@ class Robot(Record):
         """Name and joints, on one line."""
         joints = brief(", ".join(self.joint_names))[1:-1]
         kind = "Kinematic robot" if self.kinematic else "Robot"
-        return f"<{kind} {brief(self.name)} with {self.n} joints: {joints}>"
+        return f"<{kind} {brief(self.name)} with {counted(self.n, 'joint')}: {joints}>"
 
     def _repr_html_(self) -> str:
         """A stick figure and the limits, for notebooks."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, Converted, Record
 from tominpmp.checks import instance, optional
-from tominpmp.exceptions import SceneError, brief, unknown, warn_caller
+from tominpmp.exceptions import SceneError, brief, counted, unknown, warn_caller
 from tominpmp.scene.meshes import Mesh
 from tominpmp.scene.obstacles import Box, Obstacle
 
@@ -53,8 +53,7 @@ class Scene(Record):
     def __repr__(self) -> str:
         """Show the names of the obstacles on one line."""
         names = brief(", ".join(item.name for item in self.obstacles))[1:-1]
-        count = "1 obstacle" if len(self) == 1 else f"{len(self)} obstacles"
-        return f"<Scene with {count}: {names or 'none'}>"
+        return f"<Scene with {counted(len(self), 'obstacle')}: {names or 'none'}>"
 
     def __len__(self) -> int:
         """Return the number of obstacles."""

@@ -22,7 +22,7 @@ import numpy as np
 
 from tominpmp.checks import instance, positive, raised_as, whole
 from tominpmp.description.paths import checked_ending
-from tominpmp.exceptions import MissingDependency, OptionsError, warn_caller
+from tominpmp.exceptions import MissingDependency, OptionsError, counted, warn_caller
 from tominpmp.files.writing import write_file
 from tominpmp.motion.measures import SATURATED
 from tominpmp.motion.trajectory import Trajectory
@@ -145,7 +145,7 @@ def _caption(problem: Problem, twins: Mapping[str, Trajectory]) -> str:
         "segment": len(problem.segments),
         "obstacle": len({item for phase in problem.phases for item in phase.scene}),
     }
-    parts = [f"{n} {name}{'s' * (n > 1)}" for name, n in counts.items() if n]
+    parts = [counted(n, name) for name, n in counts.items() if n]
     parts += [f"pale: {k}, T = {twin.duration:.4g} s" for k, twin in twins.items()]
     return ", ".join(parts)
 

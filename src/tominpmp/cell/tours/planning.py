@@ -37,7 +37,7 @@ from tominpmp.cell.tours.station import (
 from tominpmp.cell.tours.tour import Tour
 from tominpmp.checks import JointsLike, flag, instance, raised_as, whole, wrong
 from tominpmp.constraints.path import PathConstraint
-from tominpmp.exceptions import OptionsError, ProblemError, naming, warn_caller
+from tominpmp.exceptions import OptionsError, ProblemError, counted, naming, warn_caller
 from tominpmp.goals.base import Goal
 from tominpmp.goals.frames import place_of
 from tominpmp.goals.joints import JointGoal, joint_vector
@@ -249,7 +249,7 @@ class TourSearch:
                 visit(k, motion.trajectory(part.arrival).q, halt)
             halts.append(halt)  # the arm rests after the last segment
         subject = "A tour" if status is Status.CONVERGED else f"{status.value} A tour"
-        count = f"{len(visits)} station{'s' * (len(visits) != 1)}"
+        count = counted(len(visits), "station")
         return Tour(
             task.problem,
             task.stations,

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tominpmp.cell.tours.station import Station, Visit
-from tominpmp.exceptions import PlanningFailed, ProblemError, brief, shortened
+from tominpmp.exceptions import PlanningFailed, ProblemError, brief, counted, shortened
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.notebook import text_table
 from tominpmp.problem.problem import Problem
@@ -97,7 +97,7 @@ class Tour:
         """Outcome, stations and cycle time, on one line."""
         time = f"{self.cycle_time:.6g} s" if self.success else "no tour"
         return (
-            f"<Tour {self.status.name} of {len(self.stations)} stations for "
+            f"<Tour {self.status.name} of {counted(len(self.stations), 'station')} for "
             f"{brief(self.problem.robot.name)}: {time}, planned in "
             f"{self.planning_time:.3g} s>"
         )
@@ -196,7 +196,8 @@ class Tour:
             MissingDependency: If Meshcat is not installed.
         """
         whole, name = self._solution(), self.problem.robot.name
-        title = f"{name}: {len(self.order)} stations, cycle {self.cycle_time:.4g} s"
+        count = counted(len(self.order), "station")
+        title = f"{name}: {count}, cycle {self.cycle_time:.4g} s"
         return whole.play(path, **{"title": title} | options)
 
     def plot(self, path: str | Path | None = None) -> Figure:
