@@ -561,8 +561,5 @@ def in_order(
 
 
 def _number(value: object, joint: str, name: str) -> float:
-    found = number_or_nan(value)
-    if math.isnan(found):
-        said = f"{name}: joint {joint!r} is {brief(value)}, expected a number"
-        raise ProblemError(said, name)
-    return found
+    with raised_as(lambda message, _: ProblemError(message, name)):
+        return number(value, f"{name}: joint {joint!r}", infinite=True)

@@ -232,3 +232,14 @@ def test_verify_takes_scene_and_request_of_moveit(
     result = run("verify", "panda", "m.json", *words)
     assert result.exit_code == 0, result.stderr
     assert judge.trajectory.joint_names == tuple(PANDA)
+
+
+def test_warm_start_from_the_motion_of_another_robot_names_the_file(
+    run: Run, tmp_path: Path
+) -> None:
+    path = tmp_path / "other.csv"
+    path.write_text("time,q_turn\n0,1\n")
+    words = ["planar3r", "--start", "start", "--goal", "1,1,1", "--start-from", path]
+    result = run("plan", *map(str, words), "--no-output")
+    assert result.exit_code == 2
+    assert f"error: {path}: joint_names: are turn" in result.stderr

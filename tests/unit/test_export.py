@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from motion_samples import planar_motions
 
+from tominpmp.cli.output_files import check_target
 from tominpmp.exceptions import ProblemError, ScenarioError, TominpmpWarning
 from tominpmp.files.export import export, load_motion
-from tominpmp.files.writing import write_file
+from tominpmp.files.writing import why_unwritable, write_file
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
 
@@ -198,12 +199,28 @@ def test_replaced_file_keeps_its_permissions(tmp_path: Path) -> None:
     assert (path.read_bytes(), path.stat().st_mode & 0o777) == (b"x", 0o600)
 
 
+def test_reason_against_a_file_to_write_is_that_of_the_command_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "m.csv"
+    assert why_unwritable(path) == ""
+    path.touch()
+    monkeypatch.setattr(os, "access", lambda place, _: place != path)
+    with pytest.raises(ScenarioError, match=r"m\.csv' is read-only"):
+        write_file(path, lambda file: file.write(b"x"))
+    with pytest.raises(ScenarioError, match=r"^--output: .*m\.csv' is read-only"):
+        check_target(path, "--output", (".csv",))
+    monkeypatch.setattr(os, "access", lambda place, _: place != tmp_path)
+    with pytest.raises(ScenarioError, match="cannot be written to"):
+        write_file(path, lambda file: file.write(b"x"))
+
+
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write to any file")
 def test_read_only_file_is_not_overwritten(tmp_path: Path) -> None:
     path = tmp_path / "m.csv"
     path.write_text("old")
     path.chmod(0o400)
-    with pytest.raises(ScenarioError, match=r"m\.csv cannot be written: Permission"):
+    with pytest.raises(ScenarioError, match=r"m\.csv' is read-only"):
         write_file(path, lambda file: file.write(b"x"))
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]

@@ -173,7 +173,7 @@ def test_csv_and_npz_may_lack_velocities_and_efforts(tmp_path: Path) -> None:
     ("path", "value", "key", "words"),
     [
         (("joint_names",), None, "joint_names", "is missing"),
-        (("joint_names",), ["a"], "points[0].positions", "expected 1 number$"),
+        (("joint_names",), ["a"], "points[0].positions", "expected 1 numbers"),
         (("joint_names",), ["a", "a"], "joint_names", "all of them different"),
         (("points",), [], None, "holds 0 rows"),
         (("points",), 7, "points", "expected a list"),

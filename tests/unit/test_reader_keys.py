@@ -275,6 +275,15 @@ def test_urdf_parts_for_other_programs_give_no_warning(tmp_path: Path) -> None:
         assert load_robot(write(tmp_path, text)).n == 2
 
 
+def test_message_about_an_empty_file_says_that_it_is_empty(
+    planar3r: Robot, tmp_path: Path
+) -> None:
+    path = tmp_path / "scene.yaml"
+    path.touch()
+    with pytest.raises(ScenarioError, match=r"scene\.yaml: is empty, expected a table"):
+        tm.load_moveit_scene(path, planar3r)
+
+
 def test_scaling_that_leaves_no_limit_names_the_factor_and_the_file(
     planar3r: Robot, tmp_path: Path
 ) -> None:

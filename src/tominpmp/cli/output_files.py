@@ -23,6 +23,7 @@ from tominpmp.exceptions import (
 )
 from tominpmp.files.export import FORMATS, check_options
 from tominpmp.files.ros import MIN_STEP
+from tominpmp.files.writing import why_unwritable
 from tominpmp.motion.samples import BILLION
 from tominpmp.solution import Solution
 
@@ -193,17 +194,11 @@ def check_target(path: Path | None, option: str, endings: Sequence[str]) -> None
     """
     if path is None:
         return
-    ending, folder = path.suffix.lower(), str(path.parent)
-    wrong = {
-        f"{str(path)!r} must end in {' or '.join(endings)}": ending not in endings,
-        f"there is no folder {folder!r}": not path.parent.is_dir(),
-        f"{str(path)!r} is a folder": path.is_dir(),
-        f"the folder {folder!r} cannot be written to": not os.access(folder, os.W_OK),
-        f"{str(path)!r} is read-only": path.exists() and not os.access(path, os.W_OK),
-    }
-    for reason, holds in wrong.items():
-        if holds:
-            raise ScenarioError(f"{option}: {reason}", path)
+    ending, reason = path.suffix.lower(), why_unwritable(path)
+    if ending not in endings:
+        reason = f"{str(path)!r} must end in {' or '.join(endings)}"
+    if reason:
+        raise ScenarioError(f"{option}: {reason}", path)
     if ending == ".mcap" and find_spec("rosbags") is None:
         raise MissingDependency("rosbags", "ros", f"{option} with .mcap")
     if endings == PLOT_ENDINGS and find_spec("matplotlib") is None:

@@ -62,6 +62,7 @@ def run_plan(
     from tominpmp.certificate.dwells import no_certificate
     from tominpmp.cli.problem import load_problem
     from tominpmp.files.export import load_motion
+    from tominpmp.files.export_check import joined_samples
     from tominpmp.files.scenario import save_scenario
     from tominpmp.planner.planning import plan
     from tominpmp.sensitivities.analysis import check_applicable
@@ -79,7 +80,9 @@ def run_plan(
             check_applicable(problem, chosen.energy_weight)
         if args.save_scenario is not None:
             save_scenario(args.save_scenario, problem, chosen)
-        former = None if args.start_from is None else load_motion(args.start_from)
+        former, path = None, args.start_from
+        if path is not None:  # joined here, so that an error names the file
+            former = joined_samples(load_motion(path), problem, path).trajectory
         progress.phase("planning")
         signals.check()
         solution = plan(problem, replace(chosen, callback=progress), former)

@@ -12,14 +12,7 @@ import numpy as np
 
 from tominpmp import checks
 from tominpmp.arrays import Array
-from tominpmp.exceptions import (
-    ProblemError,
-    ScenarioError,
-    TominpmpError,
-    closest,
-    counted,
-    shortened,
-)
+from tominpmp.exceptions import ScenarioError, TominpmpError, closest, shortened
 
 try:
     import tomllib
@@ -81,7 +74,8 @@ class Field:
         self.fail(str(error))
 
     def _expected(self, expected: str) -> NoReturn:
-        self.fail(f"is {shortened(repr(self.value))}, expected {expected}")
+        shown = "empty" if self.value is None else shortened(repr(self.value))
+        self.fail(f"is {shown}, expected {expected}")
 
     @property
     def given(self) -> bool:
@@ -163,14 +157,14 @@ class Field:
             return default
         try:
             return checks.number(self.value, self.key, expected, **bounds)
-        except ProblemError as error:
+        except TominpmpError as error:
             self.fail(str(error))
 
     def numbers(self, count: int | None = None) -> list[float]:
         """List of finite numbers, of a given length if ``count`` is set."""
         values = self.value
         if not isinstance(values, list) or count not in (None, len(values)):
-            self._expected("numbers" if count is None else counted(count, "number"))
+            self._expected("numbers" if count is None else f"{count} numbers")
         return [item.number() for item in self.items()]
 
     def vector(self, names: str) -> Array:

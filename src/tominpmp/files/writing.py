@@ -19,6 +19,23 @@ from tominpmp.exceptions import ScenarioError
 _ROW = re.compile(r"\[\n([^][\"]*)\]")
 
 
+def why_unwritable(path: Path) -> str:
+    """Reason for which a file cannot be written, in a clause; empty without a reason.
+
+    A folder or a device is not replaced by a file: that would damage the system.
+    """
+    folder, name = str(path.parent), repr(str(path))
+    place = Path(os.path.realpath(path)).parent  # of the target of a symbolic link
+    reasons = {
+        f"there is no folder {folder!r}": not path.parent.is_dir(),
+        f"{name} is a folder": path.is_dir(),
+        f"{name} is not a regular file": path.exists() and not path.is_file(),
+        f"the folder {folder!r} cannot be written to": not os.access(place, os.W_OK),
+        f"{name} is read-only": path.exists() and not os.access(path, os.W_OK),
+    }
+    return next((reason for reason, holds in reasons.items() if holds), "")
+
+
 def write_file(path: str | Path, write: Callable[[BinaryIO], object]) -> Path:
     """Write a file completely or not at all.
 
@@ -34,18 +51,15 @@ def write_file(path: str | Path, write: Callable[[BinaryIO], object]) -> Path:
         ScenarioError: If the file cannot be written; names its path.
     """
     path = checked_path(path)
+    if reason := why_unwritable(path):
+        raise ScenarioError(reason, path)
     try:
         # A symbolic link is kept, and its target replaced, unless that is the link.
         target = Path(os.path.realpath(path))
-        if target.exists() and not target.is_file():
-            # Replacing a device by a regular file would damage the system.
-            kind = "a folder" if target.is_dir() else "not a regular file"
-            raise ScenarioError(f"{path} is {kind}, expected a file to write", path)
         draft = target.with_name(f".{target.name[:100]}.{secrets.token_hex(6)}.part")
         try:
             with draft.open("xb") as file:
                 if target.exists():
-                    target.open("r+b").close()  # refuses a file that is read-only
                     shutil.copymode(target, draft)
                 write(file)
                 file.flush()
@@ -55,8 +69,7 @@ def write_file(path: str | Path, write: Callable[[BinaryIO], object]) -> Path:
             draft.unlink(missing_ok=True)
             raise
     except OSError as error:
-        lost, reason = not target.parent.is_dir(), error.strerror or str(error)
-        reason = f"there is no folder {str(path.parent)!r}" if lost else reason
+        reason = error.strerror or str(error)
         raise ScenarioError(f"{path} cannot be written: {reason}", path) from error
     return path
 

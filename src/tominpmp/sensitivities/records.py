@@ -12,7 +12,6 @@ import numpy as np
 
 from tominpmp.arrays import Array, FrozenArray, Record, frozen_array, number_or_nan
 from tominpmp.checks import instance, optional, whole, wrong
-from tominpmp.exceptions import counted
 from tominpmp.motion_limits import joint_kinds
 from tominpmp.notebook import text_table
 
@@ -137,8 +136,7 @@ class Sensitivities(Record):
     def __repr__(self) -> str:
         """Show the number of records, and the largest effect, on one line."""
         first = f", first {self.records[0].label}" if self.records else ""
-        records = counted(len(self), "record")
-        return f"<Sensitivities of T = {self.T:.6g} s: {records}{first}>"
+        return f"<Sensitivities of T = {self.T:.6g} s: {len(self)} records{first}>"
 
     def of(
         self, kind: str | None = None, subject: str | None = None

@@ -196,8 +196,7 @@ class Tour:
             MissingDependency: If Meshcat is not installed.
         """
         whole, name = self._solution(), self.problem.robot.name
-        count = counted(len(self.order), "station")
-        title = f"{name}: {count}, cycle {self.cycle_time:.4g} s"
+        title = f"{name}: {len(self.order)} stations, cycle {self.cycle_time:.4g} s"
         return whole.play(path, **{"title": title} | options)
 
     def plot(self, path: str | Path | None = None) -> Figure:
