@@ -296,11 +296,9 @@ def one_per_joint(values: Array, name: str, joints: Sequence[str]) -> None:
         ProblemError: If there are more or fewer numbers than joints.
     """
     if values.size != len(joints):
-        raise ProblemError(
-            f"{name} has {counted(values.size, 'number')}, expected "
-            f"{len(joints)}, one for each of: {', '.join(joints)}",
-            name,
-        )
+        count = counted(values.size, "number")
+        expected = f"{len(joints)}, one for each of: {', '.join(joints)}"
+        raise ProblemError(f"{name} has {count}, expected {expected}", name)
 
 
 #: A point or another vector in space: three numbers, or an object with x, y and z.

@@ -16,6 +16,7 @@ from scipy.optimize import linprog
 
 import tominpmp as tm
 from tominpmp.files import export
+from tominpmp.linear_programs import choice
 from tominpmp.linear_programs.choice import make_solver
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.linear_programs.solver import LpSolver
@@ -77,6 +78,17 @@ def test_custom_solver_of_linear_programs_follows_the_recipe(
     assert best is not None and found["highs"].best is not None
     assert best.violation <= tm.Options().feasibility
     assert best.duration == pytest.approx(found["highs"].best.duration, rel=1e-4)
+
+
+def test_custom_solver_is_chosen_by_its_name(
+    planar3r: tm.Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(choice.SOLVERS, "own", ScipySolver)
+    assert "own" in choice.available_solvers()
+    problem = tm.Problem(planar3r, (0.5, 1.7, -1.7), tm.JointGoal((0.9, -1.2, -0.9)))
+    options = {"intervals": 8, "effort": "quick", "refine": None}
+    found = tm.plan(problem, lp_solver="own", max_planning_time=60.0, **options)
+    assert (found.success, found.options.lp_solver) == (True, "own"), found.message
 
 
 def write_words(samples: tm.Samples, file: BinaryIO) -> None:

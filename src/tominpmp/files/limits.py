@@ -275,16 +275,11 @@ def _limit(limits: Field, flag: str, key: str) -> float | None:
 
 def _unread(limits: Field) -> list[str]:
     """Keys of a joint with a value that is not used."""
-    known = {key for keys in (*_KEYS.values(), _SLOWING) for key in keys}
-    unread = []
-    for key, item in limits.table().items():
-        if key == _TURNS:
-            if item.given and item.flag():
-                unread.append(
-                    f"{item.key} (the URDF says whether a joint is continuous)"
-                )
-        elif key not in known:
-            unread.append(item.key)
+    known = {key for keys in (*_KEYS.values(), _SLOWING, (_TURNS,)) for key in keys}
+    unread = [item.key for key, item in limits.table().items() if key not in known]
+    turns = limits.get(_TURNS)
+    if turns.given and turns.flag():
+        unread.append(f"{turns.key} (the URDF says whether a joint is continuous)")
     return unread
 
 

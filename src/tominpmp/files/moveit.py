@@ -721,17 +721,16 @@ def _scaled(robot: Robot, request: Field) -> Robot:
             robot = robot.with_changes(velocity=speed * robot.limits.velocity)
     factor = request.get("max_acceleration_scaling_factor")
     share, limits = _factor(factor), robot.motion_limits
-    if share == 1.0:
-        return robot
-    if limits is None or limits.acceleration is None:
+    if share < 1.0 and (limits is None or limits.acceleration is None):
         warn_caller(
             f"{factor.path}: {factor.key} is {share:g}, but the robot has no limits of "
             "accelerations; give some, as by limits='datasheet'"
         )
-        return robot
-    accelerations = share * limits.by_joint("acceleration", robot.joint_names)
-    with blaming(factor):
-        return replace(robot, motion_limits=replace(limits, acceleration=accelerations))
+    elif share < 1.0 and limits is not None:
+        slower = share * limits.by_joint("acceleration", robot.joint_names)
+        with blaming(factor):
+            robot = replace(robot, motion_limits=replace(limits, acceleration=slower))
+    return robot
 
 
 def _factor(field: Field) -> float:

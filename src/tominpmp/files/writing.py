@@ -25,11 +25,11 @@ def why_unwritable(path: Path) -> str:
     A folder or a device is not replaced by a file: that would damage the system.
     """
     folder, name = str(path.parent), repr(str(path))
+    kind = "a folder" if path.is_dir() else "not a regular file"
     place = Path(os.path.realpath(path)).parent  # of the target of a symbolic link
     reasons = {
         f"there is no folder {folder!r}": not path.parent.is_dir(),
-        f"{name} is a folder": path.is_dir(),
-        f"{name} is not a regular file": path.exists() and not path.is_file(),
+        f"{name} is {kind}": path.exists() and not path.is_file(),
         f"the folder {folder!r} cannot be written to": not os.access(place, os.W_OK),
         f"{name} is read-only": path.exists() and not os.access(path, os.W_OK),
     }
