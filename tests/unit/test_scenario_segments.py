@@ -357,7 +357,7 @@ def test_message_about_a_mistake_names_segment_and_key(
         ("", "segments[1].goal", "missing"),
         ("goal = 3", "segments[1].goal", "table"),
         ('goal = {type = "place"}', "segments[1].goal.type", "place"),
-        ('goal = {type = "joint"}', "segments[1].goal", "q or state"),
+        ('goal = {type = "joint"}', "segments[1].goal", "or state (a group state)"),
         ('goal = {type = "joint", q = [1.0]}', "segments[1].goal.q", "expected 3"),
         (
             'goal = {type = "joint", q = [9.0, 0.0, 0.0]}',
