@@ -9,6 +9,7 @@ import pytest
 
 import tominpmp as tm
 from tests.schedules import carried_out
+from tominpmp.certificate import minimum_principle
 from tominpmp.certificate.dwells import no_certificate
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.planner import optimality
@@ -115,6 +116,17 @@ def test_predicted_gain_that_no_round_achieves_ends_as_stalled(free, monkeypatch
     (found,) = results_of_last_stage(free, slower(free))
     assert found.status is tm.Status.STALLED
     assert "Small changes promise" in found.remark
+
+
+def test_remark_has_no_infinite_gain_if_the_conditions_cannot_be_evaluated(
+    free, monkeypatch
+):
+    """Regression: "Small changes promise inf % of T", for an arm that moved 1 mrad."""
+    monkeypatch.setattr(minimum_principle, "solve_dual_program", lambda *_: None)
+    *_, found = results_of_last_stage(free, slower(free))
+    assert found.status is tm.Status.STALLED
+    assert "inf" not in found.remark
+    assert "could not be evaluated" in found.remark
 
 
 @pytest.mark.parametrize(

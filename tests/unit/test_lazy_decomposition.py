@@ -20,7 +20,7 @@ import tominpmp as tm
 from tominpmp.cli.plan import LOGGER, Progress
 from tominpmp.collision import decomposition, decomposition_cache
 from tominpmp.collision.checker import CollisionChecker
-from tominpmp.stopping import Stop
+from tominpmp.stopping import Deadline, Stop, check
 from tominpmp.verification.nearest import nearest_pair
 
 ENDS = [0.0, -1.2, 1.0, 0.0, 0.5, 0.0], [1.5, -0.8, 0.4, 0.3, -0.5, 1.0]
@@ -138,6 +138,7 @@ def test_checked_pairs_of_links_do_not_depend_on_decomposition(name: str) -> Non
 def test_motion_clear_by_hulls_is_accepted_without_time_to_decompose(
     cut: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Regression: the bound was known, and measured once more after the deadline."""
     solution = tm.plan(straight())
     known = solution.verification.min_clearance
     decomposition_cache._known_pieces.cache_clear()
@@ -145,14 +146,19 @@ def test_motion_clear_by_hulls_is_accepted_without_time_to_decompose(
     found = nearest_pair(problem, solution.verification.replay, problem.checker, 1e-6)
     assert found is not None and found[1].distance == known
 
+    deadline = Deadline()
+
     def late(mesh: Any) -> Any:
-        raise Stop(requested=False)
+        deadline.end = -np.inf
+        check()
 
     decomposition_cache._known_pieces.cache_clear()
     monkeypatch.setattr(decomposition, "decompose", late)
     monkeypatch.setattr(decomposition_cache, "_read", lambda path: None)
     problem = straight()
-    bound = nearest_pair(problem, solution.verification.replay, problem.checker, 1e-6)
+    motion = solution.verification.replay
+    with deadline.in_force():
+        bound = nearest_pair(problem, motion, problem.checker, 1e-6)
     assert bound is not None and not bound[0].violated
     assert 0.0 < bound[1].distance <= known
 

@@ -158,26 +158,26 @@ def _improved(
     warm = warm_start_options(state.options, ITERATIONS)
     quickest = MinimumTime.of(warm, warm.smoothing or 0.0)
     result = state.solve(program, quickest, z, *trust_regions(warm))
-    if result.best is None:
+    if result.best is None or result.best.duration >= best.duration:
         return best
     faster = replace(Candidate.of(best.initial, result), remark=best.remark)
-    if faster.trajectory.duration >= best.duration:
-        return best
     faster = faster.verified(system.problem, state.options)
     return faster if faster.confirmed else best
 
 
 def _concluded(best: Candidate, findings: Examination, tolerance: float) -> Candidate:
     """The motion with its certified status, and a remark on the predicted gain."""
-    if findings.certificate.ok:
+    certificate = findings.certificate
+    if certificate.ok:
         return replace(best, status=Status.CONVERGED)
     status = Status.STALLED if best.status is Status.CONVERGED else best.status
-    promise = 100.0 * findings.certificate.stationarity
-    remark = f"Small changes promise {promise:.2g} % of T"
+    remark = f"Small changes promise {100.0 * certificate.stationarity:.2g} % of T"
     intervals = best.trajectory.t.size - 1
-    if findings.certificate.t.size - 1 > intervals:
+    if certificate.t.size - 1 > intervals:
         remark += f", some of them on a grid finer than its {intervals} intervals"
-    if findings.certificate.stationarity <= tolerance:  # other condition
-        remark += f". {findings.certificate.message}".rstrip(".")
+    if certificate.stationarity <= tolerance:  # other condition
+        remark += f". {certificate.message}".rstrip(".")
+    if findings.dual is None:
+        remark = certificate.message.rstrip(".")
     remark = f"{best.remark} {remark}.".strip()
     return replace(best, status=status, remark=remark)

@@ -123,8 +123,13 @@ class ClosestApproach:
         self.violated, self.possible_violation = False, 0.0
         self._most, self.intervals, self.unexamined = most, 0, np.inf
 
-    def nearest(self) -> Contact:
-        """The pair with the least clearance, at its refined minimum in time."""
+    def nearest(self, *, refine: bool = True) -> Contact:
+        """The pair with the least clearance.
+
+        Args:
+            refine: Whether its minimum in time is refined, by further measurements, for
+                which there is no time after a stop.
+        """
         t = self._motion.t
         row = int(np.searchsorted(t, self.time))
         low, high = t[max(row - ROWS, 0)], t[min(row + ROWS, t.size - 1)]
@@ -133,7 +138,8 @@ class ClosestApproach:
             instants, pair = np.arange(times.size), np.full(times.size, self.pair)
             return self._measure(Cases(self._intervals(times, times), instants, pair))
 
-        least_between(clearances, low, high)
+        if refine:
+            least_between(clearances, low, high)
         margin = float(self._margins[self.pair])
         return self._checker.contact(self.pair, self.clearance + margin, margin)
 
@@ -258,9 +264,8 @@ class ClosestApproach:
 
         After a measured violation, only the least clearance is of interest.
         """
-        if self.violated:
-            return np.full(tolerated.shape, self._search_bound)
-        return np.maximum(-tolerated, self._search_bound)
+        least = -np.inf if self.violated else -tolerated
+        return np.asarray(np.maximum(least, self._search_bound))
 
     @property
     def _search_bound(self) -> float:

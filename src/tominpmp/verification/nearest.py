@@ -92,7 +92,7 @@ def nearest_pair(
             break
         bound = bound if search.violated or search.possible_violation > 0.0 else search
         coarse = checker.with_cut(cut | names)
-    pair, lack = search.nearest(), -search.clearance
+    pair, lack = search.nearest(refine=search is not bound), -search.clearance
     violated = search.violated or search.possible_violation > 0.0
     if violated and not search.violated:
         lack = max(lack, search.possible_violation)
