@@ -238,8 +238,11 @@ def _recovered(rows: _Rows) -> Joined:
     cubics = _on_cubics(rows)
     if cubics and _holds_torques(rows):
         return Joined(replace(rows.curve(), u=rows.u), "held")
-    jumps = cubics and _cubics_jump(rows)
-    if not jumps and (_is_smooth(rows) or not _overshoots(rows)):
+    # The mean acceleration of a cubic is the mean of the accelerations at its ends: a
+    # jump at the next sample, whose row has the acceleration just after it, changes the
+    # mean of both rows by half of its height.
+    jumps = cubics and not _continues(rows, 0.5 * JUMP)
+    if not jumps and (_continues(rows, SMOOTH) or not _overshoots(rows)):
         return rows.recorded("quintic", rows.a)
     return rows.recorded("cubic")
 
@@ -265,21 +268,13 @@ def checked_motion(motion: Trajectory | Samples, problem: Problem) -> Trajectory
             raise
     instance(motion, Trajectory, "trajectory", "a Trajectory or Samples")
     motion._check_joints(robot.joint_names)
-    motion = _with_controls(motion, robot)
+    if robot.kinematic or np.all(np.isnan(motion.u)):
+        # Accelerations take the place of torques for a kinematic robot; torques that a
+        # motion planned without dynamics lacks follow from the dynamics of the robot.
+        motion = motion.with_torques(RobotDynamics(robot).inverse)
     if not all(np.all(np.isfinite(x)) for x in (motion.q, motion.v, motion.u)):
         raise ProblemError("the motion has values that are not finite numbers")
     return motion
-
-
-def _with_controls(motion: Trajectory, robot: Robot) -> Trajectory:
-    """A motion with the controls that drive it.
-
-    Accelerations take the place of torques for a kinematic robot; torques that a motion
-    planned without dynamics lacks follow from the dynamics of the robot.
-    """
-    if not robot.kinematic and not np.all(np.isnan(motion.u)):
-        return motion
-    return motion.with_torques(RobotDynamics(robot).inverse)
 
 
 def _columns(samples: Samples, robot: Robot, file: Field) -> list[int]:
@@ -337,11 +332,17 @@ def _overshoots(rows: _Rows) -> bool:
     return bool(np.any(quintic > (1.0 + OVERSHOOT) * largest))
 
 
-def _is_smooth(rows: _Rows) -> bool:
-    """Whether accelerations are continuous, as far as the samples show."""
+def _continues(rows: _Rows, tolerance: float) -> bool:
+    """Whether accelerations are continuous, as far as the samples show.
+
+    Args:
+        rows: The samples.
+        tolerance: Deviation of a mean acceleration between two samples from the mean of
+            the samples, relative to the largest acceleration.
+    """
     h, a = np.diff(rows.t)[:, None], rows.a
     gaps = np.abs(np.diff(rows.v, axis=0) / h - 0.5 * (a[:-1] + a[1:]))
-    return bool(np.all(gaps <= SMOOTH * np.abs(a).max()))
+    return bool(np.all(gaps <= tolerance * np.abs(a).max()))
 
 
 # Deviations up to which positions and velocities are integrals of the accelerations,
@@ -417,15 +418,3 @@ def _ramps(h: Array, jumps: BoolArray, remaining: Array) -> bool:
     after = np.append(halfway[:-1] & halfway[1:], False)
     successive = after | np.insert(after[:-1], 0, False)
     return bool(2 * np.sum(successive) > np.sum(jumps))
-
-
-def _cubics_jump(rows: _Rows) -> bool:
-    """Whether the accelerations of cubics between samples jump at some of them.
-
-    A row holds the acceleration just after a jump, with which a polynomial of degree 5
-    before the jump would have to end.
-    """
-    # The mean acceleration of a cubic is the mean of the accelerations at its ends.
-    means = np.diff(rows.v, axis=0) / np.diff(rows.t)[:, None]
-    jumps = rows.a[1:] - (2.0 * means - rows.a[:-1])
-    return bool(np.any(np.abs(jumps) > JUMP * np.abs(rows.a).max()))

@@ -171,8 +171,5 @@ def subdivided(nodes: Array, time_step: float) -> Array:
         The nodes and the times between them [s].
     """
     counts = np.maximum(np.ceil(np.diff(nodes) / time_step - 1e-9), 1.0)
-    times = [
-        np.linspace(begin, end, int(count), endpoint=False)
-        for begin, end, count in zip(nodes[:-1], nodes[1:], counts, strict=True)
-    ]
-    return np.concatenate([*times, nodes[-1:]])
+    places = np.append(0.0, np.cumsum(counts))
+    return np.interp(np.arange(places[-1] + 1.0), places, nodes)
