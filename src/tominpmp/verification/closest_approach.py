@@ -12,7 +12,6 @@ the least and the largest of its Bézier points.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -26,8 +25,6 @@ from tominpmp.verification.replay import Replay
 # Rows of the replay in each of the first intervals, number of parts of a subdivided
 # interval, and largest number of successive subdivisions.
 ROWS, PARTS, CUTS = 32, 4, 12
-# Duration of the interval of a motion with a single row [s].
-INSTANT = 1e-9
 # Improvement of the least clearance below which closer approaches are not searched for:
 # a share of that clearance, and its least value [m].
 RESOLUTION, LEAST_RESOLUTION = 0.1, 1e-6
@@ -111,9 +108,6 @@ class ClosestApproach:
         drift: Array | float = 0.0,
         most: int = MOST,
     ) -> None:
-        if replay.t.size == 1:
-            moment, q = replay.t + np.array([0.0, INSTANT]), replay.q[[0, 0]]
-            replay = replace(replay, t=moment, q=q, v=np.zeros_like(q))
         self._checker, self._margins = checker, margins
         self._motion, self._drift = replay, drift
         self._curve = curve_through(replay.t, replay.q, replay.v)
@@ -154,7 +148,8 @@ class ClosestApproach:
     def run(self) -> ClosestApproach:
         """Search along the whole motion; returns the search itself."""
         t, pairs = self._motion.t, self._margins.size
-        edges = np.append(t[:-1:ROWS], t[-1])
+        # A single row is an interval of no duration.
+        edges = np.append(t[: max(t.size - 1, 1) : ROWS], t[-1])
         most = max(1, TABLE // pairs)
         for first in range(0, edges.size - 1, most):
             chunk = edges[first : first + most + 1]
@@ -176,7 +171,7 @@ class ClosestApproach:
         count = np.arange(int(np.max(last - first, initial=0)) + 1)
         row = np.minimum(first[:, None] + count, last[:, None])
         early = np.maximum(begin[:, None], t[row])
-        late = np.minimum(end[:, None], t[row + 1])
+        late = np.minimum(end[:, None], np.append(t[1:], np.inf)[row])
         q0, q1 = curve(early.ravel()), curve(late.ravel())
         v0, v1 = curve(early.ravel(), 1), curve(late.ravel(), 1)
         third = (late - early).reshape(-1, 1) / 3.0

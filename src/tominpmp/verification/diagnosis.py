@@ -74,8 +74,8 @@ def explain(
             ended += f" before the first start to any of {many} combinations of goals"
         return f"{ended}: no motion was found." if status in CUT_SHORT else status.value
     if starts:
-        ended += f" after {_count(starts, 'start')} and "
-        ended += _count(iterations, "iteration")
+        ended += f" after {starts} start{'s' * (starts != 1)} and "
+        ended += f"{iterations} iteration{'s' * (iterations != 1)}"
     if reason or motion is None:
         return f"{ended}: {reason}."
     violations = _violations_of(problem, motion)
@@ -132,7 +132,3 @@ def _clause(stage: Stage, motion: Trajectory, item: LimitViolation) -> str:
         f"joint {item.name} would need {high + item.amount:.3g} {item.unit} at "
         f"{item.time:.2f} s, {high:.3g} allowed"
     )
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}" + ("" if number == 1 else "s")

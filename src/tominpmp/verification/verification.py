@@ -271,11 +271,10 @@ class Findings(NamedTuple):
             growth: Amplification of errors along the motion.
             begin: Start of the computation, by ``time.perf_counter`` [s].
         """
-        worst: dict[str, LimitViolation] = {}  # by kind, over all segments
-        for item in self.items:
-            known = worst.get(item.kind)
-            if known is None or item.share > known.share:
-                worst[item.kind] = item
+        # The worst of each kind, over all segments.
+        kinds = dict.fromkeys(item.kind for item in self.items)
+        each = ([item for item in self.items if item.kind == kind] for kind in kinds)
+        worst = {items[0].kind: max(items, key=lambda x: x.share) for items in each}
         goal, speed = worst.pop("goal", None), worst.pop("speed", None)
         return Verification(
             ok=not self.violations,
