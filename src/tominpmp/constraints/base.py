@@ -67,14 +67,9 @@ class Partials(NamedTuple):
     row: IntArray | None = None
 
     def times(self, factor: Array) -> Partials:
-        """Partial derivatives of the values times factors, shape (k, 1)."""
-
-        def product(part: Array | None) -> Array | None:
-            return None if part is None else factor * part
-
-        by_t = None if self.by_t is None else factor[:, 0] * self.by_t
-        by_x = (product(part) for part in (self.by_q, self.by_v, self.by_a, self.by_u))
-        by_q, by_v, by_a, by_u = by_x
+        """Partial derivatives of the values times factors, shape (k,)."""
+        by = (None if part is None else (factor * part.T).T for part in self[1:6])
+        by_q, by_v, by_a, by_u, by_t = by
         return Partials(self.at, by_q, by_v, by_a, by_u, by_t, self.row)
 
     @staticmethod
@@ -97,7 +92,7 @@ class Partials(NamedTuple):
         sides = np.repeat([-1.0, 1.0], pairs.size)
         by_t = -sides * np.tile(slope, 2) / span
         row = np.tile(np.arange(pairs.size), 2)
-        return self.times((sides / span)[:, None])._replace(by_t=by_t, row=row)
+        return self.times(sides / span)._replace(by_t=by_t, row=row)
 
 
 class Constraint(ABC):

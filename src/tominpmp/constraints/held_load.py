@@ -91,9 +91,7 @@ class HeldLoad(FrameRows):
         rates = (np.pad(row, [(0, 0), (0, 6)]) for row in rows)
         return zip(places, *rates, strict=True)
 
-    def wrench_slopes(
-        self, q: Array, v: Array, a: Array
-    ) -> tuple[Array, tuple[Array, Array, Array]]:
+    def wrench_slopes(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
         """Wrenches that the motion requires, in the axes of the frame at its origin.
 
         Args:
@@ -103,7 +101,7 @@ class HeldLoad(FrameRows):
 
         Returns:
             Forces before moments, shape (m, 6) [N, N m], and their derivatives by q, v
-            and a, shape (m, 6, n) each.
+            and a, shape (3, m, 6, n).
         """
         robot, (model, _, of_v) = self.kinematics.robot, self._loaded
         data, m = model.createData(), len(q)
@@ -113,8 +111,7 @@ class HeldLoad(FrameRows):
             wrenches[k] = data.tau[-6:]
             by = data.dtau_dq, data.dtau_dv, data.M.T
             slopes[:, k][..., of_v] = [part[-6:, :-6] for part in by]
-        by_q, by_v, by_a = robot.reduce_tangent(slopes)
-        return wrenches, (by_q, by_v, by_a)
+        return wrenches, robot.reduce_tangent(slopes)
 
     def lack(self, q: Array, v: Array, slack: float) -> str:
         """Violation at rest, as a clause; empty if the load is held, or the arm moves.
@@ -187,8 +184,7 @@ class FirmGrasp(HeldLoad):
         """Forces across the axis, and moments about it divided by the radius [N]."""
         w, by = self.wrench_slopes(q, v, a)
         rows = self._across()
-        by_q, by_v, by_a = (rows @ part for part in by)
-        return w @ rows.T, by_q, by_v, by_a
+        return w @ rows.T, *(rows @ by)
 
     def reason(self, w: Array) -> str:
         """Clause that explains why the grasp cannot transmit a wrench."""

@@ -37,7 +37,7 @@ Own = TypeVar("Own", bound="PathConstraint")
 # curve points nearest to the two points.
 CurveSampler = Callable[[Array, Array, int], Array]
 # Values and their derivatives by q, v and a; EMPTY for derivatives that are zero.
-Linear = tuple[Array, Array, Array, Array]
+Linear = tuple[Array, ...]
 EMPTY = np.zeros(0)
 
 
@@ -227,12 +227,9 @@ class PathConstraint(Record, Constraint):
         values = rounded_excess(length / self.scale, limit / self.scale)[:, None]
         size = np.sqrt(0.5 * (length**2 + limit**2)) * self.scale
         along = (vector / np.maximum(size, 1e-300)[:, None])[:, None, :]
-        by_q, by_v, by_a = (along @ part if part.size else part for part in by)
-        return values, by_q, by_v, by_a
+        return values, *(along @ part if part.size else part for part in by)
 
-    def bend_rows(
-        self, q: Array, v: Array, a: Array
-    ) -> tuple[Array, Array, Array] | None:
+    def bend_rows(self, q: Array, v: Array, a: Array) -> tuple[Array, ...] | None:
         """Derivatives of vectors that give the second-order change of the values.
 
         Values are convex functions of the vectors of :meth:`vector_rows`. In a step,
@@ -246,10 +243,7 @@ class PathConstraint(Record, Constraint):
             return None
         vector, *by = self.vector_rows(q, v, a)
         root = curvature_root(vector, self.largest) / np.sqrt(self.scale)
-        by_q, by_v, by_a = (
-            (root @ part)[:, None] if part.size else part for part in by
-        )
-        return by_q, by_v, by_a
+        return tuple((root @ part)[:, None] if part.size else part for part in by)
 
     def values(self, q: Array, v: Array, a: Array) -> Array:
         """Values of :meth:`terms` without derivatives, shape (count,)."""
@@ -521,14 +515,12 @@ def _one_row(q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
 def _first(rows: Linear) -> Linear:
     """Values and derivatives at the first of several states."""
     values, *by = rows
-    by_q, by_v, by_a = (part[0] if part.size else EMPTY for part in by)
-    return values[0], by_q, by_v, by_a
+    return values[0], *(part[0] if part.size else EMPTY for part in by)
 
 
 def _stacked(every: Iterable[Linear]) -> Linear:
     """Values and derivatives at single states, stacked to rows."""
-    values, by_q, by_v, by_a = (np.array(part) for part in zip(*every, strict=True))
-    return values, by_q, by_v, by_a
+    return tuple(np.array(part) for part in zip(*every, strict=True))
 
 
 def _states(q: Array, v: Array, a: Array) -> Iterator[tuple[Array, Array, Array]]:

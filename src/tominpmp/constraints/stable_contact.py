@@ -88,6 +88,7 @@ class StableContact(HeldLoad):
     largest = 0.0
     scale = 1.0
     falls = "slips or tips"
+    bends = True  # the values of cones are convex functions of the wrench
 
     @property
     def count(self) -> int:
@@ -152,21 +153,13 @@ class StableContact(HeldLoad):
         """Missing grip of the load as a share of its weight, with derivatives."""
         w, by = self.wrench_slopes(q, v, a)
         values, by_wrench = self._missing(w)
-        by_q, by_v, by_a = (by_wrench @ part / self.weight for part in by)
-        return values / self.weight, by_q, by_v, by_a
+        return values / self.weight, *(by_wrench @ by / self.weight)
 
     def value_rows(self, q: Array, v: Array, a: Array) -> Array:
         """Missing grip of the load as a share of its weight, by value."""
         return self._missing(self.wrenches(q, v, a))[0] / self.weight
 
-    @property
-    def bends(self) -> bool:
-        """True: the values of cones are convex functions of the wrench."""
-        return True
-
-    def bend_rows(
-        self, q: Array, v: Array, a: Array
-    ) -> tuple[Array, Array, Array] | None:
+    def bend_rows(self, q: Array, v: Array, a: Array) -> tuple[Array, ...] | None:
         """Derivatives of vectors for the second-order change of the cone values."""
         w, by = self.wrench_slopes(q, v, a)
         root = np.zeros((len(w), self.count, 3, 6))
@@ -174,8 +167,7 @@ class StableContact(HeldLoad):
             y = self._within(w, rows)
             root[:, k] = curvature_root(y, tip / np.sqrt(2.0)) @ rows
         root /= np.sqrt(self.weight)
-        by_q, by_v, by_a = (root @ part[:, None] for part in by)
-        return by_q, by_v, by_a
+        return tuple(root @ by[:, :, None])
 
     def reason(self, w: Array) -> str:
         """Clause that explains why the contact cannot transmit a wrench."""

@@ -253,7 +253,7 @@ class TorqueOverSpeed(MotorLimit):
         joints, _, by_share, by_speed = zip(*self._excess(states), strict=True)
         joint = np.array(joints)[which]
         by = self.motors.differentiate(states, at, joint)
-        by = by.times(np.array(by_share)[which, at, None])
+        by = by.times(np.array(by_share)[which, at])
         slope = np.zeros((at.size, states.v.shape[1]))
         slope[np.arange(at.size), joint] = np.array(by_speed)[which, at]
         return by._replace(by_v=slope if by.by_v is None else by.by_v + slope)
@@ -293,5 +293,5 @@ class TorqueRate(MotorLimit):
         joint = np.tile(self.of_joints[which], 2)
         by = self.motors.differentiate(states, Partials.both_instants(at), joint)
         share = self.motors.half[joint] / np.tile(self.limit[which], 2)
-        by = by.times(share[:, None])
+        by = by.times(share)
         return by.slopes(states.t, at, self.evaluate(states)[at, which])

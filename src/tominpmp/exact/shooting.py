@@ -385,8 +385,7 @@ class ArcProgram:
             states = self._states(motion, used - 1)
             high, low = (part[place, which] for part in self._margins(states, kind))
             out.value[rows] = np.where(sign > 0, high, low)
-            by = self.limits[kind].differentiate(states, place, which)
-            by = by.times(-sign[:, None])
+            by = self.limits[kind].differentiate(states, place, which).times(-sign)
             for part, joints in ((by.by_q, slice(n)), (by.by_v, slice(n, None))):
                 if part is not None:
                     out.by_x[rows, joints] = part

@@ -141,7 +141,7 @@ class TimeAndEnergy(Objective):
             size, rates = np.repeat(weight, n) ** exponent, np.repeat(rate, n)
             found = self.kind.term(_torques(part, states), states.v)
             term, by_u, by_v = (each.ravel() for each in found)
-            by = _by_states(part, states).times(by_u[:, None])
+            by = _by_states(part, states).times(by_u)
             if np.any(rate):
                 direct = np.tile(np.eye(n), (at.size, 1)) * by_v[:, None]
                 by = by._replace(by_v=direct if by.by_v is None else by.by_v + direct)
@@ -223,4 +223,4 @@ def _by_states(part: ProblemFunctions, states: States) -> Partials:
     count, n = states.q.shape
     at, joints = np.repeat(np.arange(count), n), np.tile(np.arange(n), count)
     by = part.motors.differentiate(states, at, joints)
-    return by.times(part.motors.half[joints][:, None])
+    return by.times(part.motors.half[joints])

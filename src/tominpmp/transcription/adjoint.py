@@ -181,7 +181,7 @@ class AdjointTranscription(TorqueTranscription):
         self, motion: SteppedMotion, at: Instants, partials: Partials, weights: Array
     ) -> Array:
         """Gradient of a weighted sum of values, by one sweep for the sum."""
-        weighted, row = partials.times(weights[:, None]), np.zeros(weights.size, int)
+        weighted, row = partials.times(weights), np.zeros(weights.size, int)
         return np.asarray(self._swept(motion, at, weighted, row)[0])
 
     def _swept(

@@ -144,7 +144,7 @@ class SampledRows:
         if partials is None or partials.row is None:
             return []
         roots = np.sqrt(multipliers[chosen])[partials.row]
-        bent = self._pinned(motion, at, partials.times(roots[:, None]))
+        bent = self._pinned(motion, at, partials.times(roots))
         return [self.scheme.pull_back(motion, at, bent)]
 
     def _pinned(self, motion: Motion, at: Instants, partials: Partials) -> Partials:
