@@ -13,9 +13,9 @@ import pytest
 from motion_samples import planar_motions
 
 from tominpmp.cli.output_files import check_target
+from tominpmp.description.paths import why_unwritable, write_file
 from tominpmp.exceptions import ProblemError, ScenarioError, TominpmpWarning
 from tominpmp.files.export import export, load_motion
-from tominpmp.files.writing import why_unwritable, write_file
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
 

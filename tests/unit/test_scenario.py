@@ -17,9 +17,8 @@ from hypothesis import strategies as st
 import tominpmp as tm
 from tominpmp.description.fields import tomllib
 from tominpmp.exceptions import ScenarioError
-from tominpmp.files.records import classes
+from tominpmp.files.records import classes, toml_text
 from tominpmp.files.scenario import load_scenario, save_scenario
-from tominpmp.files.writing import toml_text
 from tominpmp.goals.base import Goal
 from tominpmp.goals.frames import PoseGoal, PositionGoal
 from tominpmp.goals.joints import JointGoal

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from tominpmp.cli.options import PlanOptions
 from tominpmp.cli.terminal import OUTPUT, say
+from tominpmp.description.paths import why_unwritable
 from tominpmp.exceptions import (
     MissingDependency,
     OptionsError,
@@ -23,7 +24,6 @@ from tominpmp.exceptions import (
 )
 from tominpmp.files.export import FORMATS, check_options
 from tominpmp.files.ros import MIN_STEP
-from tominpmp.files.writing import why_unwritable
 from tominpmp.motion.samples import BILLION
 from tominpmp.solution import Solution
 

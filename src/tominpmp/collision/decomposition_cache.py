@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
-import tempfile
 import time
 import zipfile
 from dataclasses import dataclass, field
@@ -18,7 +17,8 @@ import numpy as np
 from tominpmp.arrays import Array
 from tominpmp.collision import decomposition
 from tominpmp.collision.shapes import hull_of
-from tominpmp.exceptions import brief
+from tominpmp.description.paths import write_file
+from tominpmp.exceptions import ScenarioError, brief
 from tominpmp.stopping import Stop
 
 logger = logging.getLogger(__name__)
@@ -144,11 +144,6 @@ def _write(path: Path, pieces: list[Array]) -> None:
     content["checksum"] = np.frombuffer(_checksum(*content.values()), np.uint8)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        # A failed write, as on a full disk when the file is closed, leaves no file.
-        with tempfile.TemporaryDirectory(dir=path.parent) as folder:
-            draft = Path(folder, path.name)
-            with draft.open("wb") as file:
-                np.savez_compressed(file, **content)
-            draft.replace(path)
-    except OSError as error:
+        write_file(path, lambda file: np.savez_compressed(file, **content))
+    except (OSError, ScenarioError) as error:
         logger.warning("convex pieces cannot be kept in %s: %s", path.parent, error)

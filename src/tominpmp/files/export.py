@@ -22,11 +22,15 @@ import numpy as np
 
 from tominpmp.checks import TINY, choice, flag, instance
 from tominpmp.description.fields import Field
-from tominpmp.description.paths import checked_ending, checked_path, read_bytes
+from tominpmp.description.paths import (
+    checked_ending,
+    checked_path,
+    read_bytes,
+    write_file,
+)
 from tominpmp.description.yaml_reader import parse_yaml
 from tominpmp.exceptions import ProblemError, ScenarioError, brief, warn_caller
 from tominpmp.files import ros, tables
-from tominpmp.files.writing import write_file
 from tominpmp.motion.samples import INTERPOLATIONS, Interpolation, Samples
 from tominpmp.motion.trajectory import Trajectory
 

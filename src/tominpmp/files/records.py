@@ -21,6 +21,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 import pinocchio as pin
+import tomli_w
 
 from tominpmp.arrays import changed_fields
 from tominpmp.constraints.path import PathConstraint
@@ -50,6 +51,8 @@ NONE = "none"
 # Classes whose tables have no key ``type``, and base classes whose tables have one.
 UNNAMED = (EffortCurve, MotionLimits, Options, Payload, Scene, Segment)
 NAMED: tuple[type[Any], ...] = (Goal, Obstacle, PathConstraint, Motion)
+# A list of plain values without texts; string literals contain no line breaks.
+_ROW = re.compile(r"\[\n([^][\"]*)\]")
 
 
 @contextmanager
@@ -281,3 +284,21 @@ def _read_placement(item: Field) -> pin.SE3:
     rotation = item.get("rotation")
     with blaming(rotation):
         return pin.SE3(np.array(rotation_matrix(rotation.value)), position)
+
+
+def toml_text(table: Mapping[str, Any]) -> str:
+    """Format a TOML document with tomli-w, but with rows of numbers on one line.
+
+    Args:
+        table: Texts, truth values, numbers, lists, and tables of them; a list of tables
+            becomes an array of tables. Keys and lists keep their order, except that
+            plain values come before tables, as TOML requires.
+
+    Returns:
+        The document, ending with a line break.
+    """
+
+    def on_one_line(row: re.Match[str]) -> str:
+        return f"[{' '.join(row[1].split()).removesuffix(',')}]"
+
+    return _ROW.sub(on_one_line, tomli_w.dumps(table))

@@ -94,7 +94,7 @@ from tominpmp.datasheets import find_datasheet
 from tominpmp.description.fields import Field, parse_toml
 from tominpmp.description.files import find_robot, find_srdf
 from tominpmp.description.joint_table import OVERRIDES, JointTable, Linkage
-from tominpmp.description.paths import checked_path, read_bytes
+from tominpmp.description.paths import checked_path, read_bytes, write_bytes
 from tominpmp.description.srdf import srdf_file
 from tominpmp.description.urdf import urdf_file
 from tominpmp.exceptions import (
@@ -114,8 +114,8 @@ from tominpmp.files.records import (
     from_table,
     make,
     to_table,
+    toml_text,
 )
-from tominpmp.files.writing import toml_text, write_bytes
 from tominpmp.goals.base import Goal
 from tominpmp.goals.joints import JointGoal, joint_vector
 from tominpmp.motion_limits import MotionLimits, classes_of_limits

@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tominpmp.description.paths import checked_ending
+from tominpmp.description.paths import checked_ending, write_file
 from tominpmp.exceptions import optional
-from tominpmp.files.writing import write_file
 from tominpmp.notebook import COLORS, LIMIT_COLOR
 
 if TYPE_CHECKING:

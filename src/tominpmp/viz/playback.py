@@ -21,9 +21,8 @@ from typing import Any
 import numpy as np
 
 from tominpmp.checks import instance, positive, raised_as, whole
-from tominpmp.description.paths import checked_ending
+from tominpmp.description.paths import checked_ending, write_file
 from tominpmp.exceptions import MissingDependency, OptionsError, counted, warn_caller
-from tominpmp.files.writing import write_file
 from tominpmp.motion.measures import SATURATED
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.problem import Problem

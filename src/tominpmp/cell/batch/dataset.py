@@ -30,11 +30,10 @@ from tominpmp.arrays import Array, Converted, Record, record
 from tominpmp.bounds.result import LowerBound
 from tominpmp.checks import whole
 from tominpmp.description.fields import parse_toml
-from tominpmp.description.paths import checked_path
+from tominpmp.description.paths import checked_path, write_file
 from tominpmp.dynamics import torques_of
 from tominpmp.exceptions import BRIEF, ScenarioError, brief, optional, shortened
 from tominpmp.files.scenario import Scenario, read_scenario
-from tominpmp.files.writing import write_file
 from tominpmp.motion.trajectory import MAX_SAMPLES, Trajectory
 from tominpmp.options import Options
 from tominpmp.problem.problem import Problem
