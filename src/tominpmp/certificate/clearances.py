@@ -45,18 +45,16 @@ class NearestInstants(NamedTuple):
         pairs: Indices of the pairs, shape (k,).
         missing: Missing clearance: margin minus distance, as a share of the reach,
             shape (k,).
-        slopes: Derivatives of the missing clearance with respect to the configuration,
-            at the least distance, in shares of the reach, shape (k, n). Where the
-            closest corner changes, they are a mean of the slopes before and after.
-        rates: Partial derivatives with respect to time, due to moving obstacles [1/s],
-            shape (k,).
+        slopes: Partial derivatives of the missing clearance at the least distance, by
+            the configuration and last by time [1/s], due to moving obstacles, in shares
+            of the reach, shape (k, n + 1). Where the closest corner changes, they are a
+            mean of the slopes before and after.
     """
 
     times: Array
     pairs: IntArray
     missing: Array
     slopes: Array
-    rates: Array
 
 
 def nearest_instants(motion: GridMotion, item: ClearanceConstraint) -> NearestInstants:
@@ -77,26 +75,12 @@ def nearest_instants(motion: GridMotion, item: ClearanceConstraint) -> NearestIn
     regular = np.isin(at.share, REGULAR)[:, None] & (missing > -np.inf) & ~nearest
     rows, pair = np.nonzero(regular)
     # Rows at regular instants are kept for pairs that stay near for a while.
-    by_q, by_t, speed = clearances.slopes(times[rows], pair)
-    regular_rows = NearestInstants(times[rows], pair, missing[rows, pair], by_q, by_t)
+    slopes, speed = clearances.slopes(times[rows], pair)
+    regular_rows = NearestInstants(times[rows], pair, missing[rows, pair], slopes)
     stays = np.maximum(-regular_rows.missing, 0.0) >= STAYING * T * np.abs(speed)
     closest = clearances.closest(times, missing, *np.nonzero(nearest))
     both = zip(regular_rows, closest, strict=True)
     return NearestInstants(*(np.concatenate([a[stays], b]) for a, b in both))
-
-
-class _Slopes(NamedTuple):
-    """Derivatives of missing clearances.
-
-    Attributes:
-        by_q: Derivatives with respect to the configuration, shape (k, n).
-        by_t: Partial derivatives with respect to time, shape (k,).
-        speed: Total derivatives with respect to time along the motion, shape (k,).
-    """
-
-    by_q: Array
-    by_t: Array
-    speed: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,12 +95,18 @@ class _Clearances:
         missing = self.item.values(self.motion.trajectory(times, 0), ATTENTION, times)
         return np.where(missing > -ATTENTION, missing, -np.inf)
 
-    def slopes(self, times: Array, pair: IntArray) -> _Slopes:
-        """Derivatives of the missing clearances of pairs, each pair at its time."""
+    def slopes(self, times: Array, pair: IntArray) -> tuple[Array, Array]:
+        """Derivatives of the missing clearances of pairs, each pair at its time.
+
+        Returns:
+            Partial derivatives, see :class:`NearestInstants`; and total derivatives by
+            time along the motion, shape (k,).
+        """
         distinct, index = np.unique(times, return_inverse=True)
         state = self.motion.path(distinct)
         by_q, by_t = self.item.derivatives_at(state.q, index, pair, distinct)
-        return _Slopes(by_q, by_t, np.sum(by_q * state.v[index], axis=1) + by_t)
+        speed = np.sum(by_q * state.v[index], axis=1) + by_t
+        return np.column_stack([by_q, by_t]), speed
 
     def closest(
         self, times: Array, missing: Array, rows: IntArray, pair: IntArray
@@ -138,18 +128,17 @@ class _Clearances:
         early, late = padded[rows], padded[rows + 2]
         for _ in range(HALVINGS):
             middle = 0.5 * (early + late)
-            rising = self.slopes(middle, pair).speed > 0.0
+            rising = self.slopes(middle, pair)[1] > 0.0
             early = np.where(rising, middle, early)
             late = np.where(rising, late, middle)
-        before, after = self.slopes(early, pair), self.slopes(late, pair)
+        (before, rise), (after, fall) = (self.slopes(t, pair) for t in (early, late))
         # The missing clearance rises before its maximum and falls after it; otherwise
         # the maximum is at an end of the motion.
-        rises, falls = np.maximum(before.speed, 0.0), np.maximum(-after.speed, 0.0)
+        rises, falls = np.maximum(rise, 0.0), np.maximum(-fall, 0.0)
         total = np.maximum(rises + falls, 1e-300)
         share = np.where(rises + falls > 0.0, rises / total, 0.5)
         time = (1.0 - share) * early + share * late
-        by_q = (1.0 - share)[:, None] * before.by_q + share[:, None] * after.by_q
-        by_t = (1.0 - share) * before.by_t + share * after.by_t
+        slopes = (1.0 - share)[:, None] * before + share[:, None] * after
         peak = self.missing(time)[np.arange(pair.size), pair]
         most = np.maximum(peak, missing[rows, pair])
-        return NearestInstants(time, pair, most, by_q, by_t)
+        return NearestInstants(time, pair, most, slopes)

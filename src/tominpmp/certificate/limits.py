@@ -401,13 +401,13 @@ def _clearances(part: GridMotion) -> Iterator[LimitRows]:
     if item is not None:
         nearest = nearest_instants(part, item)
         at = Instants.at_times(nearest.times, part.changes.h)
-        rates = nearest.rates if item.moving else None
+        by_t = nearest.slopes[:, -1] if item.moving else None
         yield _rows_of(
             part,
             item.name,
             at,
             part.states(at),
-            Partials(np.arange(at.size), by_q=nearest.slopes, by_t=rates),
+            Partials(np.arange(at.size), by_q=nearest.slopes[:, :-1], by_t=by_t),
             subject=nearest.pairs,
             below=np.full(at.size, -np.inf),
             above=-nearest.missing,

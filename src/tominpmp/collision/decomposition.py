@@ -89,9 +89,7 @@ def _cut_worst(parts: list[_Part], measure: Measure) -> list[_Part]:
         for share in CUTS:
             height = float(level.min() + share * np.ptp(level))
             cuts.append((_cut_volume(points, edges, axis, height), axis, height))
-    volume, axis, height = min(cuts, key=lambda cut: cut[0])
-    if not np.isfinite(volume):
-        return parts
+    _, axis, height = min(cuts, key=lambda cut: cut[0])
     cut = _clip(triangles, -axis, -height), _clip(triangles, axis, height)
     halves = [measure.part(half) for half in cut]
     good = [half for half in halves if half is not None]

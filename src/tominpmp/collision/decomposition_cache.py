@@ -37,8 +37,6 @@ def cache_folder() -> Path:
     if given:
         # Unlike Path.expanduser, this does not fail for the home of an unknown user.
         return Path(os.path.expanduser(given))
-    if os.name == "nt" and os.environ.get("LOCALAPPDATA"):
-        return Path(os.environ["LOCALAPPDATA"]) / "tominpmp" / "cache"
     base = os.environ.get("XDG_CACHE_HOME")
     return (Path(base) if base else Path.home() / ".cache") / "tominpmp"
 

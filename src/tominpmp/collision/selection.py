@@ -75,11 +75,6 @@ def own_pairs(
     overlap at most configurations although their meshes never do. The selection does
     not depend on ``cut``, see :func:`link_bodies`. The first body of each pair moves.
     """
-    return _cached(robot, _own_pairs, geometry, cut)
-
-
-def _own_pairs(robot: Robot, geometry: Geometry, cut: frozenset[str] | None) -> Pairs:
-    """The pairs of :func:`own_pairs`, without the cache."""
     checked = _cached(robot, _checked, geometry)
     return _named(link_bodies(robot, geometry, cut), checked)
 

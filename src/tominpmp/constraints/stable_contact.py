@@ -88,7 +88,6 @@ class StableContact(HeldLoad):
     largest = 0.0
     scale = 1.0
     falls = "slips or tips"
-    bends = True  # the values of cones are convex functions of the wrench
 
     @property
     def count(self) -> int:
@@ -158,6 +157,11 @@ class StableContact(HeldLoad):
     def value_rows(self, q: Array, v: Array, a: Array) -> Array:
         """Missing grip of the load as a share of its weight, by value."""
         return self._missing(self.wrenches(q, v, a))[0] / self.weight
+
+    @property
+    def bends(self) -> bool:
+        """True: the values of cones are convex functions of the wrench."""
+        return True
 
     def bend_rows(self, q: Array, v: Array, a: Array) -> tuple[Array, ...] | None:
         """Derivatives of vectors for the second-order change of the cone values."""

@@ -30,10 +30,9 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 # mostly shares of the limit, and for clearances in shares of the reach.
 NEAR = 0.1
 CLOSE = 0.05
-# Kinds of rows, by the field or the name of their constraint, and their names.
+# Kinds of rows, the field or the name of their constraint, and their names.
 GOAL, POSITION, VELOCITY, TORQUE, CLEARANCE = range(5)
-FIELDS = {"goal": GOAL, "q": POSITION, "v": VELOCITY, "u": TORQUE}
-FIELDS |= {"clearance": CLEARANCE}
+FIELDS = ("goal", "q", "v", "u", "clearance")
 KINDS = ("goal", "position", "velocity", "torque", "clearance")
 # Number of parts of a step with a held joint, whose torque changes during the step.
 CUTS = 4
@@ -140,7 +139,7 @@ class ArcProgram:
         goal = GoalReached(system.problem.goal, system.kinematics, scale)
         every = {item.field or item.name: item for item in (*system.constraints, goal)}
         self.limits: dict[int, Any] = {
-            kind: every[key] for key, kind in FIELDS.items() if key in every
+            kind: every[key] for kind, key in enumerate(FIELDS) if key in every
         }
         self.size = arcs.count + int(arcs.free.sum())
         self.duration = arcs.duration

@@ -124,7 +124,9 @@ def join(
     elif rows.t[0] != 0.0:
         file.get("time").fail(f"begins at {rows.t[0]:g} s, expected 0")
     if rows.t.size == 1:
-        joined = _instant(rows)
+        # Derivatives that the row lacks are zero.
+        v, a = (np.where(np.isnan(part), 0.0, part) for part in (rows.v, rows.a))
+        joined = rows._replace(v=v).recorded("instant", a)
     elif chosen == "auto":
         joined = _recovered(rows)
     else:
@@ -137,12 +139,6 @@ def join(
     if samples.segment_ends is None:
         return joined
     return joined._replace(trajectory=_ended(joined.trajectory, samples.segment_ends))
-
-
-def _instant(rows: _Rows) -> Joined:
-    """A motion of a single row; derivatives that the row lacks are zero."""
-    v, a = (np.where(np.isnan(part), 0.0, part) for part in (rows.v, rows.a))
-    return rows._replace(v=v).recorded("instant", a)
 
 
 def _ended(motion: Trajectory, ends: Array) -> Trajectory:
