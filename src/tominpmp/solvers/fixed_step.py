@@ -26,16 +26,13 @@ from tominpmp.linear_programs.choice import make_solver
 from tominpmp.linear_programs.program import LinearProgram
 from tominpmp.linear_programs.solver import LpSolver
 from tominpmp.options import Options
-from tominpmp.solvers.iterate import Iterate, StepOutcome, TrialPoint
+from tominpmp.solvers.iterate import HIGH_WEIGHT, Iterate, StepOutcome, TrialPoint
 from tominpmp.solvers.loop import Loop, Rule, collapsed, first_of, iterations
 from tominpmp.status import Status
 from tominpmp.stopping import check
 from tominpmp.transcription.adjoint import AdjointTranscription
 from tominpmp.transcription.base import Linearization
 
-# Weight of the elastic variables, as a multiple of T. It is far above the multipliers,
-# so that violations are reduced as fast as the steps allow, before the duration counts.
-ELASTIC_WEIGHT = 10.0
 # The iteration ends when T has varied by less than this share over a window.
 SETTLED = 1e-6
 WINDOW = 20
@@ -78,7 +75,7 @@ class FixedStep:
 
     def first_weight(self, kind: str) -> float:
         """The weight of all elastic variables, which remains unchanged."""
-        return ELASTIC_WEIGHT
+        return HIGH_WEIGHT
 
     def __call__(self, loop: Loop) -> None:
         """Solve one linear program, and accept its step."""

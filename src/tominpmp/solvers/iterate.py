@@ -11,6 +11,10 @@ from tominpmp.arrays import Array
 from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.base import ProgramInterface, Rows
 
+# First penalty weight, as a multiple of the objective, far above most multipliers, so
+# that violations are reduced before the objective counts; and the factor by which a
+# weight is raised if the iteration settles on a violated constraint.
+HIGH_WEIGHT, WEIGHT_GROWTH = 10.0, 10.0
 # Penalty weights exceed the largest sum of multipliers of their groups by this factor.
 WEIGHT_MARGIN = 1.5
 # Violations below this need no elastic variable.

@@ -19,16 +19,15 @@ from scipy.optimize import minimize
 
 from tominpmp.arrays import Array
 from tominpmp.options import Options
-from tominpmp.solvers.iterate import StepOutcome, TrialPoint
+from tominpmp.solvers.iterate import WEIGHT_GROWTH, StepOutcome, TrialPoint
 from tominpmp.solvers.loop import Loop, Rule, until_settled
 from tominpmp.stopping import check
 from tominpmp.transcription.adjoint import AdjointTranscription
 
-# The first weight K, as a multiple of T, and its growth from round to round. With a
-# smaller first weight T is up to 7 % shorter on the paper's example, and planning takes
-# twice as long. The weight that ends the rounds, as a multiple of T.
+# The first weight K, as a multiple of T. With a smaller one T is up to 7 % shorter on
+# the paper's example, and planning takes twice as long. The weight that ends the
+# rounds, as a multiple of T.
 FIRST_WEIGHT = 30.0
-WEIGHT_GROWTH = 10.0
 LARGEST_WEIGHT = 1e12
 # Most quasi-Newton iterations of a round, and of all rounds for each iteration of
 # ``options.max_iterations``: one of them costs about a tenth of an iteration with a

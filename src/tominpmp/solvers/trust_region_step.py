@@ -29,7 +29,7 @@ from tominpmp.linear_programs.choice import make_solver
 from tominpmp.linear_programs.program import LpSolution
 from tominpmp.linear_programs.solver import LpSolver
 from tominpmp.options import Options
-from tominpmp.solvers.iterate import StepOutcome, TrialPoint
+from tominpmp.solvers.iterate import HIGH_WEIGHT, WEIGHT_GROWTH, StepOutcome, TrialPoint
 from tominpmp.solvers.loop import SETTLED_RADIUS, Loop, Rule, until_settled
 from tominpmp.solvers.objective import RESTORABLE, Model
 from tominpmp.solvers.subproblem import Subproblem, build_subproblem
@@ -37,14 +37,11 @@ from tominpmp.stopping import check
 
 # Penalty weights before any multiplier is known, as multiples of the objective. They
 # exceed the most that the duration can gain from a violation of 100 %: T/2 for torques,
-# T for velocities of joints and for speeds of tools.
+# T for velocities of joints and for speeds of tools. Others begin with HIGH_WEIGHT.
 FIRST_WEIGHTS = {"torque": 0.7, "acceleration": 0.7, "velocity": 2.0, "speed": 2.0}
-OTHER_WEIGHT = 10.0
-# Factor by which the weights are raised if the iteration settles on a violated
-# constraint, and the weight that ends the iteration, in multiples of the objective. In
-# descents of the golden set that led to a feasible motion weights were at most 4e4, in
-# the others up to 1e16.
-WEIGHT_GROWTH = 10.0
+# Weight that ends the iteration, in multiples of the objective. In descents of the
+# golden set that led to a feasible motion weights were at most 4e4, in the others up to
+# 1e16.
 LARGEST_WEIGHT = 1e6
 # Duality gap below which a program counts as solved, and predicted reduction below
 # which there is no progress, as a share of the tolerance. With half of it programs take
@@ -150,7 +147,7 @@ class TrustRegionStep:
         """
         on_any_segment, _, _ = kind.partition(" on segment")
         quantity, _, _ = on_any_segment.partition(" of ")
-        return FIRST_WEIGHTS.get(quantity, OTHER_WEIGHT)
+        return FIRST_WEIGHTS.get(quantity, HIGH_WEIGHT)
 
     def __call__(self, loop: Loop) -> None:
         """Linearise, solve, correct, search; accept the step or shrink the radius."""
