@@ -23,11 +23,10 @@ from tominpmp.planner.control_period import reaches_tick
 from tominpmp.problem.segments import spans_of
 from tominpmp.stopping import Stop
 from tominpmp.transcription.curve import KnotVector, SplineMotion
-from tominpmp.transcription.grid import ticks_of
+from tominpmp.transcription.grid import ROUNDING, ticks_of
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.layout import Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.transcription.program import TRACE
 from tominpmp.verification.limit_violations import LimitViolation
 
 # A small problem, solved fast.
@@ -80,14 +79,14 @@ def test_trace_above_the_least_duration_is_not_another_period(planar3r, control)
     program, z = clocked_program(problem, motion, 0.01)
     T = program.least_duration
     exact = np.append(z[:-1], T)
-    for share in (-0.5 * TRACE, 1e-9, 1e-7, 0.9 * TRACE):
+    for share in (-0.5 * ROUNDING, 1e-9, 1e-7, 0.9 * ROUNDING):
         off = np.append(z[:-1], T * (1.0 + share))
         timed = program.timed(off)
         assert timed[-1] == T
         np.testing.assert_array_equal(timed[:-1], off[:-1])
         # Constraints are evaluated with the duration on the clock.
         np.testing.assert_array_equal(program.evaluate(off), program.evaluate(exact))
-    for share in (1.1 * TRACE, 1e-3):
+    for share in (1.1 * ROUNDING, 1e-3):
         off = np.append(z[:-1], T * (1.0 + share))
         assert program.timed(off) is off
         assert np.any(program.evaluate(off) != program.evaluate(exact))

@@ -31,38 +31,33 @@ from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import NUMERICAL, Work, make_and_repair
 from tominpmp.problem.segments import Segment, Span, arrival_window, spans_of
 from tominpmp.solution import Solution
-from tominpmp.solvers.exchange import RowExchange
+from tominpmp.solvers.exchange import ITERATIONS, RowExchange
 from tominpmp.solvers.loop import Loop, Rule, first_of, solve
 from tominpmp.solvers.objective import RESTORABLE
-from tominpmp.solvers.trust_region_step import trust_regions
+from tominpmp.solvers.trust_region_step import ACCURACY, trust_regions
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Stop
-from tominpmp.transcription.grid import ticks_of, whole_periods
+from tominpmp.transcription.exchange import LEAST
+from tominpmp.transcription.grid import ROUNDING, ticks_of, whole_periods
 from tominpmp.transcription.layout import Layout, on_ticks
 from tominpmp.transcription.problem_functions import ProblemFunctions
-from tominpmp.transcription.program import TRACE
 from tominpmp.verification.verification import Verification
 
 logger = logging.getLogger(__name__)
 
 # Share of the planning time for the search without a clock.
 SEARCH_SHARE = 0.7
-# Most iterations, as the motion is close to its warm start.
-ITERATIONS = 15
 # Most trials. If a trial does not show how many periods are needed, the next one has
 # one period more, plus this share of its periods for each halving.
 TRIALS = 12
 LONGER = 5e-3
-# Row violations below this are left to the replay, which tolerates much more: they come
-# from rounding, which another period would not remove.
-SLIGHT = 1e-5
 # The iteration continues while its last step predicts the share HOPE of the missing
 # reduction of the duration, and the duration still changes by the share MOVING of it.
 HOPE = 0.5
 MOVING = 0.1
-# Duality gap of the programs as a share of T, small compared with TRACE, so that the
+# Duality gap of the programs as a share of T, small compared with ROUNDING, so that the
 # duration reaches the ticks.
-EXACT = 0.1 * TRACE
+EXACT = ACCURACY * ROUNDING
 
 
 def on_clock(solution: Solution, state: PlanState) -> Solution:
@@ -227,7 +222,7 @@ def _bring_to_clock(period: float, former: Candidate, state: PlanState) -> Candi
     lengths = np.maximum((arrivals - begins) / period, 1.0)
     # A segment that waits for its earliest arrival takes what this time asks for.
     earliest = [arrival_window(segment)[0] for segment in segments]
-    waits = arrivals <= (1.0 + TRACE) * np.array(earliest)
+    waits = arrivals <= (1.0 + ROUNDING) * np.array(earliest)
     counts = [ticks_of(length, 1.0) for length in np.where(waits, 0.0, lengths)]
     wanted, halvings = np.array(_within_windows(counts, segments, period)), 0
     candidate, knots = former, np.zeros(0)
@@ -246,7 +241,7 @@ def _bring_to_clock(period: float, former: Candidate, state: PlanState) -> Candi
         logger.info("%d periods of %g s: %s", count, period, tried.status.value)
         if tried.confirmed:
             break
-        needed = (1.0 - TRACE) * (tried.trajectory.duration - sum(dwells))
+        needed = (1.0 - ROUNDING) * (tried.trajectory.duration - sum(dwells))
         more = ticks_of(needed, period) - count
         if tried.violation <= RESTORABLE and more > 0:
             motion, halvings = tried.trajectory, 0
@@ -321,7 +316,9 @@ def _on_knots(
 
     T = float(layout.eta[0])
     represented = layout.represented(system, motion, spans, within=True)
-    feasibility = max(state.options.feasibility, SLIGHT)
+    # Smaller violations come from rounding, which another period would not remove: they
+    # are left to the replay, which tolerates much more.
+    feasibility = max(state.options.feasibility, LEAST)
     options = replace(state.options, objective="time", feasibility=feasibility)
     warm = warm_start_options(options, ITERATIONS)
     step, stop = trust_regions(warm, accuracy=EXACT)
@@ -332,7 +329,7 @@ def _on_knots(
         z,
         step,
         first_of(reaches_tick(T, feasibility), stop),
-        exchange=RowExchange(longest=(1.0 + TRACE) * T),
+        exchange=RowExchange(longest=(1.0 + ROUNDING) * T),
         callback=shown,
     )
     best = result.best
@@ -364,7 +361,7 @@ def reaches_tick(duration: float, feasibility: float) -> Rule:
     def rule(loop: Loop) -> Status | None:
         record, *before = reversed(loop.history)
         missing = record.duration - duration
-        if missing <= TRACE * duration:
+        if missing <= ROUNDING * duration:
             return Status.FEASIBLE if record.violation <= feasibility else None
         moved = abs(before[0].duration - record.duration) if before else np.inf
         hopeless = moved < MOVING * missing or record.predicted < HOPE * missing

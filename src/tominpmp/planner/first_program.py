@@ -14,7 +14,7 @@ from tominpmp.options import Options
 from tominpmp.problem.segments import Segment, arrival_window
 from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.collocation import CollocationTranscription
-from tominpmp.transcription.exchange import exchanged
+from tominpmp.transcription.exchange import CLOSE_VALUE, exchanged
 from tominpmp.transcription.grid import (
     delayed_shares,
     segment_intervals,
@@ -24,9 +24,6 @@ from tominpmp.transcription.layout import LIFTED, QUADRATIC, Layout
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 
-# Torques between the rows whose relative distance to their limit is at most this are
-# nearly active at a warm start: their rows join its first program.
-NEARLY_ACTIVE = 1e-2
 # A timed guess is at its limits, and breaks them as it is rounded to the grid. With its
 # duration multiplied by this factor it is nearly feasible.
 GUESS_TIME_SCALE = 1.02
@@ -43,7 +40,7 @@ InitialProgram = tuple[NonlinearProgram, Array]
 
 def with_active_rows(program: NonlinearProgram, z: Array) -> InitialProgram:
     """Add the rows between knots that are nearly active at a warm start."""
-    return exchanged(program, z, -NEARLY_ACTIVE) or program, z
+    return exchanged(program, z, -CLOSE_VALUE) or program, z
 
 
 def first_program(

@@ -20,11 +20,7 @@ from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import Segment, arrival_window
 from tominpmp.problem.state_checks import unheld
 from tominpmp.solution import Solution
-from tominpmp.transcription.grid import at_ticks, whole_periods
-
-# Relative tolerance of the feasibility: a goal at just this distance counts as met,
-# however the distance is rounded.
-ROUNDING = 1e-6
+from tominpmp.transcription.grid import ROUNDING, at_ticks, whole_periods
 
 
 def standing(problem: Problem, options: Options) -> Solution | None:
@@ -55,6 +51,7 @@ def _motion(problem: Problem, options: Options) -> Trajectory | None:
     robot, period, q = problem.robot, options.control_period, problem.q_start
     v, limits = problem.v_start, problem.phases[0].motion_limits
     nodes, ends, now = [0.0], [], 0.0
+    # A goal at just this distance is met, however the distance is rounded.
     tolerance = options.feasibility * (1.0 + ROUNDING)
     jumps = limits is None or not limits.continuous
     if not jumps and np.any(np.abs(problem.a_start) > tolerance):

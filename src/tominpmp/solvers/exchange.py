@@ -23,8 +23,9 @@ from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.verification import LONGEST
 
-# Iterations that follow after rows have joined, even beyond the iteration limit, and
-# how often rows may join at the end of an iteration.
+# Iterations that follow near an optimum: after rows have joined, even beyond the
+# iteration limit, and in a round of improvement. How often rows may join at the end of
+# an iteration.
 ITERATIONS, EXTENSIONS = 25, 12
 # Least trust-region radius, as a share of the initial one, after rows have joined. If
 # the motion is nearly optimal without them, it is the largest radius instead, and

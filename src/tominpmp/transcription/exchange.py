@@ -43,10 +43,14 @@ from tominpmp.transcription.program import NonlinearProgram
 STEP_SHARE, STEPS = 2e-3, (2e-3, 5e-3)
 SAMPLES = 4
 # Values with a margin smaller than this are inspected more closely: the first is for
-# collision pairs, beyond the required clearance [m], the second for other values.
+# collision pairs, beyond the required clearance [m], the second for other values. At a
+# warm start torques with a smaller margin than the second are nearly active: their rows
+# join its first program.
 CLOSE, CLOSE_VALUE = 1e-3, 1e-2
+# Number of equal parts into which an inspection divides an interval, or a step.
+PARTS = 8
 # Instants of the closer inspection around an instant, in shares of the step.
-CLOSER_LOOK = (np.arange(8) + 0.5) / 8 - 0.5
+CLOSER_LOOK = (np.arange(PARTS) + 0.5) / PARTS - 0.5
 # Instants closer than this share of an interval count as one. Instants of distances
 # count as one only if they are closer than this time as well [s]: a tip at 20 m/s moves
 # by 3 cm during this share of an interval.
@@ -65,13 +69,11 @@ LEAST = 1e-5
 # exceed theirs by this share of the tolerance become rows: otherwise most of them would
 # join one after another.
 JOINING_SHARE = 0.5
-# Pairs of shares of each interval, around its eighths, between which torque rates are
-# inspected.
+# Pairs of shares of each interval, around the ends of its parts, between which torque
+# rates are inspected.
 RATES_INSPECTED = tuple(
-    (np.arange(1, 8)[:, None] / 8 + (-0.025, 0.025)).ravel().tolist()
+    (np.arange(1, PARTS)[:, None] / PARTS + (-0.025, 0.025)).ravel().tolist()
 )
-# Number of steps in each interval between which velocities are compared for reversals.
-REVERSAL_STEPS = 8
 # Torques are inspected at this distance from a reversal, in shares of the interval.
 REVERSAL_OFFSET = 0.005
 # Rows closer than this share of the duration count as one.
@@ -286,16 +288,16 @@ class Inspection:
         Args:
             joints: Whether each joint has dry friction, shape (n,).
         """
-        of, (first, end), steps = self.block.scheme, self.within, REVERSAL_STEPS
-        shares = tuple(np.linspace(0.0, 1.0, steps + 1).tolist())
+        of, (first, end) = self.block.scheme, self.within
+        shares = tuple(np.linspace(0.0, 1.0, PARTS + 1).tolist())
         at = Instants.spread(of.intervals, shares).within(first, end)
         v = of.states(self.motion, at, 1).v[:, joints]
-        v = v.reshape(end - first, steps + 1, -1)
+        v = v.reshape(end - first, PARTS + 1, -1)
         before, after = v[:, :-1], v[:, 1:]
         interval, step, joint = np.nonzero(before * after < 0.0)
         v0, v1 = before[interval, step, joint], after[interval, step, joint]
         # The velocity is nearly linear within a step.
-        share = (step + v0 / (v0 - v1)) / steps
+        share = (step + v0 / (v0 - v1)) / PARTS
         around = np.concatenate([share - REVERSAL_OFFSET, share + REVERSAL_OFFSET])
         around = np.clip(around, 0.0, 1.0)
         found = np.stack([np.tile(first + interval, 2), around], axis=1)

@@ -24,7 +24,8 @@ END_NODES = (0.05, 0.3)
 # segment, unless the whole motion has fewer.
 LEAST_INTERVALS = 10
 # A duration this close to a multiple of the period counts as the multiple, in shares of
-# the period.
+# the period, and a value this close to its bound counts as equal to it, in shares of
+# the bound: interior-point solvers leave the duration slightly above an active bound.
 ROUNDING = 1e-6
 
 

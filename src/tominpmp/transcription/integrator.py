@@ -39,7 +39,6 @@ WEIGHTS = np.array([[5.0 / 12.0, -1.0 / 12.0], [3.0 / 4.0, 1.0 / 4.0]])
 # is smaller than this, relative to the unknowns.
 ROUNDING = 1e-13
 NEWTON_STEPS = 30
-NEWTON_STEPS_NEAR = 8  # on all steps at once, before they are solved one by one
 
 
 class InnerStage(NamedTuple):
@@ -266,7 +265,7 @@ def rollout(
     with np.errstate(over="ignore", invalid="ignore"):
         if guess is not None and guess.finite:
             first = np.stack([guess.inner, guess.ends[1:]], axis=1)
-            stages, solved = solve_steps(*steps, first, NEWTON_STEPS_NEAR)
+            stages, solved = solve_steps(*steps, first, NEWTON_STEPS)
         if not solved[0]:
             stages = _one_by_one(*steps)
     ends = np.concatenate([x_start[None], stages[:, 1]])

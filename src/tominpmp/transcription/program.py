@@ -22,6 +22,7 @@ from tominpmp.constraints.joint_limits import JointLimit
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.transcription.base import Linearization, Rows, StepBounds, Transcription
 from tominpmp.transcription.blocks import Block, SampledRows, blocks_of
+from tominpmp.transcription.grid import ROUNDING
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -30,9 +31,6 @@ ATTAINED = 1e-4
 
 # Velocity limits times this rate scale the accelerations at an end [1/s].
 BRAKING = 10.0
-# Interior-point solvers leave the duration slightly above an active lower bound: a
-# duration within this share of its bound counts as equal to it.
-TRACE = 1e-6
 
 Selection = Literal["near", "exact"]
 
@@ -133,7 +131,7 @@ class NonlinearProgram:
         duration.
         """
         T = self.least_duration
-        if T == 0.0 or abs(z[-1] - T) > TRACE * T:
+        if T == 0.0 or abs(z[-1] - T) > ROUNDING * T:
             return z
         return np.append(z[:-1], T)
 
