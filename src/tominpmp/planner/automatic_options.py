@@ -20,11 +20,12 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 JUMPS_SHARE = 1e-4
 # Shooting methods: their torques are constant over the intervals of a fixed grid.
 SHOOTING = ("adjoint", "penalty")
-# Trust-region radius, as a share of the usual one, of a warm start, as the motion
-# changes little, and near an optimum.
-WARM_RADIUS, NEAR_RADIUS = 0.3, 0.1
-# Least predicted gain for which a coarse motion is finished, a grid refined, or a joint
-# turned further than to the nearest angle, as a share of T.
+# Trust-region radius of a warm start, whose motion changes little, as a share of the
+# usual one.
+WARM_RADIUS = 0.3
+# Least predicted gain for which a coarse motion is finished, a grid refined, a motion
+# improved that the certificate accepts, or a joint turned further than to the nearest
+# angle, as a share of T.
 PROMISE = 3e-3
 
 
@@ -56,19 +57,16 @@ def resolve_options(problem: Problem, options: Options) -> Options:
     return replace(options, method=method, lp_solver=lp_solver, control=control)
 
 
-def warm_start_options(
-    options: Options, iterations: int, radius: float = NEAR_RADIUS
-) -> Options:
+def warm_start_options(options: Options, iterations: int) -> Options:
     """Options for a warm start near an optimum: small trust region, few iterations.
 
     Args:
         options: Options of the plan.
         iterations: Upper limit of the iterations.
-        radius: Trust-region radius, as a share of the usual one.
     """
     return replace(
         options,
-        trust_region=radius * options.trust_region,
+        trust_region=WARM_RADIUS * options.trust_region,
         max_iterations=min(iterations, options.max_iterations),
     )
 

@@ -25,7 +25,7 @@ from tominpmp.arrays import Array
 from tominpmp.initial_guess.guess import SAMPLED, CachedGuesses, Guess, bumps
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
-from tominpmp.planner.automatic_options import PROMISE
+from tominpmp.planner.automatic_options import PROMISE, WARM_RADIUS
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.descent import (
     MANY_INTERVALS,
@@ -49,8 +49,6 @@ logger = logging.getLogger(__name__)
 INTERVALS = 16
 # Tolerance of descents on a coarse grid.
 TOLERANCE = 2e-3
-# Trust-region radius for finishing a coarse motion, as a share of the usual one.
-RADIUS = 0.5
 # Most intervals on which a motion ruled by torques is finished, if its grid may be
 # refined.
 TORQUE_INTERVALS = 80
@@ -238,7 +236,7 @@ class CoarseSearch:
             refine=None,
             tolerance=max(options.tolerance, TOLERANCE),
         )
-        self.fine = replace(options, trust_region=RADIUS * options.trust_region)
+        self.fine = replace(options, trust_region=WARM_RADIUS * options.trust_region)
         if torques:
             self.fine = replace(self.fine, smoothing=options.smoothing or 0.0)
         if torques and system.in_free_space:

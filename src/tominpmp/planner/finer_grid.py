@@ -18,7 +18,6 @@ import numpy as np
 
 from tominpmp.planner.automatic_options import (
     PROMISE,
-    WARM_RADIUS,
     minimum_time,
     warm_start_options,
 )
@@ -38,10 +37,8 @@ Descended = SlpResult[NonlinearProgram]
 
 # Largest number of iterations on a grid, as most of the gain comes with the first step.
 ITERATIONS = 6
-# Most rounds of halving.
-ROUNDS = 5
-# Least gain that a round must predict where planning time matters less than T, as a
-# share of T.
+# Least gain that a round must predict where planning time matters less than T, and that
+# a round of improvement must have for another one to follow, as a share of T.
 LITTLE_PROMISE = 3e-4
 # Finer grids are kept if they gain this share of the least gain of a round.
 GAINED = 0.2
@@ -70,10 +67,10 @@ def on_finer_grids(result: Descended, state: PlanState) -> Descended:
             return result
     usual = options.refine == "auto" and options.effort != "thorough"
     worth = PROMISE if usual else LITTLE_PROMISE
-    warm, finest = warm_start_options(options, ITERATIONS, WARM_RADIUS), result
+    warm, finest = warm_start_options(options, ITERATIONS), result
     coarsest = best.duration
     step, stop = trust_regions(warm)
-    for _ in range(ROUNDS):
+    while True:
         transcription, z = program.transcription, best.z
         if not isinstance(transcription, Gridded):
             break

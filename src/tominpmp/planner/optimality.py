@@ -20,11 +20,13 @@ import numpy as np
 from tominpmp.certificate.dwells import no_certificate
 from tominpmp.certificate.minimum_principle import TOLERANCE, Examination, examine
 from tominpmp.options import Options
-from tominpmp.planner.automatic_options import warm_start_options
+from tominpmp.planner.automatic_options import PROMISE, warm_start_options
 from tominpmp.planner.candidate import Candidate
+from tominpmp.planner.finer_grid import LITTLE_PROMISE
 from tominpmp.planner.first_program import with_active_rows
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import LESS_PADDING, Schedule, Work
+from tominpmp.solvers.exchange import ITERATIONS
 from tominpmp.solvers.objective import MinimumTime
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import Status
@@ -33,23 +35,16 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 
 logger = logging.getLogger(__name__)
 
-# Most rounds of improvement, each of which ends with a certificate, and iterations of a
-# round.
-ROUNDS, ITERATIONS = 4, 25
+# Most rounds of improvement, each of which ends with a certificate.
+ROUNDS = 4
 # If removing the padding of distances accounts for PADDING_SHARE of the predicted gain,
 # the padding is multiplied by LESS_PADDING for the next round.
 PADDING_SHARE = 0.3
 # Distances are evaluated only if the predicted gain without them exceeds this share of
 # the tolerance, as meshes may have to be decomposed first.
 ENOUGH = 0.3
-# A round that gains no more than this share of T is the last one.
-LEAST_GAIN = 5e-4
 # Largest predicted gain of an optimal motion, as a share of T, for effort "thorough".
 THOROUGH = 1e-3
-# A motion that the certificate accepts is nevertheless improved if its predicted gain
-# exceeds this share of T: two of 120 motions in clutter, for which other orders of
-# obstacles and other solvers find the gain at once.
-WORTH_A_TRY = 5e-3
 
 
 def certified(state: PlanState) -> Schedule[None]:
@@ -109,13 +104,16 @@ def _settled(
     best, findings = candidate, _examined(candidate, system, tolerance)
     segments = system.problem.segments
     layout = candidate.layout or Layout.of_motion(candidate.trajectory, segments)
-    gain, enough = np.inf, min(tolerance, WORTH_A_TRY)
+    # A motion that the certificate accepts is nevertheless improved if the predicted
+    # gain is worth it: for two of 120 motions in clutter, other orders of obstacles and
+    # other solvers find the gain at once.
+    gain, enough = np.inf, min(tolerance, PROMISE)
     for _ in range(ROUNDS):
         spent = _is_spent_on_padding(findings, tolerance)
         system = system.padded(LESS_PADDING) if spent else system
         certificate = findings.certificate
         optimal = certificate.ok and certificate.stationarity <= enough
-        idle = gain <= LEAST_GAIN and not spent
+        idle = gain <= LITTLE_PROMISE and not spent
         over = len(state.records) >= state.options.max_iterations
         if optimal or layout is None or idle or over:
             break
