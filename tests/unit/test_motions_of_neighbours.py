@@ -13,7 +13,6 @@ from tests.schedules import loop_with
 from tominpmp.cell.batch.neighbours import nearest_start
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.planner.descent import PATIENCE, stop_if_hopeless
-from tominpmp.planner.starts import WARM_FAR
 from tominpmp.status import Status
 
 HOME, TURN = np.array([0.3, 0.9]), np.array([1.0, -0.4])
@@ -98,7 +97,7 @@ def test_warm_start_at_speed_limits_is_as_fast_as_a_cold_start() -> None:
 )
 def test_hopeless_starts_are_stopped(violations: list[float], over: bool) -> None:
     records = [SimpleNamespace(violation=value, duration=1.0) for value in violations]
-    rule = stop_if_hopeless(WARM_FAR)
+    rule = stop_if_hopeless()
     counts = range(1, len(records) + 1)
     statuses = [rule(loop_with(records[:count])) for count in counts]
     assert statuses[-1] is (Status.STALLED if over else None)

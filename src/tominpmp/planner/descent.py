@@ -19,6 +19,7 @@ from tominpmp.planner.first_program import first_program
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import REPAIRS, Work
 from tominpmp.solvers.loop import Loop, Rule, first_of
+from tominpmp.solvers.objective import RESTORABLE
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import Status
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -30,23 +31,18 @@ MANY_INTERVALS = 24
 # its speed limit. They rule the guess if they are active at SPEED_SHARE of its samples;
 # otherwise torques rule it.
 SPEED_SHARE, AT_LIMIT = 0.6, 0.97
-# Stop rule: over the last PATIENCE iterations the violation exceeds the threshold, and
-# its minimum over the RECENT ones is more than PROGRESS times the earlier minimum. The
-# usual threshold is FAR.
-PATIENCE, RECENT, PROGRESS, FAR = 10, 5, 0.9, 1e-3
+# Stop rule: over the last PATIENCE iterations the violation is too large to be removed
+# by slowing down, and its minimum over the later half of these is no improvement.
+PATIENCE = 10
 
 
-def stop_if_hopeless(small: float = FAR) -> Rule:
-    """Stop rule that drops a descent whose violation stagnates.
-
-    Args:
-        small: Violations up to this are small enough to continue.
-    """
+def stop_if_hopeless() -> Rule:
+    """Stop rule that drops a descent whose violation stagnates."""
 
     def rule(loop: Loop) -> Status | None:
-        excess = [record.violation for record in loop.history]
-        late = len(excess) >= PATIENCE and min(excess[-PATIENCE:]) > small
-        stagnates = late and min(excess[-RECENT:]) > PROGRESS * min(excess[:-RECENT])
+        excess, half = [record.violation for record in loop.history], PATIENCE // 2
+        late = len(excess) >= PATIENCE and min(excess[-PATIENCE:]) > RESTORABLE
+        stagnates = late and min(excess[-half:]) >= min(excess[:-half])
         return loop.drop() if stagnates else None
 
     return rule

@@ -31,7 +31,7 @@ from tominpmp.planner.candidate import Candidate, best_of
 from tominpmp.planner.coarse_search import GAP, MOST_PATHS, coarse_grids_apply, search
 from tominpmp.planner.descent import descent_work, stop_if_hopeless
 from tominpmp.planner.improvements import improvements
-from tominpmp.planner.plan_state import PlanState
+from tominpmp.planner.plan_state import STEP_SECONDS, STEP_SHARE, PlanState
 from tominpmp.planner.segment_by_segment import can_be_joined, segments_joined
 from tominpmp.planner.torque_starts import (
     shooting_work,
@@ -51,21 +51,12 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 SEVERAL_STARTS = 3
 # Upper limit of the number of guesses while there is no incumbent.
 RESCUE_STARTS = 8
-# Least number of processes if options ask for several. More than the number of cores
-# are not started: they would only wait for each other.
-LEAST_PROCESSES = 2
 # Least remaining time to use several processes, as starting them takes about two
 # seconds [s].
 TO_START = 5.0
 # Most guesses per process in a batch, all of which are made before its descents begin:
 # a single guess may take seconds.
 BATCH = 4
-# Processes hand over their candidates this long before the end of the planning time:
-# share of the time, and [s].
-HANDOVER_SHARE, HANDOVER = 0.02, 0.05
-# A warm start whose violation stays above this is dropped: a good one becomes feasible
-# within a few iterations, and otherwise the search takes less time.
-WARM_FAR = 0.05
 # A search follows a warm start if its T exceeds this share of the first guess's T.
 BEATABLE = 0.95
 
@@ -241,8 +232,8 @@ class ParallelDescents:
         from loky import cpu_count
 
         self.system, self.state, self.guesses = system, state, guesses
-        cores = max(cpu_count(), LEAST_PROCESSES)
-        self.processes = min(state.options.processes, cores)
+        # More processes than cores would only wait for each other.
+        self.processes = min(state.options.processes, cpu_count())
         self.batch: list[Guess] = []
         self.taken = 0
         self.done: Iterator[tuple[int, Result]] = iter(())
@@ -256,7 +247,8 @@ class ParallelDescents:
             first, self.taken = self.taken, self.taken + len(self.batch)
             seconds = self.state.remaining_time
             serial = replace(self.state.options, callback=None, processes=1)
-            end = time.time() + (1.0 - HANDOVER_SHARE) * seconds - HANDOVER
+            # Processes hand over their candidates in time, even if a step overruns.
+            end = time.time() + (1.0 - STEP_SHARE) * seconds - STEP_SECONDS
             task = partial(descend_in_process, self.system, serial, end)
             done = run_parallel(task, [*self.batch], self.processes, seconds)
             self.done = ((first + place, result) for place, result in done)
@@ -361,7 +353,7 @@ def _warm_start_work(
         found = any(item.feasible for item in state.kept_iterates)
         return None if found or state.seconds < late else loop.drop()
 
-    stop = first_of(stop_if_hopeless(WARM_FAR), stop_if_late)
+    stop = first_of(stop_if_hopeless(), stop_if_late)
     return descent_work(system, warm, former, state, stop)
 
 
