@@ -12,8 +12,13 @@ from scipy.optimize import brentq
 
 import tominpmp as tm
 from tominpmp.initial_guess import rrt as sampling
-from tominpmp.initial_guess.guess import GuessRequest, sampled_guesses
-from tominpmp.initial_guess.inverse_kinematics import REACHED, SPREAD, Target
+from tominpmp.initial_guess.guess import REST_GUESS, GuessRequest, sampled_guesses
+from tominpmp.initial_guess.inverse_kinematics import (
+    MOST_TRIED,
+    REACHED,
+    SPREAD,
+    Target,
+)
 from tominpmp.initial_guess.path import RoundedPath
 from tominpmp.initial_guess.rrt import is_free
 from tominpmp.initial_guess.segments import segmented_guesses
@@ -135,11 +140,9 @@ def test_guesses_for_a_frame_goal_are_lines_then_a_guess_at_rest():
     robot = tm.load_robot("planar3r")
     problem = tm.Problem(robot, (0.5, 1.7, -1.7), tm.PositionGoal("tip", (4, 1, 0)))
     system = ProblemFunctions.of(problem)
-    *lines, last = itertools.islice(
-        GuessRequest(np.random.default_rng(5)).guesses(system), 4
-    )
-    np.testing.assert_array_equal(last.q, np.tile(problem.q_start, (2, 1)))
-    assert len(lines) == 3
+    guesses = GuessRequest(np.random.default_rng(5)).guesses(system)
+    lines = list(itertools.takewhile(lambda guess: guess.name != REST_GUESS, guesses))
+    assert 3 <= len(lines) <= MOST_TRIED
     for guess in lines:
         error, _ = problem.goal.place_residual(system.kinematics, guess.q[-1])
         assert np.linalg.norm(error) < 1e-6

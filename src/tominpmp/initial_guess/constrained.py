@@ -16,17 +16,19 @@ from tominpmp.kinematics import FrameMotions
 from tominpmp.least_squares import least_squares
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Number of intervals of a path whose inner configurations are shifted, and of
-# least-squares steps.
-PLACES, STEPS = 24, 12
+# Number of intervals of a path whose inner configurations are shifted.
+PLACES = 24
+# Most least-squares steps from a start, and the longest step of a joint [rad, or shares
+# of the length that counts as 1 rad].
+STEPS, LONGEST_STEP = 60, 0.5
 # Tolerance of a shifted configuration: violations as shares of their scale, distances
 # of frames as shares of the reach.
 CLOSE = 1e-4
 # Margin to the limits that shifted configurations keep, as a share of the scale.
 INSIDE = 0.02
-# Largest least-squares step of a joint [rad], and largest difference of the shifts of
-# neighbouring configurations, beyond which the path jumps.
-STEP, JUMP = 0.3, 1.2
+# Largest difference of the shifts of neighbouring configurations, beyond which the path
+# jumps [rad].
+JUMP = 1.2
 
 
 def constraints_of(
@@ -114,7 +116,7 @@ def _shifted(
         line[1:-1],
         (robot.limits.position_lower, robot.limits.position_upper),
         system.step_scale,
-        STEP * system.step_scale,
+        LONGEST_STEP * system.step_scale,
         reached=CLOSE,
         steps=STEPS,
     )

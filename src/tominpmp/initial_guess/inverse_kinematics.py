@@ -18,6 +18,7 @@ from tominpmp.goals.base import Goal
 from tominpmp.goals.joints import nearest_turns
 from tominpmp.goals.place import Scales
 from tominpmp.goals.turns import TURN
+from tominpmp.initial_guess.constrained import LONGEST_STEP, STEPS
 from tominpmp.initial_guess.path import speed_weights
 from tominpmp.initial_guess.rrt import is_free
 from tominpmp.kinematics import units_of
@@ -26,10 +27,6 @@ from tominpmp.problem.state_checks import unheld
 from tominpmp.stopping import check
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Most least-squares steps from a start.
-STEPS = 60
-# Longest step of a joint [rad, or shares of the length that counts as 1 rad].
-LONGEST_STEP = 0.5
 # Residual that ends the least-squares steps, and residual up to which the goal counts
 # as reached [m, rad]; for arms shorter than a metre, shares of their length.
 TOLERANCE, REACHED = 1e-8, 1e-6
@@ -39,8 +36,9 @@ DISTINCT, SPREAD = 1e-2, 0.5
 # Starts are drawn from a box of this half width around the start of the motion, shifted
 # into the position limits [rad, or shares of the length that counts as 1 rad].
 AROUND = np.pi
-# Most configurations that are moved out of collision.
-MOST_RESOLVED = 10
+# Most configurations that are moved out of collision, and most that are approached on a
+# timed straight line.
+MOST_TRIED = 10
 # Half of the starts are drawn from the whole box, the others from this share of it
 # around the start of the motion, as these mostly lead to the solutions that are reached
 # soonest. Without them no solution was within 3 % of the nearest configuration for 12
@@ -265,7 +263,7 @@ class Target:
         free = _spread(self, compress(solutions, clear))
         blocked = _spread(self, compress(solutions, ~clear))
         if not free and system.clearance is not None:
-            movable = [q for q in blocked[:MOST_RESOLVED] if not isolated(self, q)]
+            movable = [q for q in blocked[:MOST_TRIED] if not isolated(self, q)]
             both = replace(self, keep_clear=True)
             free = [q for q in _solutions(both, movable)[0] if is_free(system, q)]
             # A goal may be closer to an obstacle than the padding beyond the margin.

@@ -34,8 +34,8 @@ READY = 0.9 * KEEP
 # at the time limit.
 GRACE = 4.0
 LATE = 1.0
-# Periods of the checks for a request to stop, and for a living parent [s].
-TICK, PULSE = 0.1, 0.25
+# Period of the checks for a request to stop, and for a living parent [s].
+TICK = 0.1
 
 
 def run_parallel(
@@ -200,5 +200,5 @@ def end_with(parent: int) -> None:
 def _end_with(parent: int) -> None:
     """End this process once its parent has ended, even if that was killed."""
     while os.getppid() == parent:
-        time.sleep(PULSE)
+        time.sleep(TICK)
     os._exit(1)

@@ -47,14 +47,13 @@ SPEEDS = 160  # table entries of x at each grid point
 # table takes twice as long, and does not lead to fewer programs.
 LINE_POINTS, LINE_SPEEDS = 64, 96
 # Bisections for the speed at which a constraint becomes active that is not proportional
-# to the speed.
+# to the speed, and for a time-scaling factor.
 BISECTIONS = 30
 # A joint with a larger mean speed is considered to have no effective limits [rad/s or
 # m/s].
 FASTEST = 2000.0
-# Largest time-scaling factor of a guess for held loads and accelerations of tools, and
-# bisections for the factor.
-SLOWEST, SCALINGS = 1000.0, 8
+# Largest time-scaling factor of a guess for held loads and accelerations of tools.
+SLOWEST = 1000.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -416,7 +415,7 @@ def _load_time_scale(system: ProblemFunctions, t: Array, q: Array) -> float:
     low, high = 1.0, SLOWEST
     if feasible(low) or not feasible(high):
         return 1.0
-    for _ in range(SCALINGS):
+    for _ in range(BISECTIONS):
         middle = float(np.sqrt(low * high))
         low, high = (low, middle) if feasible(middle) else (middle, high)
     return high
