@@ -18,8 +18,6 @@ from tominpmp.problem.problem import Problem
 
 # Positions of a joint that are checked between start and goal.
 PLACES = 128
-# A barrier lacks at least this much more clearance than is tolerated in motions [m].
-DEEP = 1e-4
 
 
 def find_barrier(problem: Problem, tolerated: float) -> str:
@@ -113,7 +111,7 @@ def _between(
     _, index = min(map(narrowest, np.unique(joint[pairs]).tolist()))
     pair = int(each[index])
     contact = checker.contact(pair, float(distances[index]), float(margins[pair]))
-    if contact.lack <= tolerated + DEEP:
+    if contact.lack <= tolerated:
         return ""
     j = int(joint[pair])
     return (

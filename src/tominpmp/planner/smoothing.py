@@ -22,8 +22,6 @@ from tominpmp.transcription.program import NonlinearProgram
 # Least reduction of the path lengths of all joints, as a share, that counts as a gain
 # even if torques are no quieter.
 WORTH_IT = 0.01
-# Least path length, in seconds at the speed limits, by which others are divided [s].
-SHORTEST_WAY = 1e-9
 
 
 @on_one_thread
@@ -98,7 +96,7 @@ def _quietest(solution: Solution, former: Trajectory, slack: float) -> Solution 
     if candidate.refuted and candidate.verification is not None:
         return candidate.verification.message
     motion, before = candidate.trajectory, roughness(former, limits)
-    after, length = roughness(motion, limits), max(travel(former, limits), SHORTEST_WAY)
+    after, length = roughness(motion, limits), travel(former, limits)
     saved = 1.0 - travel(motion, limits) / length
     if not candidate.confirmed or (after >= before and saved < WORTH_IT):
         return "no quieter motion was found."

@@ -31,8 +31,6 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Starts of a wave, number of waves without a time limit, and most waves with one.
 WAVE, WAVES, MOST_WAVES = 8, 4, 1000
-# Seeds of the independent random streams of the kinds of starts.
-DETOUR, GUESS, AROUND_BEST = 1, 2, 3
 
 
 def thorough_search(state: PlanState) -> Schedule[None]:
@@ -69,8 +67,7 @@ def _waves(system: ProblemFunctions, state: PlanState) -> Iterator[Schedule[None
         state: The plan.
     """
     seed, duration = state.options.seed, state.options.initial_duration
-    rngs = (np.random.default_rng([seed, k]) for k in (DETOUR, GUESS, AROUND_BEST))
-    of_detours, of_guesses, around_best = rngs
+    of_detours, of_guesses, around_best = np.random.default_rng(seed).spawn(3)
     guesses = guesses_of(system, GuessRequest(of_guesses, duration))
     first = next(guesses, None)
     if first is None:
@@ -116,7 +113,7 @@ def _descents(system: ProblemFunctions, state: PlanState) -> Iterator[Schedule[N
         state: The plan, which has descended from the first guess.
     """
     options, stop = state.options, stop_if_hopeless()
-    rng = np.random.default_rng([options.seed, GUESS])
+    (rng,) = np.random.default_rng(options.seed).spawn(1)
     guesses = segmented_guesses(system, GuessRequest(rng, options.initial_duration))
     with suppress(ProblemError):  # no configuration reaches a goal
         for guess in itertools.islice(guesses, 1, None):
