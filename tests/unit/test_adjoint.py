@@ -80,8 +80,9 @@ def test_exact_selection_linearizes_the_extremal_rows(rng):
     values = nlp.evaluate(z)
     steps = nlp.step_bounds(z, 1.0)
     chosen = nlp.linearize(z, values, steps).rows
-    assert np.isin(kind_rows(nlp, "goal"), chosen).all()
-    expected = set(kind_rows(nlp, "goal"))
+    at_end = [*kind_rows(nlp, "goal"), *kind_rows(nlp, "holding torque")]
+    assert np.isin(at_end, chosen).all()
+    expected = set(at_end)
     for kind, bounds in (("position", 2), ("velocity", 2), ("clearance", 1)):
         rows = kind_rows(nlp, kind).reshape(INTERVALS, -1)
         for excess in (values[rows], -values[rows])[:bounds]:

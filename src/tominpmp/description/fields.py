@@ -10,7 +10,7 @@ from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 
-from tominpmp import checks
+import tominpmp.checks as checks
 from tominpmp.arrays import Array
 from tominpmp.exceptions import ScenarioError, TominpmpError, closest, shortened
 
