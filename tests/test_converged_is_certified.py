@@ -102,7 +102,7 @@ def test_certified_motion_with_a_considerable_predicted_gain_is_improved(
     [found] = results_of_last_stage(free, candidate)
     assert found.status is tm.Status.CONVERGED
     assert found.duration < candidate.duration / 1.005
-    monkeypatch.setattr(optimality, "WORTH_A_TRY", 1.0)
+    monkeypatch.setattr(optimality, "PROMISE", 1.0)
     [left] = results_of_last_stage(free, candidate)
     assert left.status is tm.Status.CONVERGED
     assert left.duration == candidate.duration

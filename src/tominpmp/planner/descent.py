@@ -19,7 +19,6 @@ from tominpmp.planner.first_program import first_program
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import REPAIRS, Work
 from tominpmp.solvers.loop import Loop, Rule, first_of
-from tominpmp.solvers.objective import RESTORABLE
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import Status
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -31,9 +30,9 @@ MANY_INTERVALS = 24
 # its speed limit. They rule the guess if they are active at SPEED_SHARE of its samples;
 # otherwise torques rule it.
 SPEED_SHARE, AT_LIMIT = 0.6, 0.97
-# Stop rule: over the last PATIENCE iterations the violation is too large to be removed
-# by slowing down, and its minimum over the later half of these is no improvement.
-PATIENCE = 10
+# Stop rule: over the last PATIENCE iterations the violation exceeds FAR, and its
+# minimum over the later half of these is no improvement.
+PATIENCE, FAR = 10, 1e-3
 
 
 def stop_if_hopeless() -> Rule:
@@ -41,7 +40,7 @@ def stop_if_hopeless() -> Rule:
 
     def rule(loop: Loop) -> Status | None:
         excess, half = [record.violation for record in loop.history], PATIENCE // 2
-        late = len(excess) >= PATIENCE and min(excess[-PATIENCE:]) > RESTORABLE
+        late = len(excess) >= PATIENCE and min(excess[-PATIENCE:]) > FAR
         stagnates = late and min(excess[-half:]) >= min(excess[:-half])
         return loop.drop() if stagnates else None
 
