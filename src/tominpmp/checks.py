@@ -66,7 +66,7 @@ def wrong(
 ) -> TominpmpError:
     """Error that names an argument, shows its value and describes the expected one.
 
-    Finite numbers of more than 1e150 in size are told that size.
+    Where a finite number is expected, the largest size follows for larger ones.
 
     Args:
         value: The argument.
@@ -74,7 +74,8 @@ def wrong(
         expected: Description of valid values.
         error: Makes the error from the message and the name.
     """
-    if isinstance(value, float) and HUGE < abs(value) < math.inf:
+    large = isinstance(value, float) and HUGE < abs(value) < math.inf
+    if large and expected.endswith("finite number"):
         expected += f", of at most {HUGE:g} in size"
     return error(f"{name} is {brief(value)}, expected {expected}", name)
 

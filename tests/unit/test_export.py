@@ -215,6 +215,13 @@ def test_reason_against_a_file_to_write_is_that_of_the_command_line(
         write_file(path, lambda file: file.write(b"x"))
 
 
+def test_missing_folder_of_a_link_is_named(tmp_path: Path) -> None:
+    link = tmp_path / "m.csv"
+    link.symlink_to(tmp_path / "gone" / "x.csv")
+    with pytest.raises(ScenarioError, match=r"there is no folder '.*gone'"):
+        write_file(link, lambda file: file.write(b"x"))
+
+
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write to any file")
 def test_read_only_file_is_not_overwritten(tmp_path: Path) -> None:
     path = tmp_path / "m.csv"

@@ -148,7 +148,7 @@ def test_obstacle_of_a_segment_is_ignored_before_its_begin(moves):
 def test_incomplete_replay_is_reported():
     slow = tm.MotionLimits(acceleration=1e-12)
     # No lower bound is known for a segment that begins anywhere in a region.
-    region = tm.Segment(tm.JointRegionGoal([0.9], [1.1]))
+    region = tm.Segment(tm.JointRegionGoal([0.9], [0.2]))
     solution = tm.plan(
         rail_problem(region, tm.Segment(tm.JointGoal([2.0]), motion_limits=slow)),
         intervals=8,

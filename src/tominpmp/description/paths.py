@@ -101,14 +101,17 @@ def why_unwritable(path: Path) -> str:
 
     A folder or a device is not replaced by a file: that would damage the system.
     """
-    folder, name = str(path.parent), repr(str(path))
-    kind = "a folder" if path.is_dir() else "not a regular file"
-    place = Path(os.path.realpath(path)).parent  # of the target of a symbolic link
+    name, place = repr(str(path)), Path(os.path.realpath(path)).parent
+    # The folder of the target of a symbolic link, or the folder as the caller names it.
+    folder = str(place if path.is_symlink() else path.parent)
+    # Unlike those of paths, these functions raise no errors about permissions.
+    exists, regular = os.path.exists(path), os.path.isfile(path)
+    kind = "a folder" if os.path.isdir(path) else "not a regular file"
     reasons = {
-        f"there is no folder {folder!r}": not path.parent.is_dir(),
-        f"{name} is {kind}": path.exists() and not path.is_file(),
+        f"there is no folder {folder!r}": not os.path.isdir(place),
+        f"{name} is {kind}": exists and not regular,
         f"the folder {folder!r} cannot be written to": not os.access(place, os.W_OK),
-        f"{name} is read-only": path.exists() and not os.access(path, os.W_OK),
+        f"{name} is read-only": exists and not os.access(path, os.W_OK),
     }
     return next((reason for reason, holds in reasons.items() if holds), "")
 
@@ -128,9 +131,9 @@ def write_file(path: str | Path, write: Callable[[BinaryIO], object]) -> Path:
         ScenarioError: If the file cannot be written; names its path.
     """
     path = checked_path(path)
-    if reason := why_unwritable(path):
-        raise ScenarioError(reason, path)
     try:
+        if reason := why_unwritable(path):
+            raise ScenarioError(reason, path)
         # A symbolic link is kept, and its target replaced, unless that is the link.
         target = Path(os.path.realpath(path))
         draft = target.with_name(f".{target.name[:100]}.{secrets.token_hex(6)}.part")

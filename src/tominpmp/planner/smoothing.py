@@ -96,7 +96,7 @@ def _quietest(solution: Solution, former: Trajectory, slack: float) -> Solution 
     if candidate.refuted and candidate.verification is not None:
         return candidate.verification.message
     motion, before = candidate.trajectory, roughness(former, limits)
-    after, length = roughness(motion, limits), travel(former, limits)
+    after, length = roughness(motion, limits), travel(former, limits) or 1.0
     saved = 1.0 - travel(motion, limits) / length
     if not candidate.confirmed or (after >= before and saved < WORTH_IT):
         return "no quieter motion was found."
