@@ -153,7 +153,8 @@ def test_one_and_two_processes_find_the_same_motion():
     alone = tm.plan(problem, starts=2, intervals=20)
     many = tm.plan(problem, starts=2, intervals=20, processes=2)
     assert_same_motion(alone, many)
-    assert alone.iterations == many.iterations
+    # A process does not know the incumbent, and refines a motion that is slower, too.
+    assert alone.iterations <= many.iterations
 
 
 def test_plan_does_not_depend_on_earlier_plans():
