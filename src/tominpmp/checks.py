@@ -66,17 +66,12 @@ def wrong(
 ) -> TominpmpError:
     """Error that names an argument, shows its value and describes the expected one.
 
-    Where a finite number is expected, the largest size follows for larger ones.
-
     Args:
         value: The argument.
         name: Its name.
         expected: Description of valid values.
         error: Makes the error from the message and the name.
     """
-    large = isinstance(value, float) and HUGE < abs(value) < math.inf
-    if large and expected.endswith("finite number"):
-        expected += f", of at most {HUGE:g} in size"
     return error(f"{name} is {brief(value)}, expected {expected}", name)
 
 
@@ -171,7 +166,9 @@ def number(
     converted = value if type(value) is float else number_or_nan(value)
     in_range = least <= converted <= most and (above == -math.inf or converted > above)
     if not in_range or not (infinite or abs(converted) <= HUGE):
-        raise wrong(value, name, expected)
+        too_large = in_range and math.isfinite(converted)
+        size = f", of at most {HUGE:g} in size" if too_large else ""
+        raise wrong(value, name, expected + size)
     return converted
 
 

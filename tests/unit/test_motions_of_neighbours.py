@@ -97,8 +97,7 @@ def test_warm_start_at_speed_limits_is_as_fast_as_a_cold_start() -> None:
 )
 def test_hopeless_starts_are_stopped(violations: list[float], over: bool) -> None:
     records = [SimpleNamespace(violation=value, duration=1.0) for value in violations]
-    rule = stop_if_hopeless()
     counts = range(1, len(records) + 1)
-    statuses = [rule(loop_with(records[:count])) for count in counts]
+    statuses = [stop_if_hopeless(loop_with(records[:count])) for count in counts]
     assert statuses[-1] is (Status.STALLED if over else None)
     assert not any(statuses[:-1])

@@ -124,7 +124,7 @@ def search(
         # requested grid takes a few iterations, and ends near the lower bound.
         stop = None
         if not system.in_free_space:
-            stop = first_of(partial(_gap_rule, state, system), stop_if_hopeless())
+            stop = first_of(partial(_gap_rule, state, system), stop_if_hopeless)
         yield descent_work(system, state.options, first, state, stop)
         if state.best_duration < np.inf and (
             system.in_free_space or not coarse.promising
@@ -314,7 +314,7 @@ class CoarseSearch:
             known = self._is_known(_shape_of(self.system, motion))
             return loop.drop() if known or self._is_slower(loop) else None
 
-        return first_of(rule, stop_if_hopeless())
+        return first_of(rule, stop_if_hopeless)
 
     def _is_known(self, shape: Array) -> bool:
         return any(np.max(np.abs(shape - rough.shape)) < SAME for rough in self.known)

@@ -35,16 +35,12 @@ SPEED_SHARE, AT_LIMIT = 0.6, 0.97
 PATIENCE, FAR = 10, 1e-3
 
 
-def stop_if_hopeless() -> Rule:
+def stop_if_hopeless(loop: Loop) -> Status | None:
     """Stop rule that drops a descent whose violation stagnates."""
-
-    def rule(loop: Loop) -> Status | None:
-        excess, half = [record.violation for record in loop.history], PATIENCE // 2
-        late = len(excess) >= PATIENCE and min(excess[-PATIENCE:]) > FAR
-        stagnates = late and min(excess[-half:]) >= min(excess[:-half])
-        return loop.drop() if stagnates else None
-
-    return rule
+    excess, half = [record.violation for record in loop.history], PATIENCE // 2
+    late = len(excess) >= PATIENCE and min(excess[-PATIENCE:]) > FAR
+    stagnates = late and min(excess[-half:]) >= min(excess[:-half])
+    return loop.drop() if stagnates else None
 
 
 def _with_control(system: ProblemFunctions, options: Options, guess: Guess) -> Options:
@@ -121,7 +117,7 @@ def descend(
     """
     if guess.blocked:
         # The goal seems to be out of reach: the descent is dropped as soon as possible.
-        stop = first_of(stop, stop_if_hopeless())
+        stop = first_of(stop, stop_if_hopeless)
     if former is not None:
         guess, stop = guess_of(system, former), None
     if doublings:

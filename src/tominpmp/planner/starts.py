@@ -147,7 +147,7 @@ def _first_of_segments(
     """
     free = any(part.final_configuration is None for part in system.parts)
     if free or system.in_free_space:
-        stop = stop_if_hopeless()
+        stop = stop_if_hopeless
         candidate = yield descent_work(system, state.options, guess, state, stop)
         if candidate is not None and candidate.confirmed:
             return
@@ -200,7 +200,7 @@ def _descents(
             # first one: with times of arrival it may stagnate, and is still the best.
             stop = None
             if 0 < number < rescues - 1 and system.parts:
-                stop = stop_if_hopeless()
+                stop = stop_if_hopeless
             yield descent_work(system, options, guess, state, stop)
         if swings and state.best_duration == np.inf:
             yield from torque_starts(system, state)
@@ -353,7 +353,7 @@ def _warm_start_work(
         found = any(item.feasible for item in state.kept_iterates)
         return None if found or state.seconds < late else loop.drop()
 
-    stop = first_of(stop_if_hopeless(), stop_if_late)
+    stop = first_of(stop_if_hopeless, stop_if_late)
     return descent_work(system, warm, former, state, stop)
 
 

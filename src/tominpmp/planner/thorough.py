@@ -112,7 +112,7 @@ def _descents(system: ProblemFunctions, state: PlanState) -> Iterator[Schedule[N
         system: Functions of the problem.
         state: The plan, which has descended from the first guess.
     """
-    options, stop = state.options, stop_if_hopeless()
+    options, stop = state.options, stop_if_hopeless
     (rng,) = np.random.default_rng(options.seed).spawn(1)
     guesses = segmented_guesses(system, GuessRequest(rng, options.initial_duration))
     with suppress(ProblemError):  # no configuration reaches a goal

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from tominpmp.dynamics import RobotDynamics
+from tominpmp.exceptions import counted
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import EFFORT
 from tominpmp.options import Tolerances
@@ -74,8 +75,8 @@ def explain(
             ended += f" before the first start to any of {many} combinations of goals"
         return f"{ended}: no motion was found." if status in CUT_SHORT else status.value
     if starts:
-        ended += f" after {starts} start{'s' * (starts != 1)} and "
-        ended += f"{iterations} iteration{'s' * (iterations != 1)}"
+        ended += f" after {counted(starts, 'start')} and "
+        ended += counted(iterations, "iteration")
     if reason or motion is None:
         return f"{ended}: {reason}."
     violations = _violations_of(problem, motion)
