@@ -62,9 +62,9 @@ def slower(solution, factor=1.05):
     )
 
 
-def after_certificate(solution, candidate, **changes):
+def after_certificate(solution, candidate):
     """The state of a plan whose last stage has examined a candidate."""
-    options = replace(resolve_options(solution.problem, OPTIONS), **changes)
+    options = resolve_options(solution.problem, OPTIONS)
     state = PlanState(solution.problem, options)
     state.candidates.append(candidate)
     with state.deadline.in_force():
@@ -72,9 +72,9 @@ def after_certificate(solution, candidate, **changes):
     return state
 
 
-def results_of_last_stage(solution, candidate, **changes):
-    """The candidates that the last stage makes of a candidate."""
-    return after_certificate(solution, candidate, **changes).candidates[1:]
+def result_of_last_stage(solution, candidate):
+    """The fastest candidate after the last stage."""
+    return after_certificate(solution, candidate).incumbent
 
 
 @pytest.mark.parametrize("name", ["free", "around"])
@@ -83,7 +83,7 @@ def test_last_stage_improves_a_motion_until_it_is_certified(name, request):
     candidate = slower(solution)
     assert not tm.certify(solution.problem, candidate.trajectory).ok
     state = after_certificate(solution, candidate)
-    (found,) = state.candidates[1:]
+    found = state.incumbent
     assert found.status is tm.Status.CONVERGED
     assert found.verification.ok
     assert found.duration < 1.01 * solution.T
@@ -99,11 +99,11 @@ def test_certified_motion_with_a_considerable_predicted_gain_is_improved(
 ):
     """A motion that is 0.7 % too slow is certified, and made faster all the same."""
     candidate = slower(free, 1.007)
-    [found] = results_of_last_stage(free, candidate)
+    found = result_of_last_stage(free, candidate)
     assert found.status is tm.Status.CONVERGED
     assert found.duration < candidate.duration / 1.005
     monkeypatch.setattr(optimality, "PROMISE", 1.0)
-    [left] = results_of_last_stage(free, candidate)
+    left = result_of_last_stage(free, candidate)
     assert left.status is tm.Status.CONVERGED
     assert left.duration == candidate.duration
 
@@ -113,7 +113,7 @@ def test_predicted_gain_that_no_round_achieves_ends_as_stalled(free, monkeypatch
     optimum.
     """
     monkeypatch.setattr(optimality, "ROUNDS", 0)
-    (found,) = results_of_last_stage(free, slower(free))
+    found = result_of_last_stage(free, slower(free))
     assert found.status is tm.Status.STALLED
     assert "Small changes promise" in found.remark
 
@@ -123,7 +123,7 @@ def test_remark_has_no_infinite_gain_if_the_conditions_cannot_be_evaluated(
 ):
     """Regression: "Small changes promise inf % of T", for an arm that moved 1 mrad."""
     monkeypatch.setattr(minimum_principle, "solve_dual_program", lambda *_: None)
-    *_, found = results_of_last_stage(free, slower(free))
+    found = result_of_last_stage(free, slower(free))
     assert found.status is tm.Status.STALLED
     assert "inf" not in found.remark
     assert "could not be evaluated" in found.remark
@@ -144,8 +144,8 @@ def test_interrupted_certification_does_not_count_as_converged(
     def fails(*_):
         raise cause
 
-    monkeypatch.setattr(optimality, "_settled", fails)
-    (found,) = results_of_last_stage(free, slower(free))
+    monkeypatch.setattr(optimality, "_examined", fails)
+    found = result_of_last_stage(free, slower(free))
     assert found.status is status
 
 
@@ -154,9 +154,28 @@ def test_certification_that_keeps_only_a_slower_motion_does_not_count_as_converg
 ):
     """Regression: the certificate had failed, and the motion was called optimal."""
     kept = replace(slower(free, 1.1), status=tm.Status.NUMERICAL_FAILURE)
-    monkeypatch.setattr(optimality, "_settled", lambda *_: kept)
-    *_, found = results_of_last_stage(free, slower(free))
+    monkeypatch.setattr(optimality, "_examined", lambda *_: kept)
+    found = result_of_last_stage(free, slower(free))
     assert found.status is tm.Status.STALLED
+
+
+@pytest.mark.parametrize(
+    ("factor", "status"), [(1.007, tm.Status.CONVERGED), (1.05, tm.Status.STALLED)]
+)
+def test_stopped_improvement_leaves_an_accepted_motion_certified(
+    free, monkeypatch, factor, status
+):
+    """Regression: a motion that the certificate had accepted was changed further, for
+    0.05 % of T, and the plan ended with the status TIME_LIMIT.
+    """
+
+    def stops(self, *_arguments, **_keywords):
+        raise Stop(requested=False)
+
+    monkeypatch.setattr(PlanState, "solve", stops)
+    state = after_certificate(free, slower(free, factor))
+    assert state.incumbent.status is status
+    assert state.complete is (status is tm.Status.CONVERGED)
 
 
 def test_last_stage_examines_motions_of_segments(free):
@@ -187,7 +206,7 @@ def test_last_stage_examines_motions_of_segments(free):
         layout=Layout.of_motion(slow, segments),
     )
     assert not tm.certify(problem, slow).ok
-    (found,) = results_of_last_stage(solution, candidate)
+    found = result_of_last_stage(solution, candidate)
     accepted = tm.certify(problem, found.trajectory, verification=found.verification)
     assert (found.status is tm.Status.CONVERGED) == accepted.ok
     assert accepted.ok or "Small changes promise" in found.remark

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tominpmp.certificate.minimum_principle import Examination
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.problem.problem import Problem
@@ -63,6 +64,8 @@ class Candidate:
         clearance_rows: Whether its program had clearance rows.
         dropped: Whether a stop rule has given the candidate up.
         coarser: The candidate on a coarser grid that was refined; None without one.
+        examination: Its certificate, with the multipliers behind it; None before the
+            motion was examined.
     """
 
     status: Status
@@ -76,6 +79,7 @@ class Candidate:
     clearance_rows: bool = False
     dropped: bool = False
     coarser: Candidate | None = None
+    examination: Examination | None = None
 
     @classmethod
     def of(cls, initial: Trajectory, result: SlpResult[Any]) -> Candidate:

@@ -71,12 +71,32 @@ def certified(state: PlanState) -> Schedule[None]:
             state.amend(best, status=Status.STALLED, remark=remark)
         return
 
-    make = partial(_settled, best, state, tolerance)
     system = ProblemFunctions.of(problem.alternative_of(best.trajectory))
-    settled = yield Work(system, make, self_collision_rows=best.clearance_rows)
+    examine = partial(_examined, best, tolerance)
+    settled = yield Work(system, examine, self_collision_rows=best.clearance_rows)
     if converged and (settled is None or settled.duration > best.duration):
         # A certificate that was cut short, or failed, does not certify the motion.
         state.amend(best, status=state.cut_short or Status.STALLED)
+    # A motion that the certificate accepts is nevertheless improved if the predicted
+    # gain is worth it: for two of 120 motions in clutter, other orders of obstacles and
+    # other solvers find the gain at once.
+    gain, enough = np.inf, min(tolerance, PROMISE)
+    for _ in range(ROUNDS):
+        if settled is None or settled.examination is None:
+            return
+        certificate = settled.examination.certificate
+        spent = _is_spent_on_padding(settled.examination, tolerance)
+        system = system.padded(LESS_PADDING) if spent else system
+        optimal = certificate.ok and certificate.stationarity <= enough
+        if optimal or (gain <= LITTLE_PROMISE and not spent):
+            return
+        # The result of a plan with less time would be the same: the time limit is the
+        # regular end of an improvement of a motion that is accepted.
+        state.complete = state.complete or certificate.ok
+        improve = partial(_improved, settled, best.remark, state, tolerance)
+        further = yield Work(system, improve, self_collision_rows=best.clearance_rows)
+        gain = 0.0 if further is None else 1.0 - further.duration / settled.duration
+        settled = further if gain > 0.0 else settled
 
 
 def tolerance_of(options: Options) -> float:
@@ -84,58 +104,23 @@ def tolerance_of(options: Options) -> float:
     return THOROUGH if options.effort == "thorough" else TOLERANCE
 
 
-def _settled(
-    candidate: Candidate,
-    state: PlanState,
-    tolerance: float,
-    system: ProblemFunctions,
-    *_arguments: object,
+def _examined(
+    candidate: Candidate, tolerance: float, system: ProblemFunctions, *_: object
 ) -> Candidate:
-    """A motion or a faster one, with its certified status.
-
-    Rounds of improvement end when the certificate accepts the motion.
+    """The candidate with its certificate, and with the status that follows from it.
 
     Args:
-        candidate: The motion.
-        state: The plan.
+        candidate: The candidate.
         tolerance: Largest predicted gain of an optimal motion, as a share of T.
         system: Functions of the problem.
     """
-    best, findings = candidate, _examined(candidate, system, tolerance)
-    segments = system.problem.segments
-    layout = candidate.layout or Layout.of_motion(candidate.trajectory, segments)
-    # A motion that the certificate accepts is nevertheless improved if the predicted
-    # gain is worth it: for two of 120 motions in clutter, other orders of obstacles and
-    # other solvers find the gain at once.
-    gain, enough = np.inf, min(tolerance, PROMISE)
-    for _ in range(ROUNDS):
-        spent = _is_spent_on_padding(findings, tolerance)
-        system = system.padded(LESS_PADDING) if spent else system
-        certificate = findings.certificate
-        optimal = certificate.ok and certificate.stationarity <= enough
-        idle = gain <= LITTLE_PROMISE and not spent
-        over = len(state.records) >= state.options.max_iterations
-        if optimal or layout is None or idle or over:
-            break
-        further = _improved(best, layout, state, system)
-        gain = 1.0 - further.duration / best.duration
-        if gain > 0.0:
-            best, layout = further, further.layout
-            findings = _examined(best, system, tolerance)
-    return _concluded(best, findings, tolerance)
-
-
-def _examined(
-    candidate: Candidate, system: ProblemFunctions, tolerance: float
-) -> Examination:
-    """The certificate of a motion, with the multipliers behind it."""
     motion, replay = candidate.trajectory, candidate.verification
     assert replay is not None  # noqa: S101
     enough = ENOUGH * tolerance
     findings = examine(system.problem, motion, replay, tolerance, enough=enough)
     promise = findings.certificate.stationarity
     logger.info("T %.5f s, small changes promise %.1e", candidate.duration, promise)
-    return findings
+    return _concluded(replace(candidate, examination=findings), findings, tolerance)
 
 
 def _is_spent_on_padding(findings: Examination, tolerance: float) -> bool:
@@ -149,18 +134,36 @@ def _is_spent_on_padding(findings: Examination, tolerance: float) -> bool:
 
 
 def _improved(
-    best: Candidate, layout: Layout, state: PlanState, system: ProblemFunctions
+    best: Candidate,
+    remark: str,
+    state: PlanState,
+    tolerance: float,
+    system: ProblemFunctions,
+    *_: object,
 ) -> Candidate:
-    """A faster motion whose replay keeps all limits, or the same motion."""
+    """A faster motion with its certificate, or the same candidate.
+
+    Args:
+        best: The candidate, with its certificate.
+        remark: Remark on the candidate before it was examined.
+        state: The plan.
+        tolerance: Largest predicted gain of an optimal motion, as a share of T.
+        system: Functions of the problem.
+    """
+    layout = best.layout or Layout.of_motion(best.trajectory, system.problem.segments)
+    if layout is None:
+        return best
     program, z = with_active_rows(*layout.represented(system, best.trajectory))
     warm = warm_start_options(state.options, ITERATIONS)
     quickest = MinimumTime.of(warm, warm.smoothing or 0.0)
-    result = state.solve(program, quickest, z, *trust_regions(warm))
+    # After a stop a motion with a certificate is worth more than a slightly faster one.
+    keep = None if best.status is Status.CONVERGED else state.keep
+    result = state.solve(program, quickest, z, *trust_regions(warm), keep=keep)
     if result.best is None or result.best.duration >= best.duration:
         return best
-    faster = replace(Candidate.of(best.initial, result), remark=best.remark)
+    faster = replace(Candidate.of(best.initial, result), remark=remark)
     faster = faster.verified(system.problem, state.options)
-    return faster if faster.confirmed else best
+    return _examined(faster, tolerance, system) if faster.confirmed else best
 
 
 def _concluded(best: Candidate, findings: Examination, tolerance: float) -> Candidate:
