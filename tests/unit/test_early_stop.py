@@ -232,6 +232,23 @@ def test_slowed_guess_is_returned_if_all_starts_fail():
     assert solution.status is tm.Status.ITERATION_LIMIT
 
 
+def test_path_around_obstacles_is_followed_if_its_descent_is_cut_short(monkeypatch):
+    """Regression: a path was known, but no motion was returned: of 14 plans for a Fetch
+    among shelves four ended like this after 5 s.
+    """
+    scene = tm.Scene([tm.Sphere("ball", radius=0.8, position=(3.2, 3.2, 0.0))])
+    robot, start, end = tm.load_robot("planar3r"), (0.5, 1.7, -1.7), (0.9, -1.2, -0.9)
+    problem = tm.Problem(robot, start, tm.JointGoal(end), scene=scene)
+
+    def stops(*_arguments, **_keywords):
+        raise Stop(requested=False)
+
+    monkeypatch.setattr(PlanState, "solve", stops)
+    solution = tm.plan(problem)
+    assert solution.success and solution.verification.ok
+    assert solution.status is tm.Status.TIME_LIMIT
+
+
 def test_guess_is_not_slowed_after_the_end_of_the_planning_time():
     """Regression: twelve slower motions were tried after the end, in 0.06 s."""
     problem = planar()

@@ -7,17 +7,18 @@ from functools import partial
 
 import numpy as np
 
-from tominpmp.initial_guess.guess import Guess
+from tominpmp.initial_guess.guess import SAMPLED, Guess
 from tominpmp.initial_guess.rrt import is_free
 from tominpmp.initial_guess.timing import speed_used
 from tominpmp.initial_guess.warm_start import WarmStart, warm_start
 from tominpmp.options import Options
 from tominpmp.planner.automatic_options import minimum_time
-from tominpmp.planner.candidate import Candidate
+from tominpmp.planner.candidate import Candidate, KeptIterate
 from tominpmp.planner.finer_grid import on_finer_grids
 from tominpmp.planner.first_program import first_program
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.planner.work import REPAIRS, Work
+from tominpmp.planner.work import LESS_PADDING, REPAIRS, Work
+from tominpmp.solvers.iterate import Iterate
 from tominpmp.solvers.loop import Loop, Rule, first_of
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import Status
@@ -33,6 +34,9 @@ SPEED_SHARE, AT_LIMIT = 0.6, 0.97
 # Stop rule: over the last PATIENCE iterations the violation exceeds FAR, and its
 # minimum over the later half of these is no improvement.
 PATIENCE, FAR = 10, 1e-3
+# Number of intervals on which a path around obstacles is followed: coarse grids cut its
+# corners.
+FOLLOWED = 160
 
 
 def stop_if_hopeless(loop: Loop) -> Status | None:
@@ -95,6 +99,20 @@ def guess_of(system: ProblemFunctions, candidate: Candidate) -> Guess:
     return replace(warm_start(system, candidate.trajectory), solved=True)
 
 
+def _followed(system: ProblemFunctions, options: Options, guess: Guess) -> KeptIterate:
+    """A path around obstacles as an iterate on a grid that is fine enough to keep it.
+
+    Args:
+        system: Functions of the problem.
+        options: Options of the descent.
+        guess: The path over time.
+    """
+    grid = {"intervals": FOLLOWED, "control": "linear", "grid": "uniform"}
+    system = system.padded(LESS_PADDING)
+    program, z = first_program(system, options.changed(grid), guess)
+    return KeptIterate(system.problem, program, Iterate.of(program, z, 0.0), False)
+
+
 def descend(
     options: Options,
     guess: Guess,
@@ -125,6 +143,9 @@ def descend(
         # the rows of the finer grid.
         intervals = 2**doublings * options.intervals
         options = replace(options, intervals=intervals, objective="time")
+    if guess.name == SAMPLED and not system.parts:
+        follow = partial(_followed, system, options, guess)
+        state.paths.setdefault(id(system.problem), follow)
     objective = minimum_time(system, options, guess.duration)
     program, z = first_program(system, options, guess)
     initial = program.trajectory(z)

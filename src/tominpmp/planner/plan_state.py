@@ -78,6 +78,9 @@ class PlanState:
         first_guesses: The first iterate for each goal, by the identity of its problem,
             which the iterate keeps; these are tried next if the best fallback and all
             feasible ones fail.
+        paths: For each goal, by the identity of its problem, a function that returns
+            the first path around the obstacles as an iterate; they are tried before
+            the first guesses.
         complete: Whether all stages of a plan with less effort are done. The thorough
             search that follows is open-ended: a time limit then is its regular end.
         callback_error: Error that the callback has raised; None without one.
@@ -110,6 +113,7 @@ class PlanState:
         self.cut_short: Status | None = None
         self.fallbacks: list[KeptIterate] = []
         self.first_guesses: dict[int, KeptIterate] = {}
+        self.paths: dict[int, Callable[[], KeptIterate]] = {}
         self.complete = False
         self.callback_error: Exception | None = None
         self.impossible = ""

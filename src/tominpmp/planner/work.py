@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeVar
 
@@ -249,30 +249,24 @@ def use_fallback(state: PlanState, status: Status) -> None:
         status: How planning was stopped; FEASIBLE if it was not.
     """
     best = state.best_duration
-    tries = state.fallbacks[:1]
-    if best == np.inf:
-        # The best one may lack clearance, which slowing down does not restore.
-        feasible = [item for item in state.fallbacks[1:] if item.feasible]
-        others = [item for item in state.fallbacks[1:] if not item.feasible]
-        tries = [*tries, *feasible, *state.first_guesses.values(), *others]
     errors = state.failures[-1:]
     remark = "".join(STAGE_FAILED.format(type(error).__name__) for error in errors)
     tried: list[Candidate] = []
     with state.saving():
-        for fallback in tries:
-            candidate = replace(fallback.candidate(status), remark=remark)
-            if candidate.trajectory.duration >= best:
-                continue
-            tried.append(candidate)
-            try:
-                tried[-1] = _scaled(fallback, candidate, state.options)
-            except (Stop, KeyboardInterrupt) as stop:
-                state.stopped(stop)
-                break
-            except NUMERICAL as error:
-                logger.warning("a guess could not be slowed down: %r", error)
-            if tried[-1].confirmed:
-                break
+        try:
+            for fallback in _fallbacks(state):
+                candidate = replace(fallback.candidate(status), remark=remark)
+                if candidate.trajectory.duration >= best:
+                    continue
+                tried.append(candidate)
+                try:
+                    tried[-1] = _scaled(fallback, candidate, state.options)
+                except NUMERICAL as error:
+                    logger.warning("a guess could not be slowed down: %r", error)
+                if tried[-1].confirmed:
+                    break
+        except (Stop, KeyboardInterrupt) as stop:
+            state.stopped(stop)
     if tried and tried[-1].confirmed:
         state.candidates.append(tried[-1])
     elif tried and not state.candidates:
@@ -280,18 +274,38 @@ def use_fallback(state: PlanState, status: Status) -> None:
         state.candidates.append(replace(tried[0], status=failed))
 
 
+def _fallbacks(state: PlanState) -> Iterator[KeptIterate]:
+    """Motions to be slowed down, the most promising first.
+
+    The best motion on a coarse grid may lack clearance, which slowing down does not
+    restore. Paths around obstacles keep it.
+    """
+    first, others = state.fallbacks[:1], state.fallbacks[1:]
+    yield from first
+    if state.best_duration == np.inf:
+        yield from (item for item in others if item.feasible)
+        yield from (follow() for follow in state.paths.values())
+        yield from state.first_guesses.values()
+        yield from (item for item in others if not item.feasible)
+
+
 def _scaled(fallback: KeptIterate, candidate: Candidate, options: Options) -> Candidate:
     """A fallback slowed down until its program and its replay keep all limits."""
     program, problem = fallback.program, fallback.problem
+    # On the same path, links touch at any speed, unless obstacles move.
+    moving, rows = problem.checker.moving, program.rows
+    hard = ~(rows.curable[rows.kind] | moving)
     for factor in FACTORS:
         check()
         z = program.time_scale(fallback.iterate.z, factor)
-        if program.rows.largest_violation(program.evaluate(z)) > options.feasibility:
+        violation = rows.violation(program.evaluate(z))
+        if np.any(violation[hard] > options.feasibility):
+            break
+        if np.any(violation > options.feasibility):
             continue
         motion = program.trajectory(z)
         candidate = replace(candidate, trajectory=motion, layout=None, feasible=True)
         candidate = candidate.verified(problem, options)
-        # On the same path, links touch at any speed, unless obstacles move.
-        if candidate.confirmed or (candidate.touches and not problem.checker.moving):
+        if candidate.confirmed or (candidate.touches and not moving):
             break
     return candidate
