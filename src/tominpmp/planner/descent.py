@@ -10,7 +10,7 @@ import numpy as np
 from tominpmp.initial_guess.guess import SAMPLED, Guess
 from tominpmp.initial_guess.rrt import is_free
 from tominpmp.initial_guess.timing import speed_used
-from tominpmp.initial_guess.warm_start import WarmStart, warm_start
+from tominpmp.initial_guess.warm_start import FINEST, WarmStart, warm_start
 from tominpmp.options import Options
 from tominpmp.planner.automatic_options import minimum_time
 from tominpmp.planner.candidate import Candidate, KeptIterate
@@ -34,9 +34,6 @@ SPEED_SHARE, AT_LIMIT = 0.6, 0.97
 # Stop rule: over the last PATIENCE iterations the violation exceeds FAR, and its
 # minimum over the later half of these is no improvement.
 PATIENCE, FAR = 10, 1e-3
-# Number of intervals on which a path around obstacles is followed: coarse grids cut its
-# corners.
-FOLLOWED = 160
 
 
 def stop_if_hopeless(loop: Loop) -> Status | None:
@@ -104,12 +101,13 @@ def _followed(system: ProblemFunctions, options: Options, guess: Guess) -> KeptI
 
     Args:
         system: Functions of the problem.
-        options: Options of the descent.
+        options: Options of the plan.
         guess: The path over time.
     """
-    grid = {"intervals": FOLLOWED, "control": "linear", "grid": "uniform"}
+    intervals = FINEST * options.intervals
+    fine = replace(options, intervals=intervals, control="linear", grid="uniform")
     system = system.padded(LESS_PADDING)
-    program, z = first_program(system, options.changed(grid), guess)
+    program, z = first_program(system, replace(fine, method="inverse"), guess)
     return KeptIterate(system.problem, program, Iterate.of(program, z, 0.0), False)
 
 
@@ -144,7 +142,7 @@ def descend(
         intervals = 2**doublings * options.intervals
         options = replace(options, intervals=intervals, objective="time")
     if guess.name == SAMPLED and not system.parts:
-        follow = partial(_followed, system, options, guess)
+        follow = partial(_followed, system, state.options, guess)
         state.paths.setdefault(id(system.problem), follow)
     objective = minimum_time(system, options, guess.duration)
     program, z = first_program(system, options, guess)
