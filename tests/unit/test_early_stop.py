@@ -232,13 +232,19 @@ def test_slowed_guess_is_returned_if_all_starts_fail():
     assert solution.status is tm.Status.ITERATION_LIMIT
 
 
-def test_path_around_obstacles_is_followed_if_its_descent_is_cut_short(monkeypatch):
+@pytest.mark.parametrize("several", [False, True])
+def test_path_around_obstacles_is_followed_if_its_descent_is_cut_short(
+    several, monkeypatch
+):
     """Regression: a path was known, but no motion was returned: of 14 plans for a Fetch
     among shelves four ended like this after 5 s.
     """
     scene = tm.Scene([tm.Sphere("ball", radius=0.8, position=(3.2, 3.2, 0.0))])
     robot, start, end = tm.load_robot("planar3r"), (0.5, 1.7, -1.7), (0.9, -1.2, -0.9)
-    problem = tm.Problem(robot, start, tm.JointGoal(end), scene=scene)
+    there, back = tm.JointGoal(end), tm.JointGoal(start)
+    goals = {"segments": [tm.Segment(there), tm.Segment(back)]}
+    goals = goals if several else {"goal": there}
+    problem = tm.Problem(robot, start, scene=scene, **goals)
 
     def stops(*_arguments, **_keywords):
         raise Stop(requested=False)

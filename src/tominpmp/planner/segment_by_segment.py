@@ -17,7 +17,7 @@ from tominpmp.initial_guess.guess import Guess
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.descent import descend, guess_of
 from tominpmp.planner.plan_state import PlanState
-from tominpmp.planner.work import Schedule, Work, run
+from tominpmp.planner.work import Schedule, Work, run, use_fallback
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.sequence import joined
 from tominpmp.status import IterationRecord, Status
@@ -130,7 +130,9 @@ def _alone(
     )
     alone = PlanState(problem, options, stop_requested=lambda: state.deadline.due)
     with alone.deadline.in_force():
-        run(alone, schedule(alone, problem))
+        status = run(alone, schedule(alone, problem))
+        if alone.incumbent is None:
+            use_fallback(alone, status or Status.FEASIBLE)
     state.searches.impasse = alone.searches.impasse
     return alone.incumbent
 
