@@ -52,6 +52,20 @@ def test_error_in_a_code_block_has_its_line_of_the_page(tmp_path: Path) -> None:
     assert (page, 5) in [(Path(str(path)), line) for path, line in lines]
 
 
+FENCED = re.compile(r"^(`{3,})[^\n]*\n.*?^\1 *$|<!--.*?-->", re.MULTILINE | re.DOTALL)
+INDENTED = re.compile(r"^ {4}(?! |tominpmp).*\b(?:tm|np|solution|robot)\.\w.*$", re.M)
+
+
+def test_python_of_pages_is_in_blocks_that_run() -> None:
+    """Regression: indented Python of seven pages was never run."""
+    found = [
+        f"{label(page)}: {line}"
+        for page in PAGES
+        for line in INDENTED.findall(FENCED.sub("", page.read_text("utf-8")))
+    ]
+    assert found == []
+
+
 def test_comments_mark_blocks_slow_needing_modules_or_left_out(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text(
