@@ -12,21 +12,23 @@ from html import escape
 import numpy as np
 
 from tominpmp.arrays import Array
-from tominpmp.exceptions import brief
+from tominpmp.exceptions import brief, shortened
 
 # Okabe and Ito's colours, which are distinguishable with colour blindness.
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#5b4b8a")
 GREY, LIMIT_COLOR = "#9aa5b1", "#b3312a"
 WIDTH, HEIGHT, EDGE = 240.0, 110.0, 6.0
 TEXT = "font:11px sans-serif;fill:#4a5867"
-# Longest table; robots may have hundreds of joints.
-MOST_ROWS = 40
+# Longest table; robots may have hundreds of joints. Longest text in a cell, and the
+# width at which it continues on another line.
+MOST_ROWS, LONGEST = 40, 600
+CELL = "max-width:30em;overflow-wrap:anywhere"
 
 
 def table(
     head: Sequence[str], rows: Sequence[Sequence[object]], *, joints: bool = False
 ) -> str:
-    """A table; numbers and long texts are shortened, surplus rows are left out.
+    """A table; numbers are rounded, surplus rows and ends of texts are left out.
 
     Args:
         head: Titles of the columns; empty for a table without a head.
@@ -38,7 +40,7 @@ def table(
     cells = "".join(f"<th>{escape(name)}</th>" for name in titles)
     lines = [f"<tr>{cells}</tr>"] if head else []
     for number, row in enumerate(rows[:MOST_ROWS]):
-        cells = "".join(f"<td>{escape(_text(value))}</td>" for value in row)
+        cells = "".join(f'<td style="{CELL}">{escape(_text(x))}</td>' for x in row)
         color = COLORS[number % len(COLORS)]
         mark = f'<td style="color:{color}">&#9632;</td>' if joints else ""
         lines.append(f"<tr>{mark}{cells}</tr>")
@@ -68,7 +70,7 @@ def _text(value: object) -> str:
     if isinstance(value, float | np.floating):
         number = float(value)
         return f"{number if abs(number) > 1e-12 else 0.0:.4g}"
-    return value if isinstance(value, str) and len(value) <= 80 else brief(value)
+    return shortened(value, LONGEST) if isinstance(value, str) else brief(value)
 
 
 def curves(title: str, t: Array, values: Array, limits: Sequence[float] = ()) -> str:

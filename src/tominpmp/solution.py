@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -107,9 +106,9 @@ class Solution:
         """Speeds and controls relative to their limits, and the status (notebooks)."""
         from tominpmp.viz.shares import shares_of_limits
 
-        lines, panels = textwrap.wrap(self.message, 60), list[str]()
-        rows: list[tuple[str, object]] = [("", line) for line in lines]
-        rows += [("T [s]", self.T), ("planned in [s]", self.planning_time)]
+        panels = list[str]()
+        rows: list[tuple[str, object]] = [("", self.message), ("T [s]", self.T)]
+        rows.append(("planned in [s]", self.planning_time))
         if self.success and self.lower_bound is not None:
             rows += [("lower bound", self.lower_bound.in_words(self.T))]
         if self.trajectory is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import pickle
+from dataclasses import replace
 from xml.etree.ElementTree import fromstring
 
 import numpy as np
@@ -50,6 +51,14 @@ def test_solution_without_a_motion_has_html(solution: tm.Solution) -> None:
     failed = copy.copy(solution)
     object.__setattr__(failed, "trajectory", None)
     assert "No motion" in fromstring(failed._repr_html_()).findtext("b")
+
+
+def test_long_texts_in_a_card_are_whole_and_not_quoted(solution: tm.Solution) -> None:
+    """Regression: the reason of a lower bound was cut, and stood in quotes."""
+    bound = replace(solution.lower_bound, reason=" ".join(["the slowest joint"] * 9))
+    page = fromstring(replace(solution, lower_bound=bound)._repr_html_())
+    texts = [cell.text for cell in page.iter("td")]
+    assert bound.in_words(solution.T) in texts and solution.message in texts
 
 
 def motions() -> list[tm.Trajectory]:

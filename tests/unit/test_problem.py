@@ -375,6 +375,15 @@ def test_start_in_collision_is_refused(planar3r: Robot) -> None:
     assert caught.value.field == "q_start"
 
 
+def test_all_pairs_in_collision_are_named_the_deepest_first(planar3r: Robot) -> None:
+    """Regression: each repaired pair led to an error about the next one."""
+    scene = [*BALL, Sphere("post", radius=0.4, position=(1.0, -0.2, 0.0))]
+    pairs = ("link 'link2' and obstacle 'O'", "link 'link1' and obstacle 'post'")
+    words = "; ".join(rf"{pair} overlap by 0\.\d+ m" for pair in pairs)
+    with pytest.raises(ProblemError, match=f"^goal in collision: {words} at q = "):
+        Problem(planar3r, START, JointGoal((0.18, 0.0, 0.0)), scene=scene)
+
+
 def test_goal_in_collision_is_refused(planar3r: Robot) -> None:
     with pytest.raises(
         ProblemError, match=r"^goal in collision: link 'link2' and obstacle 'O' overlap"

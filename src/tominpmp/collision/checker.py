@@ -58,6 +58,13 @@ class Contact(NamedTuple):
             return f"links {self.link!r} and {self.obstacle!r}"
         return f"link {self.link!r} and obstacle {self.obstacle!r}"
 
+    def __str__(self) -> str:
+        """The pair with its overlap, or with its distance and margin."""
+        if self.distance < 0.0:
+            return f"{self.pair} overlap by {-self.distance:.4g} m"
+        apart = f"{self.pair} are {self.distance:.4g} m apart"
+        return f"{apart}, less than the margin {self.margin:.4g} m"
+
 
 @dataclass(eq=False)
 class CollisionChecker(PairDistances):
@@ -228,10 +235,10 @@ class CollisionChecker(PairDistances):
                 out[index] = margin
         return out
 
-    def closest(
+    def contacts(
         self, q: Array, margin: float | Array = 0.0, time: float | None = 0.0
-    ) -> Contact | None:
-        """The pair with the least clearance at one configuration; None without pairs.
+    ) -> Iterator[Contact]:
+        """The pairs at one configuration, those with the least clearance first.
 
         Args:
             q: Configuration, shape (n,) [rad or m].
@@ -241,14 +248,20 @@ class CollisionChecker(PairDistances):
                 distance.
         """
         if not self.pairs:
-            return None
+            return
         q = vector(q, "q", JOINTS, self.robot.n)
         row = self.distances(q[None], times=np.array([time or 0.0]))[0]
         if time is None:
             row = np.where(self.moving_pairs, np.inf, row)
         limit = self._by_pair(margin, "margin")
-        index = int(np.argmin(row - limit))
-        return self.contact(index, float(row[index]), float(limit[index]))
+        for index in np.argsort(row - limit, kind="stable").tolist():
+            yield self.contact(index, float(row[index]), float(limit[index]))
+
+    def closest(
+        self, q: Array, margin: float | Array = 0.0, time: float | None = 0.0
+    ) -> Contact | None:
+        """The first of :meth:`contacts`; None without pairs."""
+        return next(self.contacts(q, margin, time), None)
 
     def contact(self, index: int, distance: float, margin: float) -> Contact:
         """The contact of a pair, from its distance and the distance to keep [m]."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from tominpmp.arrays import Array, Converted, Record, default, frozen_array, record
 from tominpmp.checks import JointsLike, instance, non_negative, of_type, optional
-from tominpmp.collision.checker import CollisionChecker, enclosure
+from tominpmp.collision.checker import CollisionChecker, Contact, enclosure
 from tominpmp.collision.query import ROUNDING
 from tominpmp.constraints.base import USABLE
 from tominpmp.constraints.contradiction import contradiction
@@ -22,7 +22,14 @@ from tominpmp.description.inertials import singular_directions
 from tominpmp.description.joint_table import example_values
 from tominpmp.description.model import sticks
 from tominpmp.dynamics import RobotDynamics
-from tominpmp.exceptions import ProblemError, brief, counted, naming, warn_caller
+from tominpmp.exceptions import (
+    ProblemError,
+    brief,
+    counted,
+    enumerated,
+    naming,
+    warn_caller,
+)
 from tominpmp.goals.base import Goal
 from tominpmp.goals.joints import joint_vector
 from tominpmp.goals.sets import passed, restricted
@@ -620,27 +627,25 @@ def _check_clear(problem: Problem, q: Array, which: str, time: float | None) -> 
             moving obstacles may be elsewhere then.
 
     Raises:
-        ProblemError: If it is in collision, naming the deepest collision pair.
+        ProblemError: If it is in collision, naming the pairs, the deepest one first.
     """
-    checker = problem.checker
+    checker, contacts = problem.checker, dict[str, Contact]()
     if checker.hulls_clear(q):
         return
     # The checker decomposes meshes into convex pieces for the margins of the pairs.
     known = time is not None or not checker.moving
     if known and checker.is_free(q, problem.margins, time or 0.0):
         return
-    contact = checker.closest(q, problem.margins, time)
-    if contact is None or contact.distance >= contact.margin - ROUNDING:
+    each = checker.contacts(q, problem.margins, time)
+    for contact in itertools.takewhile(lambda item: item.lack > ROUNDING, each):
+        contacts.setdefault(contact.pair, contact)  # of several pieces the deepest
+    if not contacts:
         return
-    depth, advice = f"overlap by {-contact.distance:.4g} m", ""
-    if contact.distance >= 0.0:
-        apart = f"are {contact.distance:.4g} m apart"
-        depth = f"{apart}, less than the margin {contact.margin:.4g} m"
-    elif contact.own:
-        advice = _advice_on_links(problem, q)
+    found = enumerated([*contacts.values()])
+    own = any(item.own and item.distance < 0.0 for item in contacts.values())
+    advice = _advice_on_links(problem, q) if own else ""
     raise ProblemError(
-        f"{which} in collision: {contact.pair} {depth} at q = "
-        f"{np.round(q, 4).tolist()}{advice}",
+        f"{which} in collision: {found} at q = {np.round(q, 4).tolist()}{advice}",
         FIELDS[which],
     )
 
