@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import functools
 import threading
-from collections.abc import Callable
-from typing import Any, TypeVar
-
-F = TypeVar("F", bound=Callable[..., Any])
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any
 
 # The number of threads belongs to the whole process: one call sets it at a time. Nested
 # calls, and calls of other threads meanwhile, run with the number that it has set.
@@ -32,17 +31,15 @@ def blas() -> Any:
     return ThreadpoolController().select(user_api="blas")
 
 
-def on_one_thread(function: F) -> F:
-    """Let a function use one thread for linear algebra, and restore the number."""
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    with ExitStack() as stack:
+        if _taken.acquire(blocking=False):
+            stack.callback(_taken.release)
+            stack.enter_context(blas().limit(limits=1))
+        yield
 
-    @functools.wraps(function)
-    def call(*args: Any, **named: Any) -> Any:
-        if not _taken.acquire(blocking=False):
-            return function(*args, **named)
-        try:
-            with blas().limit(limits=1):
-                return function(*args, **named)
-        finally:
-            _taken.release()
 
-    return call  # type: ignore[return-value]
+#: Decorator that lets a function use one thread for linear algebra, and restores the
+#: number.
+on_one_thread = _one_thread()

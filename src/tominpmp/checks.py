@@ -38,6 +38,7 @@ from tominpmp.arrays import (
 from tominpmp.exceptions import (
     JointNotFound,
     ProblemError,
+    SceneError,
     TominpmpError,
     brief,
     closest,
@@ -77,15 +78,15 @@ def wrong(
 
 @contextmanager
 def raised_as(error: MakeError) -> Iterator[None]:
-    """Raise the errors of the checks within this block as errors of another class.
+    """Raise errors about arguments and obstacles in this block as another class.
 
     Args:
         error: Makes the error from the message and the name of the argument.
     """
     try:
         yield
-    except ProblemError as found:
-        raise error(str(found), found.field) from found.__cause__
+    except (ProblemError, SceneError) as found:
+        raise error(str(found), getattr(found, "field", None)) from found.__cause__
 
 
 def instance(

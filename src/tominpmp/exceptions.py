@@ -26,6 +26,8 @@ BRIEF = 80
 # Longest message [characters]: it may list the joints of a large robot.
 LONGEST = 3000
 
+# Beginnings of the names of modules whose calls are not the user's.
+OWN_CALLS = (f"{LIBRARY}.", "functools", "contextlib")
 # Largest number of faults that a message names.
 MOST_NAMED = 5
 
@@ -358,9 +360,10 @@ def warn_caller(message: str) -> None:
         message: The correction or the fault, in a sentence.
     """
     level, frame = 2, sys._getframe(1)
-    # Code that dataclasses generate has no file; functools calls cached properties.
+    # Code that dataclasses generate has no file; functools calls cached properties, and
+    # contextlib functions with a decorator.
     while frame.f_back is not None and (
-        str(frame.f_globals.get("__name__")).startswith((f"{LIBRARY}.", "functools"))
+        str(frame.f_globals.get("__name__")).startswith(OWN_CALLS)
         or frame.f_code.co_filename == "<string>"
     ):
         level, frame = level + 1, frame.f_back

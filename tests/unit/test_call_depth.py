@@ -18,14 +18,14 @@ MOST_CALLS = 8
 
 
 def own_calls() -> tuple[str, ...]:
-    """Names of the package's functions between ``tm.plan`` and the caller."""
+    """Names of the functions of the package from ``plan`` to the caller."""
     frame: FrameType | None = sys._getframe(1)
     found: list[str] = []
     while frame is not None:
         if frame.f_code.co_filename.startswith(PACKAGE):
             found.append(frame.f_code.co_name)
         frame = frame.f_back
-    return tuple(found[-2::-1])
+    return tuple(found[::-1])
 
 
 @pytest.mark.parametrize(

@@ -69,8 +69,7 @@ class Partials(NamedTuple):
     def times(self, factor: Array) -> Partials:
         """Partial derivatives of the values times factors, shape (k,)."""
         by = (None if part is None else (factor * part.T).T for part in self[1:6])
-        by_q, by_v, by_a, by_u, by_t = by
-        return Partials(self.at, by_q, by_v, by_a, by_u, by_t, self.row)
+        return Partials._make([self.at, *by, self.row])
 
     @staticmethod
     def both_instants(pairs: IntArray) -> IntArray:

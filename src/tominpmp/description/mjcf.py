@@ -383,8 +383,7 @@ def _kind(kinds: Any, own: Any) -> str:
 
 def _placement(position: Array, quaternion: Array) -> pin.SE3:
     """Placement of a position [m] and a quaternion (w, x, y, z)."""
-    w, x, y, z = quaternion.tolist()
-    return pin.SE3(pin.Quaternion(w, x, y, z), np.array(position))
+    return pin.XYZQUATToSE3(np.append(position, np.roll(quaternion, -1)))
 
 
 def _range(limited: Any, ends: Array) -> Range:

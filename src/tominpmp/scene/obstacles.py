@@ -6,8 +6,8 @@ order x, y, z, w. The axis of cylinders and capsules is their z axis.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, TypeVar
@@ -30,6 +30,7 @@ from tominpmp.checks import (
     number,
     optional,
     plain_rotation,
+    raised_as,
     split_pose,
     vector,
 )
@@ -143,13 +144,10 @@ class Obstacle(Record):
             )
         self._keep(position=pose[0], rotation=pose[1])
 
-    @contextmanager
-    def _named(self) -> Iterator[None]:
-        """Add the name of the obstacle to error messages."""
-        try:
-            yield
-        except (ProblemError, SceneError) as error:
-            raise SceneError(f"obstacle {self.name!r}: {error}", self.name) from error
+    def _named(self) -> AbstractContextManager[None]:
+        """Context manager that adds the name of the obstacle to error messages."""
+        whose = f"obstacle {self.name!r}: "
+        return raised_as(lambda text, _: SceneError(whose + text, self.name))
 
     @property
     def _start(self) -> Placement:

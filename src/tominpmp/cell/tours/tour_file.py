@@ -95,9 +95,8 @@ def load_tour(path: str | Path) -> dict[str, Any]:
     # The tour is checked when it is planned; here, errors name the key at fault.
     with blaming(items):
         Rules.of(checked_stations(stations))
-    if pairs:
-        with blaming(precedence):
-            Rules.of(stations, pairs)
+    with blaming(precedence):
+        Rules.of(stations, pairs)
     return arguments | {"stations": stations, "precedence": pairs}
 
 
