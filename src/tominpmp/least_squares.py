@@ -25,6 +25,9 @@ Residual = Callable[[Array, IntArray], tuple[Array, Array]]
 # residual, but no more than the first number, plus the second one, which keeps the
 # equations regular.
 MAX_DAMPING, MIN_DAMPING = 1e-2, 1e-10
+# Usual limits: most steps from a start, and the longest step of a joint [rad, or shares
+# of the length that counts as 1 rad].
+STEPS, LONGEST_STEP = 60, 0.5
 # Number of steps after which a row is given up if they have not halved its residual;
 # otherwise rows that make no progress would take most of the time.
 PATIENCE = 12
@@ -58,7 +61,7 @@ def least_squares(
     longest: Array,
     *,
     reached: float,
-    steps: int,
+    steps: int = STEPS,
 ) -> tuple[Array, Array]:
     """Drive residuals to zero within bounds by a damped Gauss-Newton iteration.
 
@@ -97,9 +100,8 @@ def least_squares(
         damping = np.minimum(MAX_DAMPING, error[rows])
         step = damped_step(value, slope, units, damping)
         target = current + step
-        held = ((current <= low) & (target < low - CROSSING)) | (
-            (current >= high) & (target > high + CROSSING)
-        )
+        at_bound = np.where(step < 0.0, current <= low, current >= high)
+        held = at_bound & (np.clip(target, low - CROSSING, high + CROSSING) != target)
         if held.any():
             step = damped_step(value, slope, units * ~held, damping)
         excess = (np.abs(step) / longest[rows]).max(axis=1, keepdims=True)

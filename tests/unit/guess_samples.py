@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import itertools
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 
 import tominpmp as tm
 from tominpmp.initial_guess.path import RoundedPath
@@ -58,8 +60,29 @@ def fine(corners: np.ndarray, step: float = 0.01) -> np.ndarray:
     return np.concatenate(pieces)
 
 
+class Timed(NamedTuple):
+    """A path, and its parameter over time."""
+
+    path: RoundedPath
+    s: CubicHermiteSpline
+
+    @property
+    def duration(self) -> float:
+        """T [s]."""
+        return float(self.s.x[-1])
+
+    def position(self, times: np.ndarray) -> np.ndarray:
+        """Configurations at times, shape (k, n)."""
+        return self.path.evaluate(np.clip(self.s(times), 0.0, 1.0))[0]
+
+
+def timed(system: ProblemFunctions, corners: np.ndarray) -> Timed | None:
+    """Traverse a path with rounded corners from rest to rest in minimum time."""
+    path = RoundedPath.through(corners, system.problem.robot.limits.velocity)
+    s = time_path(system, path)
+    return None if s is None else Timed(path, s)
+
+
 def time_straight_line(system, q_start, q_end):
     """Traverse a straight line from rest to rest in minimum time."""
-    velocity = system.problem.robot.limits.velocity
-    line = RoundedPath.through(np.stack([q_start, q_end]), velocity)
-    return time_path(system, line)
+    return timed(system, np.stack([q_start, q_end]))

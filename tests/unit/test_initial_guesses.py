@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from guess_samples import END, maze, time_straight_line, wall
+from guess_samples import END, maze, time_straight_line, timed, wall
 from sample_arms import two_link_arm
 from scipy.optimize import brentq
 
@@ -19,10 +19,8 @@ from tominpmp.initial_guess.inverse_kinematics import (
     SPREAD,
     Target,
 )
-from tominpmp.initial_guess.path import RoundedPath
 from tominpmp.initial_guess.rrt import is_free
 from tominpmp.initial_guess.segments import segmented_guesses
-from tominpmp.initial_guess.timing import time_path
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -175,7 +173,7 @@ def test_path_that_must_slow_down_at_once_is_timed():
     system = ProblemFunctions.of(tm.Problem(arm, np.zeros(arm.n), goal))
     steps = np.random.default_rng(64).uniform(-0.6, 0.6, (9, arm.n))
     corners = np.cumsum(steps, axis=0)
-    timing = time_path(system, RoundedPath.through(corners, arm.limits.velocity))
+    timing = timed(system, corners)
     # Rounded corners shorten the path a little.
     least = np.abs(np.diff(corners, axis=0)) / arm.limits.velocity
     assert 0.9 < timing.duration / least.max(axis=1).sum() < 1.2

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from guess_samples import END, START, gantry, maze, time_straight_line, wall
+from guess_samples import END, START, gantry, maze, time_straight_line, timed, wall
 
 import tominpmp as tm
 from tominpmp.initial_guess.guess import SAMPLED, along
 from tominpmp.initial_guess.path import RoundedPath, speed_weights
 from tominpmp.initial_guess.rrt import is_free
-from tominpmp.initial_guess.timing import time_path
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.5], [1.5, -1.0], [2.0, 0.0]])
@@ -90,7 +89,7 @@ def test_timing_of_collinear_corners_is_that_of_the_line():
     ends = np.stack([problem.q_start, problem.goal.q])
     shares = np.array([0.0, 0.3, 0.35, 0.8, 1.0])[:, None]
     corners = ends[0] + shares * (ends[1] - ends[0])
-    timing = time_path(system, RoundedPath.through(corners, robot.limits.velocity))
+    timing = timed(system, corners)
     line = time_straight_line(system, *ends)
     assert timing.duration == pytest.approx(line.duration, rel=2e-3)
 
@@ -102,7 +101,7 @@ def test_torques_are_saturated_along_a_timed_path():
     corners = np.array(
         [problem.q_start, (0.9, 0.5, -1.0), (1.1, 0.8, 0.3), (1.5, 0.2, 0.5)]
     )
-    timing = time_path(system, RoundedPath.through(corners, robot.limits.velocity))
+    timing = timed(system, corners)
     t = np.linspace(0, timing.duration, 4000)[2:-2]
     h = 1e-4
     q, before, after = (timing.position(t + d) for d in (0.0, -h, h))
@@ -120,7 +119,7 @@ def test_timing_round_a_corner_is_between_bounds(tmp_path):
     problem = tm.Problem(robot, START, tm.JointGoal((0.5, 1.5)))
     system = ProblemFunctions.of(problem)
     corners = np.array([START, (0.5, 0.0), (0.5, 1.5)])
-    timing = time_path(system, RoundedPath.through(corners, robot.limits.velocity))
+    timing = timed(system, corners)
     # Both joints go with 10 m/s^2 up to 2 m/s: d / 2 + 0.2 from rest to rest.
     alone, stopping = 2.0 / 2 + 0.2, 2.0 / 2 + 0.2 + 1.5 / 2 + 0.2
     assert alone < timing.duration < stopping

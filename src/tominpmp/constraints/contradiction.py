@@ -14,9 +14,8 @@ from tominpmp.constraints.path import PathConstraint
 from tominpmp.least_squares import least_squares
 from tominpmp.robot.robot import Robot
 
-# Number of starts, largest number of steps from each start, and residual below which a
-# constraint counts as kept.
-STARTS, STEPS, KEPT = 24, 60, 1e-6
+# Number of starts, and residual below which a constraint counts as kept.
+STARTS, KEPT = 24, 1e-6
 
 
 def contradiction(
@@ -85,8 +84,6 @@ def nearest(
         return np.concatenate(values, axis=1), np.concatenate(slopes, axis=1)
 
     starts = np.vstack([q, rng.uniform(low, high, (STARTS - 1, q.size))])
-    found, norms = least_squares(
-        excess, starts, (low, high), unit, unit, reached=KEPT, steps=STEPS
-    )
+    found, norms = least_squares(excess, starts, (low, high), unit, unit, reached=KEPT)
     best = int(np.argmin(norms))
     return found[best], float(norms[best])

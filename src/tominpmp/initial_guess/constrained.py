@@ -13,14 +13,11 @@ import numpy as np
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.kinematics import FrameMotions
-from tominpmp.least_squares import least_squares
+from tominpmp.least_squares import LONGEST_STEP, least_squares
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Number of intervals of a path whose inner configurations are shifted.
 PLACES = 24
-# Most least-squares steps from a start, and the longest step of a joint [rad, or shares
-# of the length that counts as 1 rad].
-STEPS, LONGEST_STEP = 60, 0.5
 # Tolerance of a shifted configuration: violations as shares of their scale, distances
 # of frames as shares of the reach.
 CLOSE = 1e-4
@@ -118,7 +115,6 @@ def _shifted(
         system.step_scale,
         LONGEST_STEP * system.step_scale,
         reached=CLOSE,
-        steps=STEPS,
     )
     if np.any(error > CLOSE):
         return None

@@ -297,8 +297,8 @@ def along(
     timing = None if rests else time_path(system, path)
     if timing is None:
         return _untimed_guess(system, path.evaluate(_quintic())[0], name)
-    times = np.linspace(0.0, timing.duration, SAMPLES)
-    q = timing.position(times)
+    times = np.linspace(0.0, timing.x[-1], SAMPLES)
+    q, _, _ = path.evaluate(np.clip(timing(times), 0.0, 1.0))
     return Guess(name, slowdown(system, times, q) * times, q, True)
 
 

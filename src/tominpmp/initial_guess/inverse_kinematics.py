@@ -18,11 +18,10 @@ from tominpmp.goals.base import Goal
 from tominpmp.goals.joints import nearest_turns
 from tominpmp.goals.place import Scales
 from tominpmp.goals.turns import TURN
-from tominpmp.initial_guess.constrained import LONGEST_STEP, STEPS
 from tominpmp.initial_guess.path import speed_weights
 from tominpmp.initial_guess.rrt import is_free
 from tominpmp.kinematics import units_of
-from tominpmp.least_squares import damped_step, least_squares, padded
+from tominpmp.least_squares import LONGEST_STEP, damped_step, least_squares, padded
 from tominpmp.problem.state_checks import unheld
 from tominpmp.stopping import check
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -85,9 +84,7 @@ class GoalVelocity:
 
         v = np.tile(self.system.problem.v_start, (len(q), 1))
         ends, scale = (-top, top), 1.0 / speed_weights(top)
-        v, _ = least_squares(
-            missing, v, ends, scale, 2.0 * scale, reached=TOLERANCE, steps=STEPS
-        )
+        v, _ = least_squares(missing, v, ends, scale, 2.0 * scale, reached=TOLERANCE)
         return v, missing(v, np.arange(len(q)))[0]
 
     def excess_at_rest(self, q: Array) -> tuple[Array, Array]:
@@ -321,7 +318,6 @@ def _descend(target: Target, q: Array) -> tuple[Array, Array]:
         target.scales.joints,
         LONGEST_STEP * target.scales.joints,
         reached=TOLERANCE,
-        steps=STEPS,
     )
 
 

@@ -20,7 +20,6 @@ that these limits allow.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -56,30 +55,7 @@ FASTEST = 2000.0
 SLOWEST = 1000.0
 
 
-@dataclass(frozen=True, eq=False)
-class PathTiming:
-    """A motion along a path.
-
-    Attributes:
-        path: The path.
-        s: The path parameter, from 0 to 1, as a curve of time; s'' is constant between
-            the points of the grid.
-    """
-
-    path: RoundedPath
-    s: CubicHermiteSpline
-
-    @property
-    def duration(self) -> float:
-        """T [s]."""
-        return float(self.s.x[-1])
-
-    def position(self, times: Array) -> Array:
-        """Configurations at times, shape (k, n)."""
-        return self.path.evaluate(np.clip(self.s(times), 0.0, 1.0))[0]
-
-
-def time_path(system: ProblemFunctions, path: RoundedPath) -> PathTiming | None:
+def time_path(system: ProblemFunctions, path: RoundedPath) -> CubicHermiteSpline | None:
     """Traverse a path from rest to rest in minimum time.
 
     Args:
@@ -88,8 +64,9 @@ def time_path(system: ProblemFunctions, path: RoundedPath) -> PathTiming | None:
             be passed at rest.
 
     Returns:
-        The timing; None if torque limits do not allow the arm to rest at some point of
-        the path, or nothing limits the speed at some point.
+        The path parameter, from 0 to 1, as a curve of time from 0 to T, with a constant
+        second derivative between its knots; None if torque limits do not allow the arm
+        to rest at some point of the path, or nothing limits the speed at some point.
     """
     limits = system.problem.robot.limits
     middle, half = effort_range(system.problem.robot, system.motion_limits)
@@ -140,12 +117,12 @@ def time_path(system: ProblemFunctions, path: RoundedPath) -> PathTiming | None:
     # Quadratic spacing gives resolution where the motion begins and ends.
     table = top[:, None] ** 2 * np.linspace(0.0, 1.0, speeds) ** 2
     lower, upper = acceleration_range(table)
-    return _integrate(path, s, table, lower, upper)
+    return _integrate(s, table, lower, upper)
 
 
 def _integrate(
-    path: RoundedPath, s: Array, table: Array, lower: Array, upper: Array
-) -> PathTiming | None:
+    s: Array, table: Array, lower: Array, upper: Array
+) -> CubicHermiteSpline | None:
     """Backward pass for controllable x, forward pass for the fastest x; then times."""
     count, steps = s.size, np.diff(s)
     controllable = np.zeros(count)
@@ -171,7 +148,7 @@ def _integrate(
             return None
     speed = np.sqrt(x)
     t = np.concatenate([[0.0], np.cumsum(2.0 * steps / (speed[:-1] + speed[1:]))])
-    return PathTiming(path, CubicHermiteSpline(t, s, speed))
+    return CubicHermiteSpline(t, s, speed)
 
 
 def _largest(

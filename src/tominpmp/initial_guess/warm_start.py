@@ -20,7 +20,7 @@ from tominpmp.checks import instance
 from tominpmp.exceptions import ProblemError, ScenarioError
 from tominpmp.initial_guess.guess import SAMPLES, Guess
 from tominpmp.motion.samples import Samples
-from tominpmp.motion.trajectory import Trajectory
+from tominpmp.motion.trajectory import State, Trajectory
 from tominpmp.problem.joint_limits import joint_limits
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import spans_of
@@ -132,22 +132,17 @@ class WarmStart(Guess):
             return of, of.within_limits(of.interpolated(eta, self.position))
         if self.bend is not None:
             return of, of.start(self.position, T, eta)
-        times = T * nodes_of(of.shares[:, 0])
-        there = np.clip(self.entry + times, 0.0, self.motion.duration)
-        x = np.hstack([self.position(times), self.motion(there).v])
-        u = self._net_torque(system, 0.5 * (times[1:] + times[:-1]))
-        return of, of.pack(x, u, eta)
+        return of, of.through(self._since_entry, eta)
 
-    def _net_torque(self, system: ProblemFunctions, times: Array) -> Array:
-        """Torques without dry friction, shape (k, n)."""
-        state = self.motion(np.minimum(self.entry + times, self.motion.duration))
-        return system.net_torque(state.u, state.v)
+    def _since_entry(self, times: Array) -> State:
+        """States of the former motion at times of the guess."""
+        return self.motion(np.minimum(self.entry + times, self.motion.duration))
 
     def torque_iterate(self, system: ProblemFunctions, shares: Array) -> Array:
         """Initial iterate of the shooting methods: torques and duration."""
         ends = self.duration * nodes_of(shares[:, 0])
-        u = self._net_torque(system, 0.5 * (ends[1:] + ends[:-1]))
-        z = system.torque_shares(u).ravel()
+        state = self._since_entry(0.5 * (ends[1:] + ends[:-1]))
+        z = system.torque_shares(system.net_torque(state.u, state.v)).ravel()
         return np.concatenate([z, [self.duration / shares.sum()]])
 
 

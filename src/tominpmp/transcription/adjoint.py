@@ -17,7 +17,6 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.base import Partials
-from tominpmp.constraints.friction import Signs
 from tominpmp.transcription.base import StepBounds
 from tominpmp.transcription.controls import TorqueTranscription, scale_of_goal
 from tominpmp.transcription.instants import Instants
@@ -41,7 +40,6 @@ class AdjointTranscription(TorqueTranscription):
 
     Attributes:
         substeps: Number of integration steps in each interval.
-        signs: Velocity signs of joints; None leaves out dry friction, as at first.
         centre: An iterate and its motion, the initial guess of integrations; None
             integrates step by step, which takes several times as long.
     """
@@ -57,9 +55,8 @@ class AdjointTranscription(TorqueTranscription):
         duration: float,
         *,
         substeps: int = 1,
-        signs: Signs | None = None,
     ) -> None:
-        super().__init__(system, shares, duration, signs)
+        super().__init__(system, shares, duration)
         self.size = self.intervals * self._n + self._m
         self.substeps = substeps
         self.centre: tuple[Array, SteppedMotion] | None = None
@@ -156,12 +153,6 @@ class AdjointTranscription(TorqueTranscription):
         eta = z[-self._m :]
         less, more = -shorter * eta, factor * eta
         return StepBounds(np.append(lower, less), np.append(upper, more))
-
-    def with_signs(self, duration: float, signs: Signs) -> AdjointTranscription:
-        """The transcription with velocity scales of a duration, and given signs."""
-        return AdjointTranscription(
-            self.system, self.shares, duration, substeps=self.substeps, signs=signs
-        )
 
     # -- states ------------------------------------------------------------------------
 

@@ -14,12 +14,14 @@ with the inner stage eliminated (:mod:`tominpmp.transcription.integrator`).
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.base import Partials
-from tominpmp.constraints.friction import Signs
+from tominpmp.motion.trajectory import State
 from tominpmp.transcription.base import NOT_INTEGRATED, HullRows, StepBounds
 from tominpmp.transcription.controls import SPEED_FACTOR, TorqueTranscription
 from tominpmp.transcription.curve import PositionFunction, nodes_of, rows_of_table
@@ -46,16 +48,10 @@ class CollocationTranscription(TorqueTranscription):
     moving_attention = ATTENTION
 
     def __init__(
-        self,
-        system: ProblemFunctions,
-        shares: Array,
-        duration: float,
-        signs: Signs | None = None,
+        self, system: ProblemFunctions, shares: Array, duration: float
     ) -> None:
-        super().__init__(system, shares, duration, signs)
+        super().__init__(system, shares, duration)
         self.size = (3 * self.intervals + 2) * self._n + self._m
-        velocity = SPEED_FACTOR / duration * system.step_scale
-        self.scale = np.concatenate([system.step_scale, velocity])
         self._columns = self._interval_columns()
         limits = system.problem.robot.limits
         self._low = np.concatenate([limits.position_lower, -limits.velocity])
@@ -114,6 +110,18 @@ class CollocationTranscription(TorqueTranscription):
         v = np.concatenate([system.problem.v_start[None], inner, last[None]])
         return self.pack(np.hstack([q, v]), system.driving_torque(q, v, lengths), eta)
 
+    def through(self, motion: Callable[[Array], State], eta: Array) -> Array:
+        """Iterate with the states of a motion at the nodes, and with its torques.
+
+        Args:
+            motion: States of the motion at times of this grid [s], shape (k,).
+            eta: Lengths of the iterate, shape (m,).
+        """
+        t = nodes_of(self.shares @ eta)
+        nodes, middle = motion(t), motion(0.5 * (t[1:] + t[:-1]))
+        u = self.system.net_torque(middle.u, middle.v)
+        return self.pack(np.hstack([nodes.q, nodes.v]), u, eta)
+
     def split(self, z: Array) -> tuple[Array, Array, Array]:
         """States, torques without dry friction and lengths [s] of an iterate.
 
@@ -135,11 +143,7 @@ class CollocationTranscription(TorqueTranscription):
 
     # -- dry friction ------------------------------------------------------------------
 
-    def with_signs(self, duration: float, signs: Signs) -> CollocationTranscription:
-        """The transcription with velocity scales of a duration, and given signs."""
-        return CollocationTranscription(self.system, self.shares, duration, signs)
-
-    def scaled_at(self, z: Array) -> CollocationTranscription:
+    def scaled_at(self, z: Array) -> TorqueTranscription:
         """The transcription with velocity signs of joints with dry friction."""
         if self.system.friction is None or self.signs is not None:
             return self
@@ -147,6 +151,12 @@ class CollocationTranscription(TorqueTranscription):
         return self.with_signs(self.duration, self.first_signs(v))
 
     # -- states ------------------------------------------------------------------------
+
+    @property
+    def scale(self) -> Array:
+        """Scale of the states, shape (2n,)."""
+        position = self.system.step_scale
+        return np.append(position, SPEED_FACTOR / self.duration * position)
 
     def motion(self, z: Array) -> SteppedMotion:
         """States and torques of an iterate."""

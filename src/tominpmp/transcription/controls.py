@@ -6,7 +6,7 @@ sign of the joint velocity.
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -41,20 +41,19 @@ class TorqueTranscription(Transcription[SteppedMotion]):
     """
 
     inspected = ((0.1, 0.5, 0.9),)
+    signs: Signs | None = None
 
     def __init__(
-        self,
-        system: ProblemFunctions,
-        shares: Array,
-        duration: float,
-        signs: Signs | None,
+        self, system: ProblemFunctions, shares: Array, duration: float
     ) -> None:
         super().__init__(system, shares)
-        self.duration, self.signs = duration, signs
+        self.duration = duration
 
-    @abstractmethod
     def with_signs(self, duration: float, signs: Signs) -> TorqueTranscription:
         """The transcription with velocity scales of a duration, and given signs."""
+        signed = copy(self)  # the signs change the bounds of torques, but no motion
+        signed.duration, signed.signs = duration, signs
+        return signed
 
     @property
     def _torques(self) -> slice:

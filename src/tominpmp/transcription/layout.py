@@ -232,10 +232,9 @@ class Layout:
             z = of.interpolated(eta, position)
             z = of.within_limits(z) if within else z
         else:
-            nodes = motion(np.minimum(t, motion.duration))
-            middle = motion(0.5 * (t[1:] + t[:-1]))
-            u = system.net_torque(middle.u, middle.v)
-            z = of.pack(np.hstack([nodes.q, nodes.v]), u, eta)
+            z = of.through(
+                lambda times: motion(np.minimum(times, motion.duration)), eta
+            )
         return NonlinearProgram.of(of).at(z), z
 
 

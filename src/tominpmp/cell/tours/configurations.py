@@ -32,7 +32,7 @@ from tominpmp.goals.place import Scales
 from tominpmp.goals.sets import passed
 from tominpmp.initial_guess.unreachable import unreachable
 from tominpmp.kinematics import FrameMotions, RobotKinematics, times
-from tominpmp.least_squares import least_squares
+from tominpmp.least_squares import LONGEST_STEP, least_squares
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.state_checks import holding
 from tominpmp.robot.robot import Robot
@@ -122,9 +122,9 @@ def _turns_between(a: Array, b: Array) -> Array:
 STEPS = 40
 # Residual below which a goal is reached [m, rad].
 REACHED = 1e-7
-# Longest step of a joint, and range of random starts about the start of the tour [rad,
-# or shares of the length that counts as 1 rad].
-LONGEST_STEP, AROUND = 0.5, np.pi
+# Range of random starts about the start of the tour [rad, or shares of the length that
+# counts as 1 rad].
+AROUND = np.pi
 # Configurations count as equal if they differ by less in all joints [rad or m].
 DISTINCT = 0.02
 # Configurations that are projected at once, to bound the memory.
