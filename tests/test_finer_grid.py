@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from stacked_rows import stacked
 
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide
@@ -18,7 +19,6 @@ from tominpmp.solvers.loop import Loop
 from tominpmp.solvers.objective import MinimumTime
 from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.adjoint import AdjointTranscription
-from tominpmp.transcription.base import Rows
 from tominpmp.transcription.exchange import times_of_rows, with_rows_at
 from tominpmp.transcription.grid import (
     delayed_shares,
@@ -222,8 +222,8 @@ class OneRow:
 
     def __init__(self, curable: bool) -> None:
         one = np.ones(1)
-        part = ("clearance", -np.inf * one, 0.0 * one, np.zeros(1, dtype=int))
-        self.rows = Rows.stack([part], {"clearance"} if curable else ())
+        part = "clearance", -np.inf * one, 0.0 * one, [0]
+        self.rows = stacked([part], {"clearance"} if curable else ())
         self.curable = curable
         self.cost = np.ones(1)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from stacked_rows import stacked
 
 import tominpmp as tm
 from tests.sample_arms import Link, make_arm
@@ -12,7 +13,6 @@ from tominpmp.constraints.base import States
 from tominpmp.linear_programs.choice import make_solver
 from tominpmp.linear_programs.program import LinearProgram
 from tominpmp.solvers.trust_region_step import trust_regions
-from tominpmp.transcription.base import Rows
 from tominpmp.transcription.bspline import InverseTranscription
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.instants import Instants
@@ -132,11 +132,8 @@ def test_program_curvature_is_the_weighted_curvature_of_its_rows(during):
 
 def test_values_are_carried_from_former_rows_to_later_rows():
     def rows(**counts):
-        return Rows.stack(
-            [
-                (name, np.zeros(n), np.ones(n), np.zeros(n, dtype=np.int64))
-                for name, n in counts.items()
-            ]
+        return stacked(
+            [(name, [0.0] * n, [1.0] * n, [0] * n) for name, n in counts.items()]
         )
 
     former, later = rows(a=2, b=3), rows(b=4, c=1, a=2)

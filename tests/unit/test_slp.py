@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from stacked_rows import stacked
 
 from tominpmp.linear_programs.choice import make_solver
 from tominpmp.linear_programs.highs import HighsSolver
@@ -22,19 +23,14 @@ from tominpmp.solvers.trust_region_step import (
     trust_regions,
 )
 from tominpmp.status import Status
-from tominpmp.transcription.base import Linearization, Rows, StepBounds, Variation
+from tominpmp.transcription.base import Linearization, StepBounds, Variation
 
 
 class Program:
     """Minimise the last unknown, subject to the given rows and a box."""
 
     def __init__(self, parts, function, jacobian, low, high):
-        self.rows = Rows.stack(
-            [
-                (kind, np.array(lower, float), np.array(upper, float), np.array(groups))
-                for kind, lower, upper, groups in parts
-            ]
-        )
+        self.rows = stacked(parts)
         self.function, self.jacobian = function, jacobian
         self.low, self.high = np.array(low, float), np.array(high, float)
         self.size = self.low.size
@@ -323,7 +319,7 @@ def test_model_of_the_squared_variation_is_exact():
 def test_group_violation_is_that_of_its_worst_row_in_any_order():
     lower, values = np.zeros(4), np.array([-1.0, 2.0, -3.0, -0.5])
     for groups, worst in (([0, 0, 1, 1], [1.0, 3.0]), ([0, 1, 0, 1], [3.0, 0.5])):
-        rows = Rows.stack([("torque", lower, lower + 9.0, np.array(groups))])
+        rows = stacked([("torque", lower, lower + 9.0, groups)])
         np.testing.assert_array_equal(rows.group_violation(values), worst)
 
 

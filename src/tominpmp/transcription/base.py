@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Generic, NamedTuple, Protocol, TypeVar
@@ -161,34 +161,6 @@ class Rows:
                 count = min(mine.size, known.size)
                 out[mine[:count]] = known[:count]
         return out
-
-    @staticmethod
-    def stack(
-        parts: list[tuple[str, Array, Array, IntArray]],
-        curable: Collection[str] = frozenset(),
-    ) -> Rows:
-        """Join blocks of rows.
-
-        Args:
-            parts: For each block, the name of its kind, the lower and upper bounds, and
-                the groups, counted from 0 within the block.
-            curable: Names of the kinds of rows that a slower motion violates less.
-
-        Returns:
-            The rows of all blocks, in order.
-        """
-        kinds, lower, upper, groups = zip(*parts, strict=True)
-        sizes = [group.size for group in groups]
-        counts = [int(group.max(initial=-1)) + 1 for group in groups]
-        first = np.cumsum([0, *counts[:-1]])
-        return Rows(
-            np.concatenate(lower),
-            np.concatenate(upper),
-            np.repeat(np.arange(len(kinds)), sizes),
-            np.concatenate(groups) + np.repeat(first, sizes),
-            kinds,
-            np.array([kind in curable for kind in kinds], dtype=bool),
-        )
 
 
 class ProgramInterface(Protocol):

@@ -116,13 +116,22 @@ class NonlinearProgram:
     @cached_property
     def rows(self) -> Rows:
         """Bounds, kinds and groups of the rows."""
+        lower, upper = zip(*(block.bounds for block in self.blocks), strict=True)
         by_component = self.transcription.by_component
-        parts = []
-        for block in self.blocks:
-            lower, upper = block.bounds
-            groups = block.groups(by_component)
-            parts.append((block.name, lower.ravel(), upper.ravel(), groups))
-        return Rows.stack(parts, {block.name for block in self.blocks if block.curable})
+        each = [block.groups(by_component) for block in self.blocks]
+        kind = np.repeat(np.arange(len(each)), [groups.size for groups in each])
+        # Groups are counted from 0 within each block.
+        first = np.cumsum([0, *(groups.max(initial=-1) + 1 for groups in each)])
+        kinds = tuple(block.name for block in self.blocks)
+        curable = {block.name for block in self.blocks if block.curable}
+        return Rows(
+            np.concatenate(lower, axis=None),
+            np.concatenate(upper, axis=None),
+            kind,
+            np.concatenate(each) + first[kind],
+            kinds,
+            np.array([name in curable for name in kinds], dtype=bool),
+        )
 
     def timed(self, z: Array) -> Array:
         """The iterate, its duration snapped to the lower bound if it is almost there.
