@@ -132,7 +132,8 @@ class WarmStart(Guess):
             return of, of.within_limits(of.interpolated(eta, self.position))
         if self.bend is not None:
             return of, of.start(self.position, T, eta)
-        return of, of.through(self._since_entry, eta)
+        times = T * nodes_of(of.shares[:, 0])
+        return of, of.through(self._since_entry, times, eta)
 
     def _since_entry(self, times: Array) -> State:
         """States of the former motion at times of the guess."""

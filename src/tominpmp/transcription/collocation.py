@@ -110,14 +110,14 @@ class CollocationTranscription(TorqueTranscription):
         v = np.concatenate([system.problem.v_start[None], inner, last[None]])
         return self.pack(np.hstack([q, v]), system.driving_torque(q, v, lengths), eta)
 
-    def through(self, motion: Callable[[Array], State], eta: Array) -> Array:
+    def through(self, motion: Callable[[Array], State], t: Array, eta: Array) -> Array:
         """Iterate with the states of a motion at the nodes, and with its torques.
 
         Args:
-            motion: States of the motion at times of this grid [s], shape (k,).
+            motion: States of the motion at times [s], shape (k,).
+            t: Times of the nodes [s], shape (N + 1,).
             eta: Lengths of the iterate, shape (m,).
         """
-        t = nodes_of(self.shares @ eta)
         nodes, middle = motion(t), motion(0.5 * (t[1:] + t[:-1]))
         u = self.system.net_torque(middle.u, middle.v)
         return self.pack(np.hstack([nodes.q, nodes.v]), u, eta)

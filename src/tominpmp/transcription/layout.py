@@ -232,9 +232,8 @@ class Layout:
             z = of.interpolated(eta, position)
             z = of.within_limits(z) if within else z
         else:
-            z = of.through(
-                lambda times: motion(np.minimum(times, motion.duration)), eta
-            )
+            end = motion.duration
+            z = of.through(lambda times: motion(np.minimum(times, end)), t, eta)
         return NonlinearProgram.of(of).at(z), z
 
 
