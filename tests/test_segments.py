@@ -103,6 +103,15 @@ def test_continuous_accelerations_are_zero_at_a_dwell():
     assert np.max(np.abs(solution.trajectory(np.concatenate(times)).u)) < 1.005 * FORCE
 
 
+def test_continuous_accelerations_are_zero_at_the_last_dwell():
+    """Regression: just before the dwell, the force was 1.4 times its limit."""
+    solution = planned(problem_on_rail(at(1.0, dwell=0.1)), control="spline")
+    assert_close_above(solution.T - 0.1, rail_time(1.0, PUSH), 0.02)
+    arrival = solution.segments[0].arrival
+    before = solution.trajectory(np.linspace(0.9 * arrival, arrival, 4001))
+    assert np.max(np.abs(before.u)) < 1.005 * FORCE
+
+
 def test_motion_there_and_back_takes_its_closed_form_duration():
     assert_close_above(
         planned(problem_on_rail(at(1.0), at(0.4))).T,

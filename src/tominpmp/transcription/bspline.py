@@ -159,6 +159,9 @@ class BSplineTranscription(Transcription[SplineMotion]):
         goal, v_end = system.final_configuration, system.final_velocity
         outer = system.segments[0], system.segments[-1]
         known, last = (2 if p == 2 or part.sudden else 3 for part in outer)
+        # Above degree 3 a motion cannot jump to the zero acceleration of a dwell.
+        if p > 3 and any(segment.dwell for segment in system.problem.segments[-1:]):
+            last = 3
         if v_end is None:
             last = int(goal is not None)
         inner = M - known - last
