@@ -277,6 +277,26 @@ def test_replay_begins_at_the_start_of_the_problem() -> None:
     assert verify(apart, rail_motion(), Tolerances(goal=0.02)).ok
 
 
+def test_motion_that_begins_elsewhere_fails_with_the_right_torques() -> None:
+    """Regression: the same torques move a rail by a metre, wherever it stands."""
+    motion = rail_motion()
+    shifted = replace(motion, q=motion.q + 0.3)
+    found = verify(rail_problem(), shifted)
+    assert found.goal_error < 1e-10 and not found.ok
+    message = "joint joint1 begins 0.3 m from the start of the problem."
+    assert found.message == message and found.violations[0].kind == "start"
+    assert verify(rail_problem(), replace(motion, q=motion.q + 5e-4)).ok
+
+
+def test_whole_turns_of_a_continuous_joint_are_the_same_start() -> None:
+    free = {"position_lower": -np.inf, "position_upper": np.inf}
+    robot = make_arm(RODS[0], effort=100.0, gravity=np.zeros(3), **free)
+    motion = swing(robot, 1.0)
+    problem = swing_problem(robot, motion)
+    assert verify(problem, replace(motion, q=motion.q - 4.0 * np.pi)).ok
+    assert not verify(problem, replace(motion, q=motion.q + np.pi)).ok
+
+
 def test_final_velocity_of_the_goal_is_checked() -> None:
     problem = replace(rail_problem(), goal=JointGoal(np.ones(1), np.full(1, 0.5)))
     found = verify(problem, rail_motion())

@@ -34,9 +34,9 @@ class LimitViolation:
     """The worst violation of one kind of limit, or the least slack.
 
     Attributes:
-        kind: "goal", "speed", "position", "velocity", "effort", "acceleration", "jerk",
-            "effort rate", "feedback", "holding torque", "clearance", "duration",
-            "arrival", or the name of a constraint.
+        kind: "start", "goal", "speed", "position", "velocity", "effort",
+            "acceleration", "jerk", "effort rate", "feedback", "holding torque",
+            "clearance", "duration", "arrival", or the name of a constraint.
         name: Name of the joint, of the frame, of the pair ("link and obstacle"), or of
             the subject of a constraint; "late" or "early" for arrivals, "the motion"
             for durations, and "the arm" for goals after a failed integration.
@@ -45,8 +45,8 @@ class LimitViolation:
             failed integration; negative for slack.
         unit: Unit of the amount.
         share: The amount relative to the limit, for positions and efforts relative to
-            the range of the limits; for goals, clearances and arrivals the amount
-            itself.
+            the range of the limits; for the start, goals, clearances and arrivals the
+            amount itself.
         violated: Whether the excess is larger than the tolerance.
         segment: Number of the segment, from 1; None for a motion of one segment.
         span: Begin and end of the segment [s]; None for a motion of one segment.
@@ -78,6 +78,8 @@ class LimitViolation:
     def clause(self) -> str:
         """The violation in words, without the segment."""
         amount, when = f"{abs(self.amount):.3g} {self.unit}", f"at {self.time:.3f} s"
+        if self.kind == "start":
+            return f"joint {self.name} begins {amount} from the start of the problem"
         if self.kind in ("goal", "speed"):
             velocity = "" if self.kind == "goal" else "the velocity of "
             if self.amount < np.inf:

@@ -23,9 +23,12 @@ from tominpmp.collision.bodies import Geometry
 from tominpmp.collision.checker import CollisionChecker
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import BRIEF, shortened
+from tominpmp.goals.turns import TURN
+from tominpmp.kinematics import endless_joints, units_of
 from tominpmp.motion.joining import checked_motion
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
+from tominpmp.motion_limits import POSITION
 from tominpmp.options import Tolerances
 from tominpmp.problem.problem import Problem
 from tominpmp.verification.feedback import (
@@ -211,6 +214,7 @@ def verify(
         findings = judge(stages, tracked, torque, tolerances, checkers)
         findings.items.extend(tracking.excesses(tracked.t, tolerances.limits))
     assert findings is not None  # noqa: S101
+    findings.items.extend(_start_misses(problem, trajectory, goal))
     if findings.violations:
         gaps = np.abs(integration.defects()[:, : trajectory.n])
         defect = float(np.max(np.nan_to_num(gaps, nan=np.inf), initial=0.0))
@@ -218,6 +222,28 @@ def verify(
     deviation = np.max(np.abs(replayed.q - trajectory(replayed.t, 0)), axis=0)
     result = findings.result(problem, tolerances, deviation, growth, begin)
     return replace(result, defect=defect, feedback=feedback)
+
+
+def _start_misses(
+    problem: Problem, trajectory: Trajectory, tolerance: float
+) -> list[LimitViolation]:
+    """Distance of a motion from the start of its problem; empty if it is tolerated.
+
+    The torques of a motion may lead from the start to the goal although its positions
+    do not: torques do not depend on turns about the vertical, for example.
+
+    Args:
+        problem: The problem.
+        trajectory: The motion.
+        tolerance: Tolerated distance of each joint [rad or m].
+    """
+    robot, away = problem.robot, trajectory.q[0] - problem.q_start
+    # Whole turns of continuous joints do not count.
+    away -= np.where(endless_joints(robot), TURN * np.round(away / TURN), 0.0)
+    joint = int(np.argmax(np.abs(away)))
+    amount, unit = float(abs(away[joint])), units_of(robot, POSITION)[joint]
+    miss = "start", robot.joint_names[joint], 0.0, amount, unit, amount, True
+    return [LimitViolation(*miss)] if amount > tolerance else []
 
 
 def _too_long(
