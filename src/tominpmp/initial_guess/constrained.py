@@ -18,7 +18,7 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Number of intervals of a path whose inner configurations are shifted.
 PLACES = 24
-# Tolerance of a shifted configuration: violations as shares of their scale, distances
+# Tolerance of configurations of a path: violations as shares of their scale, distances
 # of frames as shares of the reach.
 CLOSE = 1e-4
 # Margin to the limits that shifted configurations keep, as a share of the scale.

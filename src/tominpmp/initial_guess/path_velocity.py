@@ -19,7 +19,7 @@ import numpy as np
 from tominpmp.arrays import Array, BoolArray, IntArray
 from tominpmp.collision.checker import CollisionChecker
 from tominpmp.constraints.path import PathConstraint, Window
-from tominpmp.initial_guess.constrained import constraints_of
+from tominpmp.initial_guess.constrained import CLOSE, constraints_of
 from tominpmp.initial_guess.guess import SAMPLED, VIA_POINT, Guess, GuessRequest
 from tominpmp.initial_guess.rrt import LONG, PathSearches
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -32,8 +32,6 @@ CHECKS = 30_000
 # Longest duration of a motion that waits: PATIENCE times the duration of the path, but
 # at least LEAST_PATIENCE [s].
 PATIENCE, LEAST_PATIENCE = 10.0, 10.0
-# Tolerated violation of constraints on positions, as a share of their scale.
-TOLERATED = 1e-6
 # Additional clearance of a cautious passage, as a share of the reach.
 CAUTIOUS_MARGIN = 0.02
 # Number of guesses without moving obstacles that come first, and the instants at which
@@ -137,7 +135,7 @@ def _forbidden(item: PathConstraint, q: Array) -> tuple[Window, BoolArray]:
     """The time window of a constraint, and the places of a path that it forbids."""
     assert item.window is not None  # noqa: S101
     rest = np.zeros(q.shape[1])
-    lacks = [bool(item.lack(place, rest, TOLERATED)) for place in q]
+    lacks = [bool(item.lack(place, rest, CLOSE)) for place in q]
     return item.window, np.array(lacks)
 
 

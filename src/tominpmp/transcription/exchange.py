@@ -59,10 +59,10 @@ APART_IN_TIME = 2e-5
 # The step is refined until obstacles move in it, or values rise in half of it, by no
 # more than this share of the padding, at most this number of times.
 FINE, CUTS = 0.25, 2
-# Least and largest number of instants inspected in one pass, and largest number of
-# entries in a table of instants by values: tables take memory, and the verification
-# inspects the motion again.
-FEWEST_SAMPLES, MOST_SAMPLES, MOST_NUMBERS = 200, 20_000, 4_000_000
+# Largest number of instants inspected in one pass, and of entries in a table of
+# instants by values: tables take memory, and the verification inspects the motion
+# again.
+MOST_SAMPLES, MOST_NUMBERS = 20_000, 4_000_000
 # Tolerated violation if the padding is zero.
 LEAST = 1e-5
 # As soon as one torque exceeds its limit by more than the tolerance, all torques that
@@ -307,8 +307,7 @@ class Inspection:
 
 def most_instants(values: int) -> int:
     """Largest number of instants to inspect, for a number of values at each."""
-    most = MOST_NUMBERS // max(values, 1)
-    return int(np.clip(most, FEWEST_SAMPLES, MOST_SAMPLES))
+    return min(max(MOST_NUMBERS // max(values, 1), 1), MOST_SAMPLES)
 
 
 def _worst(near: IntArray, violation: Array, parts: int, most: int) -> IntArray:

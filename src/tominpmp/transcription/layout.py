@@ -36,7 +36,8 @@ Gridded = BSplineTranscription | CollocationTranscription
 # Codes of parameterisations in Layout.degree: states with constant torques, and splines
 # of constant accelerations.
 LIFTED, QUADRATIC = CollocationTranscription.degree, 2
-# Intervals shorter than this share of the mean are not taken over into a grid.
+# Intervals shorter than this share of the mean are not taken over into a grid, and
+# those shorter than this share of T are not halved.
 SHORTEST = 1e-3
 # Most intervals of a grid after halving; on a clock of a segment, unless its motion has
 # more.
@@ -45,8 +46,6 @@ MOST_INTERVALS = 300
 # interval is its length times the largest jump of the controls, or of their slopes,
 # around it, or times its unused torque.
 HALVED_SHARE = 0.95
-# Intervals shorter than this share of T are not halved.
-SHORTEST_HALVED = 1e-3
 # A finer grid gains nothing on an interval in which a limiting joint, one that
 # determines T, is at its speed limit throughout. A joint counts as limiting if it is at
 # its speed limit for the share LIMITING of T; other joints may reach theirs only to
@@ -282,7 +281,7 @@ def intervals_to_halve(of: Gridded, z: Array) -> BoolArray:
     losses = _unused_torques(of, z, h)
     if losses is None:
         losses = _jumps(of, z, h)
-    losses[h < SHORTEST_HALVED * h.sum()] = 0.0
+    losses[h < SHORTEST * h.sum()] = 0.0
     order = np.argsort(-losses, kind="stable")
     before = np.cumsum(losses[order]) - losses[order]
     split = np.zeros(h.size, dtype=bool)
