@@ -26,8 +26,8 @@ from tominpmp.transcription.program import NonlinearProgram
 RESTORABLE = 1e-2
 RESTORATIONS = 8
 # Relative increase of the duration that removes a violation, as a share of it: torques
-# go with the square of the speed. An extrapolated increase is multiplied by OVERSHOOT.
-SLOWDOWN, OVERSHOOT = 0.5, 1.02
+# go with the square of the speed.
+SLOWDOWN = 0.5
 # Time-scaling factors that are tried if any feasible motion will do.
 TIME_SCALINGS = (1.0, 1.02, 1.05, 1.1, 1.2)
 # Weight of the proximal term, without a total variation: cost of a step of all unknowns
@@ -166,9 +166,8 @@ class Objective(ABC):
                 return trial
             rate = (violation - trial.violation) / (factor - former)
             former, violation = factor, trial.violation
-            # If the violation keeps falling at this rate, it vanishes slightly before
-            # this factor.
-            beyond = factor + OVERSHOOT * violation / rate if rate > 0.0 else np.inf
+            # If the violation keeps falling at this rate, it vanishes at this factor.
+            beyond = factor + violation / rate if rate > 0.0 else np.inf
             factor = min(beyond, 1.0 + 2.0 * (factor - 1.0))
         return state
 

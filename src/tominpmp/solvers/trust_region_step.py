@@ -74,13 +74,12 @@ SETTLED_ERROR = 0.05
 SHORTEST = 0.01
 # Least share of the predicted reduction for which a step is accepted (Fletcher, 1987).
 ACCEPT = 0.1
-# Ratio of actual to predicted reduction that the radius control aims for, and the
-# largest and smallest factor of the radius, tuned by benchmarks/random_goals.py. As the
-# error of a linearisation is quadratic in the radius, the radius settles where half of
-# the predicted reduction is lost.
+# Ratio of actual to predicted reduction that the radius control aims for: as the error
+# of a linearisation is quadratic in the radius, the radius settles where half of the
+# predicted reduction is lost. It is also the smallest factor of the radius.
 AIM = 0.5
+# Largest factor of the radius, tuned by benchmarks/random_goals.py.
 GROWTH = 2.5
-SHRINK = 0.5
 # Largest radius, as a share of the initial one.
 LARGEST_RADIUS = 5.0
 
@@ -321,5 +320,5 @@ def next_radius(radius: float, ratio: float, damping: float) -> float:
         factor = max(damping, 0.3)
     else:
         # The loss 1 - ratio is proportional to the radius.
-        factor = min(max(AIM / max(1.0 - ratio, 1e-3), SHRINK), GROWTH)
+        factor = min(max(AIM / max(1.0 - ratio, 1e-3), AIM), GROWTH)
     return min(radius * factor, LARGEST_RADIUS)
