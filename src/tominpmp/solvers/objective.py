@@ -225,8 +225,7 @@ class MinimumTime(Objective):
 
         if jumps is not None and not self.squared:
             return Model(value, cost, flat, proximal, jumps, weight)
-        lower, upper = linearization.steps
-        reach = np.maximum(-lower, upper)
+        reach = np.max(np.abs(linearization.steps), axis=0)
         moving = (reach > 0.0) & (cost == 0.0)
         share = 2.0 * PROXIMAL * state.duration / max(int(moving.sum()), 1)
         proximal[moving] = np.sqrt(share) / reach[moving]
