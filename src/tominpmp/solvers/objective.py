@@ -42,14 +42,13 @@ class Model:
     r"""An objective near an iterate z, with a convex model of its change in a step d.
 
     .. math::
-        g^T d + |R d|^2 / 2 + |S d|^2 / 2
-        + w \sum (|G (z + d) + G_0| - |G z + G_0|)
+        g^T d + |R d|^2 / 2 + w \sum (|G (z + d) + G_0| - |G z + G_0|)
 
     Attributes:
         value: The objective as a function of unknowns and row values.
         gradient: g, shape (size,).
-        root: R, root of the curvature, shape (k, size), without rows if there is none.
-        proximal: Diagonal of S, which keeps unknowns near z, shape (size,).
+        root: R, root of the curvature and of proximal terms, which keep unknowns near
+            z, shape (k, size), without rows if there is none.
         variation: G and G_0: differences whose absolute values are added up; None
             without a total variation.
         weight: w, the weight of the total variation.
@@ -58,7 +57,6 @@ class Model:
     value: Callable[[Array, Array], float]
     gradient: Array
     root: sp.csr_matrix
-    proximal: Array
     variation: Variation | None = None
     weight: float = 0.0
 
@@ -70,9 +68,8 @@ class Model:
         return total
 
     def curvature_term(self, step: Array) -> float:
-        """Quadratic terms of a step, by the curvature and the proximal term."""
-        curved = 0.5 * float(np.sum((self.root @ step) ** 2))
-        return curved + 0.5 * float(np.sum((self.proximal * step) ** 2))
+        """Quadratic term of a step."""
+        return 0.5 * float(np.sum((self.root @ step) ** 2))
 
     def with_curvature(self, root: sp.csr_matrix) -> Model:
         """The model with a further curvature, given by its root."""
@@ -215,7 +212,6 @@ class MinimumTime(Objective):
         """
         cost, weight = program.cost, self.jump_weight
         jumps = program.transcription.variation(state.z) if weight > 0.0 else None
-        flat, proximal = sp.csr_matrix((0, cost.size)), np.zeros(cost.size)
 
         def value(z: Array, _: Array) -> float:
             varied = 0.0
@@ -224,16 +220,18 @@ class MinimumTime(Objective):
             return float(cost @ z) + weight * varied
 
         if jumps is not None and not self.squared:
-            return Model(value, cost, flat, proximal, jumps, weight)
+            flat = sp.csr_matrix((0, cost.size))
+            return Model(value, cost, flat, jumps, weight)
         reach = np.max(np.abs(linearization.steps), axis=0)
         moving = (reach > 0.0) & (cost == 0.0)
         share = 2.0 * PROXIMAL * state.duration / max(int(moving.sum()), 1)
-        proximal[moving] = np.sqrt(share) / reach[moving]
+        near = sp.diags(np.sqrt(share) * moving / np.where(moving, reach, 1.0))
         if jumps is None:
-            return Model(value, cost, flat, proximal)
+            return Model(value, cost, near.tocsr())
         slope = jumps.matrix.T @ jumps.at(state.z)
         root = math.sqrt(2.0 * weight) * jumps.matrix
-        return Model(value, cost + 2.0 * weight * slope, root, proximal)
+        model = Model(value, cost + 2.0 * weight * slope, root)
+        return model.with_curvature(near)
 
 
 class AnyMotion(MinimumTime):

@@ -101,7 +101,7 @@ class QuietTorques(Objective):
         parts = [matrix / self.torque_norm, self.speeds.matrix]
         root = sp.vstack(parts, format="csr")
         gradient = np.asarray(root.T @ self._residuals(program, z, state.values))
-        return Model(partial(self.value, program), gradient, root, 0.0 * z)
+        return Model(partial(self.value, program), gradient, root)
 
     def _residuals(self, program: NonlinearProgram, z: Array, values: Array) -> Array:
         torques = self.differences @ self._torques(program, z, values)

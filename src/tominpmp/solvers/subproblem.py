@@ -1,7 +1,7 @@
 r"""The convex program of an iteration: step, total variation and elastic variables.
 
 .. math::
-    \min \; g^T d + |R d|^2 / 2 + |S d|^2 / 2 + w \sum (p + m) + \sum_g \mu_g e_g
+    \min \; g^T d + |R d|^2 / 2 + w \sum (p + m) + \sum_g \mu_g e_g
     \quad s.t. \quad l \le g(z) + J d - s e_g \le u, \quad
     G (z + d) + G_0 = p - m
 
@@ -118,8 +118,7 @@ def build_subproblem(
     keys = 2 * _KEY_BLOCK + slack_groups
     columns.append((weights, np.zeros(keys.size), most, keys))
     matrix, of_step = sp.bmat(blocks, format="csc"), model.root @ units
-    near = sp.diags((units.T @ model.proximal) ** 2, format="csc")
-    curved = sp.csc_matrix(of_step.T @ of_step + near)
+    curved = sp.csc_matrix(of_step.T @ of_step)
     # The objective is linear in all other columns.
     curved.resize(matrix.shape[1], matrix.shape[1])
     cost, lower, upper, column_keys = map(np.concatenate, zip(*columns, strict=True))

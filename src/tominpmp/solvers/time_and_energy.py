@@ -97,7 +97,7 @@ class TimeAndEnergy(Objective):
             pace = self._pace_curvature(program, z, float(terms @ terms), jacobian)
             root = sp.vstack([np.sqrt(2.0) * jacobian, pace], format="csr")
             gradient, root = program.cost + k * gradient, np.sqrt(k) * root
-            return Model(value, gradient, root, 0.0 * z)
+            return Model(value, gradient, root)
         lower, upper = linearization.steps
         box, energy = np.maximum(upper, -lower), float(np.sum(np.maximum(terms, 0.0)))
         near = np.abs(terms) < abs(jacobian) @ box
@@ -107,9 +107,10 @@ class TimeAndEnergy(Objective):
         # A small proximal term determines the unknowns that do not affect the energy.
         trace = np.sqrt(TRACE * energy)
         still = np.divide(trace, box, out=np.zeros(z.size), where=box > 0.0)
-        gradient, root = program.cost + k * gradient, np.sqrt(k) * pace
+        root = np.sqrt(k) * sp.vstack([pace, sp.diags(still)], format="csr")
+        gradient = program.cost + k * gradient
         variation = Variation(kinks, terms[near] - kinks @ z)
-        return Model(value, gradient, root, np.sqrt(k) * still, variation, 0.5 * k)
+        return Model(value, gradient, root, variation, 0.5 * k)
 
     def restored(self, program: NonlinearProgram, state: Iterate) -> Iterate:
         """The motion slowed down, unless that costs more than its violations are worth.
