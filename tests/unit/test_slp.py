@@ -104,7 +104,7 @@ def subproblem_at(program, state, radius):
     steps = program.step_bounds(state.z, radius)
     linearization = program.linearize(state.z, state.values, steps)
     cost, flat = program.cost, sp.csr_matrix((0, program.size))
-    model = Model(lambda z, _: cost @ z, cost, flat, np.zeros(program.size))
+    model = Model(lambda z, _: cost @ z, cost, flat)
     return build_subproblem(state, model, linearization)
 
 
