@@ -23,12 +23,11 @@ from tominpmp.collision.bodies import Geometry
 from tominpmp.collision.checker import CollisionChecker
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import BRIEF, shortened
-from tominpmp.goals.turns import TURN
-from tominpmp.kinematics import endless_joints, units_of
+from tominpmp.goals.joints import nearest_turns
+from tominpmp.kinematics import units_of
 from tominpmp.motion.joining import checked_motion
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
-from tominpmp.motion_limits import POSITION
 from tominpmp.options import Tolerances
 from tominpmp.problem.problem import Problem
 from tominpmp.verification.feedback import (
@@ -237,11 +236,11 @@ def _start_misses(
         trajectory: The motion.
         tolerance: Tolerated distance of each joint [rad or m].
     """
-    robot, away = problem.robot, trajectory.q[0] - problem.q_start
+    robot, here = problem.robot, trajectory.q[0]
     # Whole turns of continuous joints do not count.
-    away -= np.where(endless_joints(robot), TURN * np.round(away / TURN), 0.0)
-    joint = int(np.argmax(np.abs(away)))
-    amount, unit = float(abs(away[joint])), units_of(robot, POSITION)[joint]
+    away = np.abs(here - nearest_turns(robot, [problem.q_start], here)[0])
+    joint = int(np.argmax(away))
+    amount, unit = float(away[joint]), units_of(robot)[joint]
     miss = "start", robot.joint_names[joint], 0.0, amount, unit, amount, True
     return [LimitViolation(*miss)] if amount > tolerance else []
 
