@@ -13,10 +13,13 @@ import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tests.schedules import carried_out, loop_with
 from tominpmp.initial_guess.guess import GuessRequest, straight_guess
+from tominpmp.planner import descent
 from tominpmp.planner.automatic_options import resolve_options
 from tominpmp.planner.coarse_search import CoarseSearch
+from tominpmp.planner.descent import descent_work
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.status import IterationRecord, Status
+from tominpmp.stopping import Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 START, END = (0.5, 1.7, -1.7), (2.0, -1.0, 0.5)
@@ -92,7 +95,7 @@ def test_start_ends_if_it_will_not_beat_an_earlier_one(monkeypatch):
     def stop_reason(before, now):
         durations = [factor * best.duration for factor in (before, now)]
         records = [record(search, duration=duration) for duration in durations]
-        return search._drop_early()(loop(search, records))
+        return search._drop_early(loop(search, records))
 
     assert stop_reason(1.3, 1.2) is None  # the duration still decreases fast enough
     assert stop_reason(1.21, 1.2) is Status.STALLED
@@ -100,14 +103,28 @@ def test_start_ends_if_it_will_not_beat_an_earlier_one(monkeypatch):
     assert stop_reason(1.0, 1.0) is Status.STALLED
 
 
-def test_start_ends_if_its_violation_stagnates(coarse):
-    search, _ = coarse
-    rule = search._drop_early()
+@pytest.mark.parametrize("repaired", [False, True])
+def test_descent_is_dropped_if_its_violation_stagnates(coarse, repaired, monkeypatch):
+    """Regression: repairs were continued for 80 iterations, until T was twenty times as
+    long, and the other starts had no time left.
+    """
+    search, guess = coarse
+    rules, former = [], search.known[0].candidate if repaired else None
+
+    def caught(*given):
+        rules.append(given[-1])
+        raise Stop(requested=False)
+
+    monkeypatch.setattr(PlanState, "solve", caught)
+    monkeypatch.setattr(descent, "trust_regions", lambda _: (None, lambda loop: None))
+    work = descent_work(search.system, search.coarse, guess, search.state)
+    with pytest.raises(Stop):
+        work.make(search.system, 0, former)
     stays = [record(search, violation=0.02, duration=2.0 + k) for k in range(12)]
     falls = [record(search, violation=0.5 * 0.8**k) for k in range(12)]
-    assert rule(loop(search, stays[:9])) is None
-    assert rule(loop(search, stays)) is Status.STALLED
-    assert rule(loop(search, falls)) is not Status.STALLED
+    assert rules[0](loop(search, stays[:9])) is None
+    assert rules[0](loop(search, stays)) is Status.STALLED
+    assert rules[0](loop(search, falls)) is not Status.STALLED
 
 
 def test_history_has_every_iteration_once():

@@ -32,13 +32,12 @@ from tominpmp.planner.descent import (
     descend,
     descent_work,
     guess_of,
-    stop_if_hopeless,
     torques_rule,
 )
 from tominpmp.planner.plan_state import PlanState, start_key
 from tominpmp.planner.torque_starts import FEW_JOINTS, torque_starts, torques_may_lead
 from tominpmp.planner.work import Schedule, Work
-from tominpmp.solvers.loop import Loop, Rule, first_of
+from tominpmp.solvers.loop import Loop
 from tominpmp.solvers.objective import RESTORABLE
 from tominpmp.status import Status
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -122,9 +121,7 @@ def search(
     if system.final_configuration is not None and not torques:
         # Where speed limits rule and there are few obstacles, a descent on the
         # requested grid takes a few iterations, and ends near the lower bound.
-        stop = None
-        if not system.in_free_space:
-            stop = first_of(partial(_gap_rule, state, system), stop_if_hopeless)
+        stop = None if system.in_free_space else partial(_gap_rule, state, system)
         yield descent_work(system, state.options, first, state, stop)
         if state.best_duration < np.inf and (
             system.in_free_space or not coarse.promising
@@ -292,8 +289,7 @@ class CoarseSearch:
         then known itself.
         """
         self.state.tried.add(start_key(self.system.problem, guess.t, guess.q))
-        stop = self._drop_early()
-        make = partial(descend, self.coarse, guess, self.state, stop)
+        make = partial(descend, self.coarse, guess, self.state, self._drop_early)
         candidate = yield Work(self.system, make, replay=False)
         if candidate is None:
             return None
@@ -304,17 +300,13 @@ class CoarseSearch:
         self.known.append(rough)
         return rough
 
-    def _drop_early(self) -> Rule:
-        """Stop rule that drops a start whose motion is known, slow or infeasible."""
-
-        def rule(loop: Loop) -> Status | None:
-            if not self.known or loop.history[-1].violation > RESTORABLE:
-                return None
-            motion = loop.program.trajectory((loop.best or loop.state).z)
-            known = self._is_known(_shape_of(self.system, motion))
-            return loop.drop() if known or self._is_slower(loop) else None
-
-        return first_of(rule, stop_if_hopeless)
+    def _drop_early(self, loop: Loop) -> Status | None:
+        """Stop rule that drops a start whose motion is known, or slow."""
+        if not self.known or loop.history[-1].violation > RESTORABLE:
+            return None
+        motion = loop.program.trajectory((loop.best or loop.state).z)
+        known = self._is_known(_shape_of(self.system, motion))
+        return loop.drop() if known or self._is_slower(loop) else None
 
     def _is_known(self, shape: Array) -> bool:
         return any(np.max(np.abs(shape - rough.shape)) < SAME for rough in self.known)
