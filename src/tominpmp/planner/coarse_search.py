@@ -32,12 +32,13 @@ from tominpmp.planner.descent import (
     descend,
     descent_work,
     guess_of,
+    stop_if_hopeless,
     torques_rule,
 )
 from tominpmp.planner.plan_state import PlanState, start_key
 from tominpmp.planner.torque_starts import FEW_JOINTS, torque_starts, torques_may_lead
 from tominpmp.planner.work import Schedule, Work
-from tominpmp.solvers.loop import Loop
+from tominpmp.solvers.loop import Loop, first_of
 from tominpmp.solvers.objective import RESTORABLE
 from tominpmp.status import Status
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -121,7 +122,9 @@ def search(
     if system.final_configuration is not None and not torques:
         # Where speed limits rule and there are few obstacles, a descent on the
         # requested grid takes a few iterations, and ends near the lower bound.
-        stop = None if system.in_free_space else partial(_gap_rule, state, system)
+        stop = None
+        if not system.in_free_space:
+            stop = first_of(partial(_gap_rule, state, system), stop_if_hopeless)
         yield descent_work(system, state.options, first, state, stop)
         if state.best_duration < np.inf and (
             system.in_free_space or not coarse.promising
@@ -289,7 +292,8 @@ class CoarseSearch:
         then known itself.
         """
         self.state.tried.add(start_key(self.system.problem, guess.t, guess.q))
-        make = partial(descend, self.coarse, guess, self.state, self._drop_early)
+        stop = first_of(self._drop_early, stop_if_hopeless)
+        make = partial(descend, self.coarse, guess, self.state, stop)
         candidate = yield Work(self.system, make, replay=False)
         if candidate is None:
             return None

@@ -225,13 +225,13 @@ class MinimumTime(Objective):
         reach = np.max(np.abs(linearization.steps), axis=0)
         moving = (reach > 0.0) & (cost == 0.0)
         share = 2.0 * PROXIMAL * state.duration / max(int(moving.sum()), 1)
-        near = sp.diags(np.sqrt(share) * moving / np.where(moving, reach, 1.0))
+        nearness = np.sqrt(share) * moving / np.where(moving, reach, 1.0)
+        model = Model(value, cost, sp.diags(nearness, format="csr"))
         if jumps is None:
-            return Model(value, cost, near.tocsr())
-        slope = jumps.matrix.T @ jumps.at(state.z)
-        root = math.sqrt(2.0 * weight) * jumps.matrix
-        model = Model(value, cost + 2.0 * weight * slope, root)
-        return model.with_curvature(near)
+            return model
+        slope = 2.0 * weight * jumps.matrix.T @ jumps.at(state.z)
+        curved = model.with_curvature(math.sqrt(2.0 * weight) * jumps.matrix)
+        return replace(curved, gradient=cost + slope)
 
 
 class AnyMotion(MinimumTime):
