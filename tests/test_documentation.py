@@ -178,6 +178,24 @@ def test_generated_reference_is_complete() -> None:
     assert [line for line in lines if line.endswith("|  |")] == []
 
 
+def test_generated_exceptions_are_public() -> None:
+    lines = from_the_code.CONTENTS["errors"]()
+    named = {line[4:-1] for line in lines if line.startswith("## ")}
+    assert named <= set(tm.__all__) and "FrameNotFound" in named
+    assert [line for line in lines if line.startswith("A `_")] == []
+
+
+def test_generated_keys_of_scenarios_are_those_of_files() -> None:
+    lines = from_the_code.CONTENTS["scenario_keys"]()
+    text = "\n".join(lines)
+    goal = text.partition("— `JointGoal`")[2].partition("###")[0]
+    assert set(re.findall(r"^\| `(\w+)` ", goal, re.MULTILINE)) == {
+        *("q", "v", "state", "wrap"),
+    }
+    options = text.partition("## `[options]`")[2].partition("## ")[0]
+    assert "`control_period`" in options and "callback" not in options
+
+
 @pytest.mark.parametrize(
     ("name", "load"),
     [("scenario_example", tm.load_scenario), ("tour_keys", load_tour)],

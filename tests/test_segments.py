@@ -441,6 +441,9 @@ def test_options_that_exclude_segments_are_refused():
         tm.Problem(rail(), [0.0], tm.JointGoal([1.0]), segments=[at(1.0)])
     with pytest.raises(tm.ProblemError, match="asks for a velocity"):
         tm.Segment(tm.JointGoal([0.5], v=[1.0]), stop=True)
+    with pytest.raises(tm.ProblemError, match="dwell stops the arm") as caught:
+        tm.Segment(tm.JointGoal([0.5], v=[1.0]), dwell=0.1)
+    assert caught.value.field == "segment.dwell"
 
 
 def test_velocity_at_a_via_point_is_reached():

@@ -14,6 +14,7 @@ from tominpmp.constraints.path import PathConstraint
 from tominpmp.files import scenario
 from tominpmp.files.records import classes
 from tominpmp.goals.base import Goal
+from tominpmp.goals.joints import JointGoal
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.problem.segments import Segment
 from tominpmp.robot.payload import Payload
@@ -36,7 +37,8 @@ TABLES = {
 }
 START = {
     "q": "Joint positions [rad or m], in order or by joint name.",
-    "state": "Name of a group state of the SRDF file, instead of `q`.",
+    "state": "Name of a group state of the SRDF file, instead of `q`; beside it, `q` "
+    "has joints by name that differ from it.",
     "v": "Joint velocities [rad/s or m/s]; at rest if left out.",
     "a": "Joint accelerations [rad/s^2 or m/s^2], for limits of jerk or torque rate; "
     "zero if left out.",
@@ -49,6 +51,7 @@ ROBOT = {
     "motion_limits": "Like the table `[motion_limits]`, but for the robot itself.",
     "payloads": "List of tables, with the keys of the table of payloads below.",
 }
+LIMITS_FILE = "Path of a YAML file of motion limits; the other keys take precedence."
 TOUR = {
     "end": '`"start"`, which is the default; `"last"` for the last station; or joint '
     "positions [rad or m], by joint name too.",
@@ -75,14 +78,19 @@ def scenario_keys() -> list[str]:
         ("Payloads", Payload),
         ("`[options]`", tm.Options),
     ):
-        lines += ["", f"## {heading}", "", *field_rows(kind)]
+        # A function cannot be written in a file.
+        lines += ["", f"## {heading}", "", *field_rows(kind, without=("callback",))]
+        if kind is MotionLimits:
+            lines.append(f"| `file` | `None` | {LIMITS_FILE} |")
+    joint_goal = field_rows(JointGoal, without=("joints",))
+    own = {JointGoal: [*joint_goal, f"| `state` | `None` | {START['state']} |"]}
     for heading, found in (
         ("`[goal]`: types", classes(Goal)),
         ("`[[scene.obstacles]]`: types", classes(Obstacle)),
         ("`motion` of an obstacle: types", classes(Motion)),
         ("`[[constraints]]`: types", classes(PathConstraint)),
     ):
-        lines += ["", f"## {heading}", "", *kinds(found)]
+        lines += ["", f"## {heading}", "", *kinds(found, rows=own)]
     return lines
 
 

@@ -81,11 +81,11 @@ def errors() -> list[str]:
     """Every exception with its attributes and its remedy."""
     lines: list[str] = []
     for name, kind in vars(exceptions).items():
-        if not (inspect.isclass(kind) and kind.__module__ == exceptions.__name__):
+        if name not in tm.__all__ or not inspect.isclass(kind):
             continue
         text = inspect.cleandoc(kind.__doc__ or "").split("\nAttributes:\n")[0]
-        bases = ", ".join(f"`{base.__name__}`" for base in kind.__bases__)
-        lines += [f"## `{name}`", "", f"A {bases}.", ""]
+        public = [k.__name__ for k in kind.__mro__[1:] if k.__name__[0] != "_"]
+        lines += [f"## `{name}`", "", f"A `{public[0]}`.", ""]
         lines += [plain(part) + "\n" for part in text.split("\n\n")]
         kept = entries(kind.__doc__, "Attributes")
         lines += [f"- `{key}`: {words}" for key, words in kept.items()]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import MISSING, fields
 from typing import Any
 
@@ -45,24 +45,38 @@ def default(item: Any) -> str:
     return "empty" if isinstance(value, tm.Scene) else f"`{value!r}`"
 
 
-def field_rows(kind: type[Any], texts: Mapping[str, str] | None = None) -> list[str]:
-    """Table of the fields of a class: name, default, meaning."""
+def field_rows(
+    kind: type[Any],
+    texts: Mapping[str, str] | None = None,
+    without: Collection[str] = (),
+) -> list[str]:
+    """Table of the fields of a class: name, default, meaning; some may be left out."""
     if texts is None:
         texts = {}
         for base in reversed(kind.__mro__):
             texts = texts | entries(base.__doc__, "Attributes")
     rows = ["| key | default | meaning |", "|---|---|---|"]
     for item in fields(kind):
-        if item.init:
+        if item.init and item.name not in without:
             meaning = texts.get(item.name, "")
             rows.append(f"| `{item.name}` | {default(item)} | {meaning} |")
     return rows
 
 
-def kinds(found: Mapping[str, type[Any]], level: int = 3) -> list[str]:
-    """A section for each class of a family, by its name in files."""
+def kinds(
+    found: Mapping[str, type[Any]],
+    level: int = 3,
+    rows: Mapping[type[Any], list[str]] | None = None,
+) -> list[str]:
+    """A section for each class of a family, by its name in files.
+
+    Args:
+        found: The classes by their names.
+        level: Level of the headings.
+        rows: Tables of classes whose keys are not their fields.
+    """
     lines: list[str] = []
     for name, kind in sorted(found.items()):
         lines += [f"{'#' * level} `{name}` — `{kind.__name__}`", "", summary(kind), ""]
-        lines += [*field_rows(kind), ""]
+        lines += [*((rows or {}).get(kind) or field_rows(kind)), ""]
     return lines

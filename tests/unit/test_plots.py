@@ -21,6 +21,7 @@ from motion_samples import (
 )
 from sample_arms import describe, slide
 
+from tominpmp.certificate.certificate import ActiveLimit
 from tominpmp.exceptions import (
     MissingDependency,
     ProblemError,
@@ -32,7 +33,7 @@ from tominpmp.planner.planning import plan
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import load_robot
 from tominpmp.viz.figures import color
-from tominpmp.viz.plots import curve_states, plot_trajectory
+from tominpmp.viz.plots import _plot_limits, curve_states, plot_trajectory
 
 Motions = tuple[Problem, Trajectory, Trajectory]
 
@@ -282,3 +283,18 @@ def test_no_pyplot_figure_is_left_open(motions: Motions) -> None:
 
     plot_trajectory(motions[0], motions[1])
     assert pyplot.get_fignums() == []
+
+
+def test_limits_of_a_certificate_name_their_subject_once() -> None:
+    ones = np.ones(1)
+    limits = [
+        (ActiveLimit(kind, name, 0.0 * ones, ones, ones, ones > 0), "C0")
+        for kind, name in (("speed of frame tip", "frame tip"), ("effort", "joint1"))
+    ]
+    panel = Figure().subplots()
+    _plot_limits(panel, limits)
+    labels = [text.get_text() for text in panel.get_yticklabels()]
+    assert labels == ["speed of frame tip", "effort, joint1"]
+    _plot_limits(panel, [])
+    labels = [text.get_text() for text in panel.get_yticklabels()]
+    assert labels == ["no limit holds the motion"]

@@ -295,7 +295,7 @@ def test_missing_limits_are_named_in_one_error(tmp_path: Path) -> None:
     message = str(caught.value)
     assert "no effort limit for j1, j2: give effort={'j1': ..., 'j2': ...}" in message
     assert "no velocity limit for j1, j3: give velocity={'j1': ..." in message
-    assert "no range between them, for j1: give position_lower=" in message
+    assert "no position limits for j1: give position_lower=" in message
     arm = load(
         tmp_path,
         text,
@@ -306,6 +306,17 @@ def test_missing_limits_are_named_in_one_error(tmp_path: Path) -> None:
     )
     np.testing.assert_array_equal(arm.limits.effort_upper, [1, 2, 1])
     np.testing.assert_array_equal(arm.limits.velocity, [3, 1, 4])
+
+
+def test_swapped_position_limits_are_named_with_their_values(tmp_path: Path) -> None:
+    swapped = '<limit lower="2" upper="-1.5" effort="1" velocity="1"/>'
+    chain = (link("base"), link("l1"), joint("j1", "base", "l1", limit=swapped))
+    with pytest.raises(RobotLoadError) as caught:
+        load(tmp_path, robot(*chain))
+    assert (
+        "no range between the position limits [2, -1.5] of j1: give position_lower="
+        in (str(caught.value))
+    )
 
 
 def test_limits_of_joints_that_are_not_free_may_be_missing(tmp_path: Path) -> None:

@@ -380,8 +380,7 @@ class JointTable:
         columns = {**self.columns, **changes}
         for option in changes:
             for i, name in enumerate(self.linkage.free):
-                fault = _fault(option, {key: v[i] for key, v in columns.items()})
-                if fault:
+                if fault := _fault(option, {key: v[i] for key, v in columns.items()}):
                     raise OptionsError(f"{option}: joint {name} {fault}", option)
         return JointTable(self.linkage, columns)
 
@@ -449,14 +448,15 @@ class JointTable:
         Raises:
             RobotLoadError: If not; names all such joints, and arguments that help.
         """
-        lower, upper = self.ends
-        no_effort = np.isnan(self["effort"]).any(axis=1)
-        # A comparison with a limit that is NaN is false.
+        ends, no_effort = np.array(self.ends), np.isnan(self["effort"]).any(axis=1)
+        empty = ends[0] >= ends[1]  # not if one of them is NaN
+        ranges = ", ".join(f"[{low:g}, {high:g}]" for low, high in ends.T[empty])
+        give = "give position_lower={1} and position_upper={1}, or lock them"
         faults = {
             f"no effort limit for {{0}}: give effort={{1}}, or {KINEMATIC}": no_effort,
             "no velocity limit for {0}: give velocity={1}": np.isnan(self["velocity"]),
-            "no position limits, or no range between them, for {0}: give "
-            "position_lower={1} and position_upper={1}, or lock them": ~(lower < upper),
+            f"no position limits for {{0}}: {give}": np.isnan(ends).any(axis=0),
+            f"no range between the position limits {ranges} of {{0}}: {give}": empty,
         }
         for loss in LOSSES:
             values = self[loss]
@@ -465,8 +465,7 @@ class JointTable:
             faults[message] = ~((values >= 0.0) & (values <= HUGE))
         complaints = []
         for message, joints in faults.items():
-            names = np.array(self.linkage.free)[joints].tolist()
-            if names:
+            if names := np.array(self.linkage.free)[joints].tolist():
                 values_by_name = example_values(names)
                 complaints.append(message.format(", ".join(names), values_by_name))
         if complaints:

@@ -653,7 +653,7 @@ def _check_clear(problem: Problem, q: Array, which: str, time: float | None) -> 
 def _advice_on_links(problem: Problem, q: Array) -> str:
     """Advice on an overlap of two links that the robot description may allow."""
     meshes = replace(problem.checker, scene=Scene(), geometry="mesh")
-    cause = " their meshes overlap, too;"
+    cause = " they overlap as described, not only in their convex pieces;"
     if meshes.is_free(q):
         cause = " their meshes do not, only the convex pieces that stand for them;"
     return (

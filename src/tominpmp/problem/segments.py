@@ -128,9 +128,9 @@ class Segment(Record):
         if isinstance(self.constraints, list):  # which can be changed
             self._keep(constraints=tuple(self.constraints))
         if self.stop and self.goal.ends_moving:
-            raise ProblemError(
-                "segment.stop is set, and its goal asks for a velocity", "segment.stop"
-            )
+            field = "dwell" if self.dwell else "stop"
+            message = f"segment.{field} stops the arm, and its goal asks for a velocity"
+            raise ProblemError(message, f"segment.{field}")
 
     def resolved(self, robot: Robot, before: Array | None = None) -> Segment:
         """The segment with values by joint name put into the order of the robot.

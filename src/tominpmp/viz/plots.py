@@ -369,10 +369,10 @@ def _plot_limits(panel: Axes, limits: Sequence[tuple[ActiveLimit, str]]) -> None
         for begin, end, strength in zip(item.begin, item.end, strengths, strict=True):
             look: dict[str, Any] = {"color": shade, "alpha": strength, "linewidth": 0.0}
             panel.broken_barh([(begin, end - begin)], (row - 0.36, 0.72), **look)
-        labels.append(f"{item.kind}, {_short(item.name, 30)}")
+        # Names of constraints contain their subjects, as words: "speed of frame tip".
+        named = f" {item.name} " in f" {item.kind} "
+        labels.append(item.kind + ("" if named else f", {_short(item.name, 30)}"))
+    labels = labels or ["no limit holds the motion"]
     panel.set_yticks(range(len(labels)), labels, fontsize=6.5)
-    panel.set_ylim(-0.6, max(len(labels), 1) - 0.4)
+    panel.set_ylim(-0.6, len(labels) - 0.4)
     panel.grid(False, axis="y")
-    if not labels:
-        look = {"ha": "center", "va": "center", "transform": panel.transAxes}
-        panel.text(0.5, 0.5, "no limit holds the motion", fontsize=7.0, **look)
