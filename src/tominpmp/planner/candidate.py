@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from tominpmp.certificate.minimum_principle import Examination
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.problem.problem import Problem
@@ -19,6 +18,9 @@ from tominpmp.transcription.grid import at_ticks
 from tominpmp.transcription.layout import Gridded, Layout
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.verification import Verification, verify
+
+if TYPE_CHECKING:
+    from tominpmp.certificate.minimum_principle import Examination
 
 
 class KeptIterate(NamedTuple):
