@@ -15,6 +15,7 @@ is always feasible.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -121,11 +122,10 @@ def build_subproblem(
     curved = sp.csc_matrix(of_step.T @ of_step)
     # The objective is linear in all other columns.
     curved.resize(matrix.shape[1], matrix.shape[1])
-    cost, lower, upper, column_keys = map(np.concatenate, zip(*columns, strict=True))
-    row_lower, row_upper, row_keys = map(np.concatenate, zip(*bounds, strict=True))
-    of_columns = cost, lower, upper, column_keys
-    of_rows = row_lower, row_upper, row_keys
-    program = LinearProgram(matrix, *of_columns, *of_rows, curved, accuracy)
+    every = *zip(*columns, strict=True), *zip(*bounds, strict=True)
+    joined: list[Any] = [np.concatenate(parts) for parts in every]
+    program = LinearProgram(matrix, *joined)
+    program = replace(program, curvature=curved, accuracy=accuracy)
     return Subproblem(state, program, chosen, body, units, lost[chosen])
 
 
@@ -160,7 +160,8 @@ def _rows_within_reach(
 
     Returns:
         Indices of these rows, shape (r,), their Jacobian, and their bounds minus their
-        values. Bounds that are out of reach are infinite, which helps the solver.
+        values. Bounds that are out of reach are
+        infinite, which helps the solver.
     """
     every, matrix, steps = linearization
     change = abs(matrix) @ np.max(np.abs(steps), axis=0)
