@@ -200,8 +200,7 @@ class Options(Record):
         limit_tolerance: Relative excess of the replay over limits that is tolerated.
         contact_tolerance: Clearance that may be missing at a start or goal that is
             itself at the margin [m]; elsewhere the whole clearance is required.
-        trust_region: Initial radius of the trust region [rad]; for motions of less than
-            a hundredth of a radian, as a share of the hundredfold displacement.
+        trust_region: Initial radius of the trust region [rad].
         step_rule: For "adjoint": "adaptive", or "paper" (fixed radii, every step
             accepted).
         control_step: Largest torque change per iteration with the step rule "paper",

@@ -14,7 +14,7 @@ from tests.sample_arms import make_arm, slide
 from tominpmp.constraints.base import Partials
 from tominpmp.exceptions import JointNotFound, OptionsError, ProblemError
 from tominpmp.motion_limits import EffortCurve, MotionLimits
-from tominpmp.transcription.bspline import BSplineTranscription, InverseTranscription
+from tominpmp.transcription.bspline import BSplineTranscription
 from tominpmp.transcription.grid import interval_shares
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
@@ -54,24 +54,6 @@ def build(problem, degree, seed=0):
     transcription = BSplineTranscription(ProblemFunctions.of(problem), shares, degree)
     nlp, rng = NonlinearProgram.of(transcription), np.random.default_rng(seed)
     return nlp, np.append(0.5 + 0.5 * rng.normal(size=nlp.size - 1), 1.2)
-
-
-@pytest.mark.parametrize("make", [BSplineTranscription, InverseTranscription])
-def test_trust_region_of_a_small_motion_has_its_size(make):
-    """Motions at rest, and by more than a hundredth of a rad, have the usual one."""
-
-    def box(way):
-        ends = np.array([START, np.add(START, way)])
-        system = ProblemFunctions.of(planar(tm.JointGoal(ends[1])))
-        of = make(system, interval_shares("cosine", 8), 3)
-        z = of.start(lambda t: ends[0] + np.outer(t, ends[1] - ends[0]), 1.0, [1.0])
-        return float(np.max(of.steps(z, 0.3)[1][1]))
-
-    usual = box(0.1)
-    assert box(0.02) == usual
-    assert box(1e-5) == pytest.approx(1e-3 * usual, rel=1e-6)
-    assert box(1e-7) == pytest.approx(1e-5 * usual, rel=1e-6)
-    assert box(0.0) == usual
 
 
 @pytest.mark.parametrize("degree", [3, 5])

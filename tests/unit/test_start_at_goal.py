@@ -15,8 +15,6 @@ import pytest
 
 import tominpmp as tm
 from tominpmp.kinematics import RobotKinematics
-from tominpmp.linear_programs.highs import HighsSolver
-from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.planner import candidate
 
 START = np.array([0.5, 1.7, -1.7])
@@ -349,27 +347,6 @@ def test_refinement_stops_if_violations_grow(
     solution = tm.plan(from_start(goal), effort="quick")
     assert solution.success, solution.message
     assert max(replayed) <= 160
-
-
-def test_interior_points_suffice_for_tiny_motions(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Regression: their multipliers were inexact, and the simplex method took 4 s."""
-    fallen_back: list[LinearProgram] = []
-    method = HighsSolver.solve
-
-    def solve(solver: HighsSolver, program: LinearProgram) -> LpSolution:
-        fallen_back.append(program)
-        return method(solver, program)
-
-    monkeypatch.setattr(HighsSolver, "solve", solve)
-    fingers = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
-    panda = tm.load_robot("panda", limits="datasheet", locked_joints=fingers)
-    start = np.array([-0.58, -0.35, -0.58, -1.8, -0.58, 1.2, -0.58])
-    goal = tm.JointGoal(start + 1e-5)
-    solution = tm.plan(tm.Problem(panda, start, goal), starts=1)
-    assert solution.success, solution.message
-    assert not fallen_back
 
 
 def test_start_acceleration_at_the_goal_needs_a_motion_if_jerk_is_limited() -> None:

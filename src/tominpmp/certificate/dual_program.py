@@ -27,6 +27,9 @@ from tominpmp.transcription.instants import Instants
 # in these units over the duration, and of the duration of each segment as a share of
 # itself.
 RADIUS, SPEED_RADIUS, LENGTH_RADIUS = 1.0, 10.0, 0.5
+# Radius of the trust region of a small motion, in units of its displacement: the same
+# motion on another scale has the same predicted gain.
+DISPLACEMENTS = 100.0
 # Share by which each interval may be longer or shorter in addition. Of several optimal
 # sets of multipliers this selects a set whose Hamiltonian is constant.
 SHIFT = 1e-3
@@ -102,8 +105,9 @@ class _Program:
         changes, system = motion.changes, motion.system
         self.n, self.N = changes.n, changes.N
         self.T = float(changes.t[-1])
-        position = system.step_scale_of(changes.q)
-        self.share = float(position[0] / system.step_scale[0])
+        extent = float((np.ptp(changes.q, axis=0) / system.step_scale).max())
+        self.share = min(1.0, DISPLACEMENTS * max(extent, np.finfo(float).eps))
+        position = self.share * system.step_scale
         self.state_scale = np.concatenate([position, SPEED_RADIUS * position / self.T])
         mass, drag = motion.inertia
         inertia = mass + drag * self.T / self.N

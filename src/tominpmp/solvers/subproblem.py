@@ -15,7 +15,6 @@ is always feasible.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -39,30 +38,29 @@ class Subproblem:
     Attributes:
         state: The iterate.
         program: The program, linear apart from the curvature of its objective.
+        free: Indices of the unknowns that can change, shape (k,).
         rows: Indices of the rows of the transcription that it contains, shape (r,).
-        matrix: Jacobian of these rows, shape (r, size).
-        units: Steps of all unknowns by those in the program, shape (size, k). The k
-            unknowns that can change are in units of the trust region, so that solvers
-            with absolute tolerances are equally exact for motions and steps of any
-            size.
+        matrix: Jacobian of the rows by the unknowns that can change, shape (r, k).
         lost: Orthonormal changes of these rows that no step makes, shape (r, d): a pose
             has more components than an arm of five joints can change.
     """
 
     state: Iterate
     program: LinearProgram
+    free: IntArray
     rows: IntArray
     matrix: sp.csr_matrix
-    units: sp.csc_matrix
     lost: Array
 
     def change(self, step: Array) -> Array:
         """Change of the linearised rows in a step, shape (r,)."""
-        return np.asarray(self.matrix @ step)
+        return np.asarray(self.matrix @ step[self.free])
 
     def step(self, solution: LpSolution) -> Array:
         """Step in all unknowns, shape (size,)."""
-        return np.asarray(self.units @ solution.x[: self.units.shape[1]])
+        step = np.zeros(self.state.z.size)
+        step[self.free] = solution.x[: self.free.size]
+        return step
 
     def multipliers(self, solution: LpSolution) -> Array:
         """Multipliers of all rows of the transcription, shape (m,)."""
@@ -91,25 +89,22 @@ def build_subproblem(
         accuracy: Duality gap below which the program counts as solved [s].
     """
     rows, steps = state.rows, linearization.steps
-    reach = np.max(np.abs(steps), axis=0)
-    free = np.flatnonzero(reach)
-    units = sp.diags(reach, format="csc")[:, free]
+    free = np.flatnonzero(steps.upper - steps.lower > 0.0)
     near, lost = _attainable(state, linearization, free)
-    chosen, body, low, high = _rows_within_reach(near, linearization)
+    chosen, body, low, high = _rows_within_reach(near, linearization, free)
     violation = rows.group_violation(state.values)
     slack_groups = np.flatnonzero(violation > NEGLIGIBLE)
     elastic = _elastic_columns(near, chosen, violation, slack_groups)
-    blocks: list[list[sp.spmatrix | None]] = [[body @ units, elastic]]
+    blocks: list[list[sp.spmatrix | None]] = [[body, elastic]]
     # Costs, bounds and keys of the columns, and bounds and keys of the rows, by blocks.
-    least, greatest = np.array(steps)[:, free] / reach[free]
-    columns = [(units.T @ model.gradient, least, greatest, free)]
+    columns = [(model.gradient[free], steps.lower[free], steps.upper[free], free)]
     bounds = [(low, high, chosen)]
     if model.variation is not None:
         variation = model.variation
         differences = variation.at(state.z)
         k = differences.size
-        jumps, every = variation.matrix @ units, sp.identity(k)
-        blocks = [[body @ units, None, None, elastic], [jumps, -every, every, None]]
+        jumps, every = variation.matrix[:, free], sp.identity(k)
+        blocks = [[body, None, None, elastic], [jumps, -every, every, None]]
         weights, most = np.full(2 * k, model.weight), np.full(2 * k, np.inf)
         keys = _KEY_BLOCK + np.arange(2 * k)
         columns.append((weights, np.zeros(2 * k), most, keys))
@@ -118,15 +113,16 @@ def build_subproblem(
     most = np.maximum(violation[slack_groups] * (1.0 + 1e-9), LEAST_ROOM)
     keys = 2 * _KEY_BLOCK + slack_groups
     columns.append((weights, np.zeros(keys.size), most, keys))
-    matrix, of_step = sp.bmat(blocks, format="csc"), model.root @ units
+    matrix, of_step = sp.bmat(blocks, format="csc"), model.root[:, free]
     curved = sp.csc_matrix(of_step.T @ of_step)
     # The objective is linear in all other columns.
     curved.resize(matrix.shape[1], matrix.shape[1])
-    every = *zip(*columns, strict=True), *zip(*bounds, strict=True)
-    joined: list[Any] = [np.concatenate(parts) for parts in every]
-    program = LinearProgram(matrix, *joined)
-    program = replace(program, curvature=curved, accuracy=accuracy)
-    return Subproblem(state, program, chosen, body, units, lost[chosen])
+    cost, lower, upper, column_keys = map(np.concatenate, zip(*columns, strict=True))
+    row_lower, row_upper, row_keys = map(np.concatenate, zip(*bounds, strict=True))
+    of_columns = cost, lower, upper, column_keys
+    of_rows = row_lower, row_upper, row_keys
+    program = LinearProgram(matrix, *of_columns, *of_rows, curved, accuracy)
+    return Subproblem(state, program, free, chosen, body, lost[chosen])
 
 
 def _attainable(
@@ -154,24 +150,24 @@ def _attainable(
 
 
 def _rows_within_reach(
-    state: Iterate, linearization: Linearization
+    state: Iterate, linearization: Linearization, free: IntArray
 ) -> tuple[IntArray, sp.csr_matrix, Array, Array]:
     """Rows that may reach a bound within the box for the step; others are left out.
 
     Returns:
-        Indices of these rows, shape (r,), their Jacobian, and their bounds minus their
-        values. Bounds that are out of reach are
+        Indices of these rows, shape (r,), their Jacobian by the unknowns that can
+        change, and their bounds minus their values. Bounds that are out of reach are
         infinite, which helps the solver.
     """
-    every, matrix, steps = linearization
-    change = abs(matrix) @ np.max(np.abs(steps), axis=0)
+    every, matrix, (lower, upper) = linearization
+    change = abs(matrix) @ np.maximum(np.abs(lower), np.abs(upper))
     rows, here = state.rows, state.values[every]
     low, high = rows.lower[every], rows.upper[every]
     keep = (here + change >= high) | (here - change <= low)
     here, low, high, change = here[keep], low[keep], high[keep], change[keep]
     low = np.where(here - change > low, -np.inf, low) - here
     high = np.where(here + change < high, np.inf, high) - here
-    return every[keep], matrix[keep], low, high
+    return every[keep], matrix[keep][:, free], low, high
 
 
 def _elastic_columns(

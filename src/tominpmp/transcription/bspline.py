@@ -292,7 +292,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
         """Steps of the control points within position limits."""
         limits = self.system.problem.robot.limits
         points = z[: self.point_unknowns].reshape(-1, self._n) + self._base
-        box = radius * self.system.step_scale_of(self.motion(z).points)
+        box = np.broadcast_to(radius * self.system.step_scale, points.shape)
         lower = np.maximum(-box, np.minimum(limits.position_lower - points, 0.0))
         upper = np.minimum(box, np.maximum(limits.position_upper - points, 0.0))
         return lower, upper

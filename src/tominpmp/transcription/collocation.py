@@ -133,8 +133,7 @@ class CollocationTranscription(TorqueTranscription):
 
     def steps(self, z: Array, radius: float) -> tuple[Array, Array]:
         """Steps of states and torques within their limits; given states are fixed."""
-        x, _, h = self.split(z)
-        scale = self.system.step_scale_of(x[:, : self._n])
+        scale, (x, _, h) = self.system.step_scale, self.split(z)
         box = radius * np.concatenate([scale, SPEED_FACTOR / h.sum() * scale])
         box = np.where(np.isnan(self._given), box, 0.0)
         lower = np.maximum(-box, np.minimum(self._low - x, 0.0))

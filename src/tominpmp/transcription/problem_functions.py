@@ -36,8 +36,6 @@ PADDING_SHARE = 0.5
 # Largest padding for moving obstacles [m]: the arm often waits for an obstacle, and the
 # padding makes the wait longer.
 MOVING_PADDING = 4e-4
-# Scale of the trust region of a small motion, in units of its extent.
-DISPLACEMENTS = 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -344,19 +342,6 @@ class ProblemFunctions:
     def step_scale(self) -> Array:
         """Joint displacement that counts as 1 rad, (n,): 1 rad, or the reach [m]."""
         return np.where(prismatic_joints(self.problem.robot), self.reach, 1.0)
-
-    def step_scale_of(self, q: Array) -> Array:
-        """Joint displacements that count as 1 rad for the size of a motion, shape (n,).
-
-        They are smaller for a small motion, DISPLACEMENTS times its extent: the same
-        motion on another scale has the same trust region. A motion at rest, apart from
-        rounding, has no scale of its own.
-
-        Args:
-            q: Positions along the motion, shape (k, n).
-        """
-        small = DISPLACEMENTS * float(np.max(np.ptp(q, axis=0) / self.step_scale))
-        return self.step_scale * (small if ROUNDING < small < 1.0 else 1.0)
 
     def torque(self, q: Array, v: Array, a: Array) -> Array:
         """Motor torques as shares of their limits, feasible in [-1, 1], (m, n)."""
