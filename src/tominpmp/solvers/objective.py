@@ -225,13 +225,13 @@ class MinimumTime(Objective):
         reach = np.max(np.abs(linearization.steps), axis=0)
         moving = (reach > 0.0) & (cost == 0.0)
         share = 2.0 * PROXIMAL * state.duration / max(int(moving.sum()), 1)
-        nearness = np.sqrt(share) * moving / np.where(moving, reach, 1.0)
-        model = Model(value, cost, sp.diags(nearness, format="csr"))
+        near = sp.diags(np.sqrt(share) * moving / np.where(moving, reach, 1.0))
         if jumps is None:
-            return model
-        slope = 2.0 * weight * jumps.matrix.T @ jumps.at(state.z)
-        curved = model.with_curvature(math.sqrt(2.0 * weight) * jumps.matrix)
-        return replace(curved, gradient=cost + slope)
+            return Model(value, cost, near.tocsr())
+        slope = jumps.matrix.T @ jumps.at(state.z)
+        root = math.sqrt(2.0 * weight) * jumps.matrix
+        root = sp.vstack([root, near], format="csr")
+        return Model(value, cost + 2.0 * weight * slope, root)
 
 
 class AnyMotion(MinimumTime):
