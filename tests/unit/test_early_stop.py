@@ -255,6 +255,30 @@ def test_path_around_obstacles_is_followed_if_its_descent_is_cut_short(
     assert solution.status is tm.Status.TIME_LIMIT
 
 
+@pytest.mark.parametrize("error", [MemoryError, np.linalg.LinAlgError])
+def test_path_that_cannot_be_followed_does_not_end_the_plan(error, monkeypatch):
+    """Regression: the error was raised in place of a solution."""
+
+    def fails(*_arguments):
+        raise error
+
+    state = PlanState(planar(), tm.Options(**RESOLVED))
+    state.paths[0] = fails
+    use_fallback(state, tm.Status.TIME_LIMIT)
+    assert not state.candidates
+
+
+def test_guess_is_slowed_until_it_keeps_a_time_window(ur5: tm.Robot) -> None:
+    """Regression: at full speed it broke the window, and was given up."""
+    stays = tm.WithinRegion("tool0", [-2.0] * 3, [2.0, 0.0, 2.0], during=(0.0, 2.0))
+    start = np.array([-1.0, -1.2, 1.8, -0.6, 1.5, 0.0])
+    goal = tm.JointGoal([1.0, *start[1:]])
+    problem = tm.Problem(ur5, start, goal, constraints=[stays])
+    solution = tm.plan(problem, callback=lambda record: True)
+    assert solution.status is tm.Status.INTERRUPTED
+    assert solution.success and solution.verification.ok
+
+
 def test_guess_is_not_slowed_after_the_end_of_the_planning_time():
     """Regression: twelve slower motions were tried after the end, in 0.06 s."""
     problem = planar()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Generator, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeVar
 
@@ -284,7 +285,9 @@ def _fallbacks(state: PlanState) -> Iterator[KeptIterate]:
     yield from first
     if state.best_duration == np.inf:
         yield from (item for item in others if item.feasible)
-        yield from (follow() for follow in state.paths.values())
+        for follow in state.paths.values():
+            with suppress(*NUMERICAL, TominpmpError):
+                yield follow()
         yield from state.first_guesses.values()
         yield from (item for item in others if not item.feasible)
 
@@ -292,9 +295,11 @@ def _fallbacks(state: PlanState) -> Iterator[KeptIterate]:
 def _scaled(fallback: KeptIterate, candidate: Candidate, options: Options) -> Candidate:
     """A fallback slowed down until its program and its replay keep all limits."""
     program, problem = fallback.program, fallback.problem
-    # On the same path, links touch at any speed, unless obstacles move.
+    # On the same path, links touch at any speed, unless obstacles move. Constraints in
+    # time windows, and earliest arrivals, may hold at a lower speed.
     moving, rows = problem.checker.moving, program.rows
-    hard = ~(rows.curable[rows.kind] | moving)
+    apart = [not moving and kind.startswith("clearance") for kind in rows.kinds]
+    hard = np.array(apart)[rows.kind]
     for factor in FACTORS:
         check()
         z = program.time_scale(fallback.iterate.z, factor)
