@@ -116,6 +116,13 @@ class Candidate:
         """Largest constraint violation."""
         return max(self.violations.values(), default=0.0)
 
+    @property
+    def missing_clearance(self) -> float:
+        """Largest violation of clearances, as a share of the reach."""
+        found = self.violations.items()
+        clearances = [size for kind, size in found if kind.startswith("clearance")]
+        return max(clearances, default=0.0)
+
     def after(self, former: Candidate) -> Candidate:
         """This candidate, with the initial motion of its predecessor."""
         return replace(self, initial=former.initial)

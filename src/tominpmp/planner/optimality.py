@@ -80,19 +80,19 @@ def certified(state: PlanState) -> Schedule[None]:
     # A motion that the certificate accepts is nevertheless improved if the predicted
     # gain is worth it: for two of 120 motions in clutter, other orders of obstacles and
     # other solvers find the gain at once.
-    gain, enough = np.inf, min(tolerance, PROMISE)
+    gain, enough, complete = np.inf, min(tolerance, PROMISE), state.complete
     for _ in range(ROUNDS):
         if settled is None or settled.examination is None:
             return
         certificate = settled.examination.certificate
+        # The result of a plan with less time would be the same: the time limit is the
+        # regular end of an improvement of a motion that is accepted.
+        state.complete = complete or certificate.ok
         spent = _is_spent_on_padding(settled.examination, tolerance)
         system = system.padded(LESS_PADDING) if spent else system
         optimal = certificate.ok and certificate.stationarity <= enough
         if optimal or (gain <= LITTLE_PROMISE and not spent):
             return
-        # The result of a plan with less time would be the same: the time limit is the
-        # regular end of an improvement of a motion that is accepted.
-        state.complete = state.complete or certificate.ok
         improve = partial(_improved, settled, best.remark, state, tolerance)
         further = yield Work(system, improve, self_collision_rows=best.clearance_rows)
         gain = 0.0 if further is None else 1.0 - further.duration / settled.duration

@@ -177,9 +177,7 @@ def make_and_repair(state: PlanState, work: Work) -> Candidate:
 
 def _lacks_padding(candidate: Candidate, reach: float, padding: float) -> bool:
     """Whether an infeasible candidate violates the padding [m] most."""
-    found = candidate.violations.items()
-    clearances = [size for kind, size in found if kind.startswith("clearance")]
-    missing = max(clearances, default=0.0)
+    missing = candidate.missing_clearance
     return candidate.violation == missing and LEAST < reach * missing <= padding
 
 
@@ -285,9 +283,8 @@ def _fallbacks(state: PlanState) -> Iterator[KeptIterate]:
     yield from first
     if state.best_duration == np.inf:
         yield from (item for item in others if item.feasible)
-        for follow in state.paths.values():
-            with suppress(*NUMERICAL, TominpmpError):
-                yield follow()
+        with suppress(*NUMERICAL, TominpmpError):
+            yield from (follow() for follow in state.paths.values())
         yield from state.first_guesses.values()
         yield from (item for item in others if not item.feasible)
 
@@ -295,18 +292,13 @@ def _fallbacks(state: PlanState) -> Iterator[KeptIterate]:
 def _scaled(fallback: KeptIterate, candidate: Candidate, options: Options) -> Candidate:
     """A fallback slowed down until its program and its replay keep all limits."""
     program, problem = fallback.program, fallback.problem
-    # On the same path, links touch at any speed, unless obstacles move. Constraints in
-    # time windows, and earliest arrivals, may hold at a lower speed.
-    moving, rows = problem.checker.moving, program.rows
-    apart = [not moving and kind.startswith("clearance") for kind in rows.kinds]
-    hard = np.array(apart)[rows.kind]
+    moving = problem.checker.moving
+    if candidate.missing_clearance > options.feasibility and not moving:
+        return candidate  # on the same path, links touch at any speed
     for factor in FACTORS:
         check()
         z = program.time_scale(fallback.iterate.z, factor)
-        violation = rows.violation(program.evaluate(z))
-        if np.any(violation[hard] > options.feasibility):
-            break
-        if np.any(violation > options.feasibility):
+        if program.rows.largest_violation(program.evaluate(z)) > options.feasibility:
             continue
         motion = program.trajectory(z)
         candidate = replace(candidate, trajectory=motion, layout=None, feasible=True)

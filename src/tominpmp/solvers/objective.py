@@ -220,8 +220,7 @@ class MinimumTime(Objective):
             return float(cost @ z) + weight * varied
 
         if jumps is not None and not self.squared:
-            flat = sp.csr_matrix((0, cost.size))
-            return Model(value, cost, flat, jumps, weight)
+            return Model(value, cost, sp.csr_matrix((0, cost.size)), jumps, weight)
         reach = np.max(np.abs(linearization.steps), axis=0)
         moving = (reach > 0.0) & (cost == 0.0)
         share = 2.0 * PROXIMAL * state.duration / max(int(moving.sum()), 1)
@@ -229,8 +228,7 @@ class MinimumTime(Objective):
         if jumps is None:
             return Model(value, cost, near.tocsr())
         slope = jumps.matrix.T @ jumps.at(state.z)
-        root = math.sqrt(2.0 * weight) * jumps.matrix
-        root = sp.vstack([root, near], format="csr")
+        root = sp.vstack([math.sqrt(2.0 * weight) * jumps.matrix, near], format="csr")
         return Model(value, cost + 2.0 * weight * slope, root)
 
 
