@@ -131,11 +131,11 @@ def descend(
         doublings: How often the number of intervals is doubled.
         former: The candidate to be repaired, as warm start; None in the first try.
     """
-    if guess.blocked:
-        # The goal seems to be out of reach: the descent is dropped as soon as possible.
-        stop = first_of(stop, stop_if_hopeless)
     if former is not None:
-        guess, stop = guess_of(system, former), stop_if_hopeless
+        guess, stop = guess_of(system, former), None
+    if guess.blocked or (former is not None and system.clearance is not None):
+        # The goal seems to be out of reach, or links touch on all motions nearby.
+        stop = first_of(stop, stop_if_hopeless)
     if doublings:
         # Objective "feasible" would return the refuted motion unchanged, as that keeps
         # the rows of the finer grid.
