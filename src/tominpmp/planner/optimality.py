@@ -120,7 +120,7 @@ def _examined(
     findings = examine(system.problem, motion, replay, tolerance, enough=enough)
     promise = findings.certificate.stationarity
     logger.info("T %.5f s, small changes promise %.1e", candidate.duration, promise)
-    return _concluded(replace(candidate, examination=findings), findings, tolerance)
+    return replace(_concluded(candidate, findings, tolerance), examination=findings)
 
 
 def _is_spent_on_padding(findings: Examination, tolerance: float) -> bool:

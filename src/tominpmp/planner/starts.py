@@ -198,9 +198,8 @@ def _descents(
                 continue
             # The last guess is not dropped early: no other one would follow. Nor is the
             # first one: with times of arrival it may stagnate, and is still the best.
-            stop = None
-            if 0 < number < rescues - 1 and system.parts:
-                stop = stop_if_hopeless
+            droppable = system.parts and 0 < number < rescues - 1
+            stop = stop_if_hopeless if droppable else None
             yield descent_work(system, options, guess, state, stop)
         if swings and state.best_duration == np.inf:
             yield from torque_starts(system, state)

@@ -112,12 +112,12 @@ def _descents(system: ProblemFunctions, state: PlanState) -> Iterator[Schedule[N
         system: Functions of the problem.
         state: The plan, which has descended from the first guess.
     """
-    options, stop = state.options, stop_if_hopeless
+    options = state.options
     (rng,) = np.random.default_rng(options.seed).spawn(1)
     guesses = segmented_guesses(system, GuessRequest(rng, options.initial_duration))
     with suppress(ProblemError):  # no configuration reaches a goal
         for guess in itertools.islice(guesses, 1, None):
-            yield single(descent_work(system, options, guess, state, stop))
+            yield single(descent_work(system, options, guess, state, stop_if_hopeless))
 
 
 def _around_best(

@@ -88,10 +88,14 @@ class Sensitivity(Record):
     @property
     def label(self) -> str:
         """Subject and kind, in words."""
-        # Names of constraints contain their subjects, as words: "speed of frame tip".
-        if self.subject == "" or f" {self.subject} " in f" {self.kind} ":
+        if self.subject == "" or names_subject(self.kind, self.subject):
             return self.kind
         return f"{self.subject}: {SHOWN.get(self.kind, self.kind)}"
+
+
+def names_subject(kind: str, subject: str) -> bool:
+    """Whether the name of a kind of limit has its subject: "speed of frame tip"."""
+    return f" {subject} " in f" {kind} "
 
 
 @dataclass(frozen=True, eq=False)

@@ -320,5 +320,5 @@ def next_radius(radius: float, ratio: float, damping: float) -> float:
         factor = max(damping, 0.3)
     else:
         # The loss 1 - ratio is proportional to the radius.
-        factor = min(max(AIM / max(1.0 - ratio, 1e-3), AIM), GROWTH)
+        factor = AIM / min(max(1.0 - ratio, AIM / GROWTH), 1.0)
     return min(radius * factor, LARGEST_RADIUS)

@@ -69,14 +69,13 @@ def explain(
         violations of the motion, and what may help against the largest one.
     """
     ended = CUT_SHORT.get(status, status.value.rstrip("."))
-    starts, iterations = tried
+    starts, _ = tried
     if motion is None and not reason:
         if not starts and (many := len(problem.alternatives)) > 1:
             ended += f" before the first start to any of {many} combinations of goals"
         return f"{ended}: no motion was found." if status in CUT_SHORT else status.value
     if starts:
-        ended += f" after {counted(starts, 'start')} and "
-        ended += counted(iterations, "iteration")
+        ended += " after " + " and ".join(map(counted, tried, ("start", "iteration")))
     if reason or motion is None:
         return f"{ended}: {reason}."
     violations = _violations_of(problem, motion)

@@ -18,7 +18,7 @@ from tominpmp.motion.trajectory import State, Trajectory
 from tominpmp.notebook import GREY, LIMIT_COLOR
 from tominpmp.problem.joint_limits import JointBounds, controls_in, joint_limits
 from tominpmp.problem.problem import Problem
-from tominpmp.sensitivities.records import LEAST, Sensitivities
+from tominpmp.sensitivities.records import LEAST, Sensitivities, names_subject
 from tominpmp.viz import figures
 from tominpmp.viz.shares import Shares, shares_of_limits, times_with_jumps
 from tominpmp.viz.skeleton import check_motions
@@ -369,8 +369,7 @@ def _plot_limits(panel: Axes, limits: Sequence[tuple[ActiveLimit, str]]) -> None
         for begin, end, strength in zip(item.begin, item.end, strengths, strict=True):
             look: dict[str, Any] = {"color": shade, "alpha": strength, "linewidth": 0.0}
             panel.broken_barh([(begin, end - begin)], (row - 0.36, 0.72), **look)
-        # Names of constraints contain their subjects, as words: "speed of frame tip".
-        named = f" {item.name} " in f" {item.kind} "
+        named = names_subject(item.kind, item.name)
         labels.append(item.kind + ("" if named else f", {_short(item.name, 30)}"))
     labels = labels or ["no limit holds the motion"]
     panel.set_yticks(range(len(labels)), labels, fontsize=6.5)
