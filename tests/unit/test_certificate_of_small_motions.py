@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import tominpmp as tm
+from tominpmp.linear_programs.highs import HighsSolver
 
 START = np.array([0.5, 1.7, -1.7])
 WAY = np.array([1.0, -0.6, 0.3])
@@ -28,12 +31,41 @@ def test_converged_motion_over_micrometres_is_certified(share: float) -> None:
 
 
 def test_slow_motion_over_micrometres_fails() -> None:
-    solution = tm.plan(goal_at(2e-6), objective="feasible")
-    assert solution.success
-    certificate = solution.certificate
-    assert certificate is not None
+    problem = goal_at(2e-6)
+    motion = tm.plan(problem, effort="quick").trajectory
+    assert motion is not None
+    assert motion.inverse_dynamics is not None
+    slow = replace(motion, t=1.05 * motion.t, v=motion.v / 1.05)
+    slow = slow.with_torques(motion.inverse_dynamics)
+    certificate = tm.certify(problem, slow)
     assert not certificate.ok
     assert certificate.stationarity > 0.01
+
+
+def test_programs_of_small_motions_need_no_simplex_method(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refuse(*_: object) -> None:
+        raise AssertionError("the interior-point method has failed")
+
+    monkeypatch.setattr(HighsSolver, "solve", refuse)
+    panda = tm.load_robot("panda")
+    start = np.array([0.3, -0.4, 0.2, -1.5, 0.1, 1.6, 0.4, 0.02])
+    way = 1e-4 * np.array([0.6, 0.6, 0.0, -0.4, -0.9, -0.9, 0.8, -0.2])
+    goal = tm.JointGoal(start + way)
+    solution = tm.plan(tm.Problem(panda, start, goal), max_planning_time=np.inf)
+    assert solution.status is tm.Status.CONVERGED, solution.message
+
+
+def test_small_motion_of_continuous_joints_takes_no_whole_turn() -> None:
+    # On a fine grid rounding of positions breaks the limits; a coarse one keeps them.
+    kinova = tm.load_robot("kinova")
+    start = np.array([0.0, 1.41015237, 1.16580628, 0.0, 1.26179939, 0.0])
+    way = 1e-6 * np.array([3.53, -8.78, 1.11, -4.57, 7.59, -8.72])
+    goal = tm.JointGoal(start + way)
+    solution = tm.plan(tm.Problem(kinova, start, goal), max_planning_time=np.inf)
+    assert solution.success, solution.message
+    assert solution.T < 6e-4
 
 
 @pytest.mark.parametrize("way", [2e-6, 2e-5])

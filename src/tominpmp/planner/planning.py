@@ -185,8 +185,7 @@ def _full_schedule(
         )
         return
     yield from candidates_of_alternatives(state, partial(starts, state), former)
-    if state.incumbent is None:
-        use_fallback(state, Status.FEASIBLE)
+    use_fallback(state, Status.FEASIBLE)
     if options.objective == "time":
         yield from improvements(state)
         yield from thorough_search(state)

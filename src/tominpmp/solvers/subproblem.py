@@ -43,6 +43,8 @@ class Subproblem:
         matrix: Jacobian of the rows by the unknowns that can change, shape (r, k).
         lost: Orthonormal changes of these rows that no step makes, shape (r, d): a pose
             has more components than an arm of five joints can change.
+        unit: Unit of the steps in the program: displacement at 1 rad/s^2, or 1 m/s^2,
+            within the duration, from 1e-6 to 1.
     """
 
     state: Iterate
@@ -51,6 +53,7 @@ class Subproblem:
     rows: IntArray
     matrix: sp.csr_matrix
     lost: Array
+    unit: float
 
     def change(self, step: Array) -> Array:
         """Change of the linearised rows in a step, shape (r,)."""
@@ -59,7 +62,7 @@ class Subproblem:
     def step(self, solution: LpSolution) -> Array:
         """Step in all unknowns, shape (size,)."""
         step = np.zeros(self.state.z.size)
-        step[self.free] = solution.x[: self.free.size]
+        step[self.free] = self.unit * solution.x[: self.free.size]
         return step
 
     def multipliers(self, solution: LpSolution) -> Array:
@@ -90,21 +93,24 @@ def build_subproblem(
     """
     rows, steps = state.rows, linearization.steps
     free = np.flatnonzero(steps.upper - steps.lower > 0.0)
+    # In rad, hardly a program of motions within 20 ms meets the solvers' tolerances.
+    unit = float(np.clip(state.duration**2, 1e-6, 1.0))
     near, lost = _attainable(state, linearization, free)
     chosen, body, low, high = _rows_within_reach(near, linearization, free)
     violation = rows.group_violation(state.values)
     slack_groups = np.flatnonzero(violation > NEGLIGIBLE)
     elastic = _elastic_columns(near, chosen, violation, slack_groups)
-    blocks: list[list[sp.spmatrix | None]] = [[body, elastic]]
+    blocks: list[list[sp.spmatrix | None]] = [[unit * body, elastic]]
     # Costs, bounds and keys of the columns, and bounds and keys of the rows, by blocks.
-    columns = [(model.gradient[free], steps.lower[free], steps.upper[free], free)]
+    lower, upper = steps.lower[free] / unit, steps.upper[free] / unit
+    columns = [(unit * model.gradient[free], lower, upper, free)]
     bounds = [(low, high, chosen)]
     if model.variation is not None:
         variation = model.variation
         differences = variation.at(state.z)
         k = differences.size
-        jumps, every = variation.matrix[:, free], sp.identity(k)
-        blocks = [[body, None, None, elastic], [jumps, -every, every, None]]
+        jumps, every = unit * variation.matrix[:, free], sp.identity(k)
+        blocks = [[unit * body, None, None, elastic], [jumps, -every, every, None]]
         weights, most = np.full(2 * k, model.weight), np.full(2 * k, np.inf)
         keys = _KEY_BLOCK + np.arange(2 * k)
         columns.append((weights, np.zeros(2 * k), most, keys))
@@ -113,7 +119,7 @@ def build_subproblem(
     most = np.maximum(violation[slack_groups] * (1.0 + 1e-9), LEAST_ROOM)
     keys = 2 * _KEY_BLOCK + slack_groups
     columns.append((weights, np.zeros(keys.size), most, keys))
-    matrix, of_step = sp.bmat(blocks, format="csc"), model.root[:, free]
+    matrix, of_step = sp.bmat(blocks, format="csc"), unit * model.root[:, free]
     curved = sp.csc_matrix(of_step.T @ of_step)
     # The objective is linear in all other columns.
     curved.resize(matrix.shape[1], matrix.shape[1])
@@ -122,7 +128,7 @@ def build_subproblem(
     of_columns = cost, lower, upper, column_keys
     of_rows = row_lower, row_upper, row_keys
     program = LinearProgram(matrix, *of_columns, *of_rows, curved, accuracy)
-    return Subproblem(state, program, free, chosen, body, lost[chosen])
+    return Subproblem(state, program, free, chosen, body, lost[chosen], unit)
 
 
 def _attainable(
