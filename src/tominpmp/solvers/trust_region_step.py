@@ -69,9 +69,6 @@ EXACT = 1e-10
 # Once the objective has settled, the second-order error of the next step may be at most
 # this share of the violation.
 SETTLED_ERROR = 0.05
-# Least duration for relative tolerances: the motion of an arm that stands at its goal
-# would become ever shorter [s].
-SHORTEST = 0.01
 # Least share of the predicted reduction for which a step is accepted (Fletcher, 1987).
 ACCEPT = 0.1
 # Ratio of actual to predicted reduction that the radius control aims for: as the error
@@ -169,7 +166,7 @@ class TrustRegionStep:
             gains=(*state.gains, max(outcome.actual, 0.0))[-WINDOW:],
         )
         value = objective.value(loop.program, state.z, state.values)
-        little = objective.tolerance * max(value, SHORTEST)
+        little = objective.tolerance * value
         slow = len(state.gains) == WINDOW and sum(state.gains) < little
         settled = slow or outcome.predicted < ACCURACY * little
         done = settled and objective.restorable(loop.program, state)
