@@ -122,9 +122,7 @@ def search(
     if system.final_configuration is not None and not torques:
         # Where speed limits rule and there are few obstacles, a descent on the
         # requested grid takes a few iterations, and ends near the lower bound.
-        stop = None
-        if not system.in_free_space:
-            stop = first_of(partial(_gap_rule, state, system), stop_if_hopeless)
+        stop = None if system.in_free_space else partial(_gap_rule, state, system)
         yield descent_work(system, state.options, first, state, stop)
         if state.best_duration < np.inf and (
             system.in_free_space or not coarse.promising
@@ -294,7 +292,11 @@ class CoarseSearch:
         self.state.tried.add(start_key(self.system.problem, guess.t, guess.q))
         stop = first_of(self._drop_early, stop_if_hopeless)
         make = partial(descend, self.coarse, guess, self.state, stop)
-        candidate = yield Work(self.system, make, replay=False)
+        # Links that touch on one motion mostly touch on others.
+        touch = any(item.clearance_rows for item in self.state.candidates)
+        candidate = yield Work(
+            self.system, make, self_collision_rows=touch, replay=False
+        )
         if candidate is None:
             return None
         shape = _shape_of(self.system, candidate.trajectory)
@@ -340,8 +342,7 @@ class CoarseSearch:
         loss is no guide, and is not calibrated.
         """
         system, former = self.system, rough.candidate
-        guess = replace(guess_of(system, former), blocked=rough.guess.blocked)
-        work = descent_work(system, self.fine, guess, self.state)
+        work = descent_work(system, self.fine, guess_of(system, former), self.state)
         candidate = yield replace(work, follows=former)
         if candidate is None:
             return None

@@ -32,15 +32,15 @@ MANY_INTERVALS = 24
 # otherwise torques rule it.
 SPEED_SHARE, AT_LIMIT = 0.6, 0.97
 # Stop rule: over the last PATIENCE iterations the violation exceeds FAR, and its
-# minimum over the later half of these is no improvement.
-PATIENCE, FAR = 10, 1e-3
+# minimum over the later half of these is more than STILL of that before.
+PATIENCE, FAR, STILL = 10, 1e-3, 0.9
 
 
 def stop_if_hopeless(loop: Loop) -> Status | None:
     """Stop rule that drops a descent whose violation stagnates."""
     excess, half = [record.violation for record in loop.history], PATIENCE // 2
     late = len(excess) >= PATIENCE and min(excess[-PATIENCE:]) > FAR
-    stagnates = late and min(excess[-half:]) >= min(excess[:-half])
+    stagnates = late and min(excess[-half:]) > STILL * min(excess[:-half])
     return loop.drop() if stagnates else None
 
 
@@ -133,8 +133,8 @@ def descend(
     """
     if former is not None:
         guess, stop = guess_of(system, former), None
-    if guess.blocked or (former is not None and system.clearance is not None):
-        # The goal seems to be out of reach, or links touch on all motions nearby.
+    if system.clearance is not None:
+        # The goal may be out of reach, or links may touch on all motions nearby.
         stop = first_of(stop, stop_if_hopeless)
     if doublings:
         # Objective "feasible" would return the refuted motion unchanged, as that keeps
