@@ -91,7 +91,8 @@ def certified(state: PlanState) -> Schedule[None]:
         spent = _is_spent_on_padding(settled.examination, tolerance)
         system = system.padded(LESS_PADDING) if spent else system
         optimal = certificate.ok and certificate.stationarity <= enough
-        if optimal or (gain <= LITTLE_PROMISE and not spent):
+        worth = PROMISE if certificate.ok else LITTLE_PROMISE
+        if optimal or (gain <= worth and not spent):
             return
         improve = partial(_improved, settled, best.remark, state, tolerance)
         further = yield Work(system, improve, self_collision_rows=best.clearance_rows)
