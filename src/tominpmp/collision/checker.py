@@ -22,6 +22,7 @@ from tominpmp.collision.shapes import Body, is_convex
 from tominpmp.exceptions import SceneError
 from tominpmp.robot.robot import Robot
 from tominpmp.scene.scene import Scene
+from tominpmp.stopping import check
 
 # Radius of the ball that represents a point [m].
 POINT = 1e-6
@@ -210,6 +211,7 @@ class CollisionChecker(PairDistances):
         Yields:
             Whether each configuration is free.
         """
+        check()
         rows = self.robot.expand(q)
         # A sampler calls this tens of thousands of times with the same margin.
         limit = self._by_pair(margin, "margin")

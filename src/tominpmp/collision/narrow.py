@@ -89,6 +89,7 @@ class NarrowPhase(threading.local):
             R: Rotations of the moving obstacles, shape (count, 3, 3).
             p: Positions of the moving obstacles, shape (count, 3) [m].
         """
+        check()
         self.place_obstacles(R, p)
         pin.updateGeometryPlacements(
             self.model, self.data, self.geometry, self._results, q
@@ -96,7 +97,6 @@ class NarrowPhase(threading.local):
 
     def place_obstacles(self, R: Array, p: Array) -> None:
         """Place the moving obstacles, see :meth:`place`."""
-        check()
         for item, body in self._moving:
             number = body.joint - self.model.njoints
             item.placement = pin.SE3(R[number], p[number]) * body.placement
