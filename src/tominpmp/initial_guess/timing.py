@@ -164,11 +164,12 @@ def _largest(
     Returns:
         The largest x; None if the first entry is beyond the bound.
     """
-    last = int(np.argmin(np.append(usable & (excess <= 1e-12), False))) - 1
+    fits = usable & (excess <= 1e-12)
+    last = (fits.size if fits.all() else int(fits.argmin())) - 1
     if last < 0:
         return None
     x, beyond = table[last : last + 2], excess[last : last + 2]
-    crossed = np.all(np.isfinite(beyond)) and beyond[0] <= 0.0 < beyond[-1]
+    crossed = -np.inf < beyond[0] <= 0.0 < beyond[-1] < np.inf
     return float(np.interp(0.0, beyond, x) if crossed else x[0])
 
 

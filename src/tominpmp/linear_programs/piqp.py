@@ -152,7 +152,7 @@ class PiqpSolver(LpSolver):
         self._equal = equal = program.row_lower == program.row_upper
         equations, others = program.matrix[equal], program.matrix[~equal]
         self._scale = equation_scale(equations)
-        equations = equations.multiply(self._scale[:, None]).tocsc()
+        equations.data *= self._scale[equations.indices]
         equations.eliminate_zeros()  # stored zeros change the order of elimination
         settings, fragile = self._solver.settings, self._stages_fail or equal.any()
         settings.kkt_solver = factorisation(program, fragile)

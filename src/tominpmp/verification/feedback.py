@@ -90,8 +90,8 @@ def _correction(error: Array, rate: float) -> Array:
         error: Deviation from the plan, shape (..., 2n).
         rate: Rate of the feedback [1/s].
     """
-    q, v = np.split(error, 2, axis=-1)
-    return np.asarray(-rate * (rate * q + 2.0 * v))
+    n = error.shape[-1] // 2
+    return np.asarray(-rate * (rate * error[..., :n] + 2.0 * error[..., n:]))
 
 
 class Tracking(Integration):
@@ -193,14 +193,14 @@ def amplification(plants: Sequence[Plant], trajectory: Trajectory) -> float:
             # Where errors have decayed, the product starts again: from there, errors
             # that arise at later nodes grow more than earlier errors.
             from_start = transition @ from_start
-            finite = bool(np.all(np.isfinite(from_start)))
-            size = float(np.linalg.norm(from_start, 2)) if finite else 0.0
+            finite = np.isfinite(from_start).all()
+            size = np.linalg.svd(from_start, compute_uv=False)[0] if finite else 0.0
             if not size > 0.0:
                 return np.inf
             largest = max(largest, size)
             if size < 1.0:
                 from_start = np.eye(2 * n)
-    return largest
+    return float(largest)
 
 
 def errors_matter(

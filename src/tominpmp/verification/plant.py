@@ -83,10 +83,8 @@ class Plant:
 
     def free(self, t: float, x: Array) -> Array:
         """State derivative if friction holds no joint, shape (2n,)."""
-        n, out = self._n, np.empty(2 * self._n)
-        out[:n] = x[n:]
-        out[n:] = self.dynamics.acceleration_at(x[:n], x[n:], self.torque(t))
-        return out
+        q, v = x[: self._n], x[self._n :]
+        return np.concatenate([v, self.dynamics.acceleration_at(q, v, self.torque(t))])
 
     def free_jacobian(self, t: float, x: Array) -> Array:
         """Jacobian of :meth:`free` with respect to x, shape (2n, 2n)."""

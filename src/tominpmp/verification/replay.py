@@ -197,11 +197,12 @@ class Integration:
     def run(self, start: Array) -> Replay:
         """Integrate from a state of shape (2n,) to the end."""
         pieces, n = self.pieces, start.size // 2
-        time_step = _row_step(self._trajectory.duration)
+        every = subdivided(pieces.t, _row_step(self._trajectory.duration))
+        ends = np.searchsorted(every, pieces.t)
         parts, x = [(np.zeros(1), start[None], np.zeros((0, n)))], start
         for k in range(pieces.count):
             check()
-            ticks = subdivided(pieces.t[k : k + 2], time_step)
+            ticks = every[ends[k] : ends[k + 1] + 1]
             rows, way = self._piece(k, x, ticks)
             parts.append((ticks[1 : len(rows) + 1], rows, way))
             if len(rows) < ticks.size - 1:
