@@ -192,7 +192,7 @@ class RobotDynamics:
         out = np.empty((len(q), model.nv, model.nv))
         for i, row in enumerate(_interruptible(robot.expand(q))):
             out[i] = pin.crba(model, data, row)
-        return self._reduced(_from_upper(out))
+        return self._reduced(out)
 
     def _reduced(self, matrices: Array) -> Array:
         """Project matrices of all joints onto the free joints, shape (..., n, n)."""
@@ -216,12 +216,9 @@ class RobotDynamics:
         m, nv = q.shape[0], model.nv
         tau = np.empty((m, nv))
         parts = np.empty((3, m, nv, nv))
-        derivatives = pin.computeRNEADerivatives
         for i, row in enumerate(self._states(q, v, a)):
-            derivatives(model, data, *row)
-            tau[i] = data.tau
-            parts[0, i], parts[1, i], parts[2, i] = data.dtau_dq, data.dtau_dv, data.M
-        parts[2] = _from_upper(parts[2])
+            by = pin.computeRNEADerivatives(model, data, *row)
+            tau[i], (parts[0, i], parts[1, i], parts[2, i]) = data.tau, by
         parts = self._reduced(parts)
         parts[1] += np.diag(robot.damping)
         tau = robot.reduce_tangent(tau) + robot.damping * v
@@ -294,7 +291,7 @@ class RobotDynamics:
             return np.asarray(pin.aba(model, data, q, v, force))
         row = S @ q + offset
         bias = pin.nonLinearEffects(model, data, row, S @ v) @ S
-        mass = S.T @ _from_upper(pin.crba(model, data, row)) @ S
+        mass = S.T @ pin.crba(model, data, row) @ S
         return np.asarray(dposv(mass, force - bias)[1])
 
     def forward_jacobians(self, x: Array, u: Array) -> ForwardJacobians:
@@ -327,10 +324,8 @@ class RobotDynamics:
         else:
             a, force = np.empty_like(q), u - robot.damping * v
             for i, row in enumerate(zip(q, v, force, strict=True)):
-                pin.computeABADerivatives(model, data, *row)
-                a[i], by_q[i], by_v[i] = data.ddq, data.ddq_dq, data.ddq_dv
-                by_u[i] = data.Minv
-            by_u[:] = _from_upper(by_u)
+                by = pin.computeABADerivatives(model, data, *row)
+                a[i], (by_q[i], by_v[i], by_u[i]) = data.ddq, by
             # The friction is a torque -D v, which accelerates by the inverse mass.
             by_v -= by_u * robot.damping
         return ForwardJacobians(np.concatenate([v, a], axis=1), f_x, f_u)
@@ -382,12 +377,6 @@ def directions(v: Array, a: Array) -> Array:
     signs = np.where(np.abs(v) > RESTING, np.sign(v), np.sign(a))
     resting = (np.abs(v) <= STANDSTILL) & (np.abs(a) <= STEADY)
     return np.where(resting, 0.0, signs)
-
-
-def _from_upper(matrices: Array) -> Array:
-    """Symmetric matrices from Pinocchio's, whose upper triangle is set, (..., n, n)."""
-    below = np.tri(matrices.shape[-1], k=-1, dtype=bool)
-    return np.where(below, np.swapaxes(matrices, -1, -2), matrices)
 
 
 def held_accelerations(mass: Array, free: Array, held: BoolArray) -> Array:

@@ -218,6 +218,17 @@ def test_dynamics_of_a_row_do_not_depend_on_other_rows(
             np.testing.assert_array_equal(one[0], all_rows[i])
 
 
+def test_matrices_of_pinocchio_are_symmetric(arm, rng) -> None:
+    """Its algorithms fill one triangle; its Python functions fill the other one."""
+    model, data = arm.model, arm.model.createData()
+    (q,), v, a = arm.expand(states(arm, rng, 1)[0]), *rng.normal(size=(2, model.nv))
+    found = [pin.crba(model, data, q)]
+    found.append(pin.computeRNEADerivatives(model, data, q, v, a)[2])
+    found.append(pin.computeABADerivatives(model, data, q, v, a)[2])
+    for matrix in map(np.array, found):
+        np.testing.assert_array_equal(matrix, matrix.T)
+
+
 def test_dynamics_can_be_pickled(arm: Robot, rng: np.random.Generator) -> None:
     dynamics = RobotDynamics(arm)
     back = pickle.loads(pickle.dumps(dynamics))
