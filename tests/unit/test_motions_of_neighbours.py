@@ -89,6 +89,8 @@ def test_warm_start_at_speed_limits_is_as_fast_as_a_cold_start() -> None:
     [
         ([0.3] * PATIENCE, True),
         ([0.3] * (PATIENCE - 1), False),
+        # Links that overlap on all motions nearby: slower motions overlap hardly less.
+        ([0.07 * 0.99**k for k in range(PATIENCE)], True),
         ([0.3 * 0.7**k for k in range(PATIENCE)], False),
         ([0.3, *[1e-3] * PATIENCE], False),
         # Missing rows have joined a nearly feasible program.

@@ -252,3 +252,15 @@ def test_only_pairs_that_always_overlap_are_dropped(tmp_path: Path) -> None:
     share = np.mean(np.any(checker.distances(q) < 0.0, axis=1))
     assert 0.5 < share < 0.95
     assert {frozenset(pair) for pair in checker.pairs} == {frozenset(("l1", "l3"))}
+
+
+def test_descents_beside_links_that_overlap_everywhere_end_early() -> None:
+    """All motions like the straight one overlap; coarse grids lead round the base."""
+    ur3 = tm.load_robot("ur3", limits="urdf")
+    fast = ur3.with_changes(velocity=4.0 * ur3.limits.velocity)
+    start = [-2.7157, 2.7765, 0.8027, 1.9723, -2.6815, 1.5464]
+    goal = tm.JointGoal([1.4104, -0.8272, 2.5932, -2.5983, 2.6347, -1.2143])
+    solution = tm.plan(tm.Problem(fast, start, goal), max_planning_time=np.inf)
+    assert solution.success, solution.message
+    assert solution.T < 0.5
+    assert len(solution.history) < 60
