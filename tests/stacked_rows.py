@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,15 +10,12 @@ import numpy as np
 from tominpmp.transcription.base import Rows
 
 
-def stacked(
-    parts: Sequence[tuple[str, Any, Any, Any]], curable: Collection[str] = ()
-) -> Rows:
+def stacked(parts: Sequence[tuple[str, Any, Any, Any]]) -> Rows:
     """Join blocks of rows.
 
     Args:
         parts: For each block, the name of its kind, the lower and upper bounds, and the
             groups, which are counted from 0 within each block.
-        curable: Names of the kinds of rows that a slower motion violates less.
     """
     kinds, lower, upper, groups = zip(*parts, strict=True)
     first = np.cumsum([0, *(max(group, default=-1) + 1 for group in groups)])
@@ -29,5 +26,4 @@ def stacked(
         np.repeat(np.arange(len(kinds)), list(map(len, groups))),
         np.concatenate(own).astype(int),
         kinds,
-        np.array([kind in curable for kind in kinds]),
     )

@@ -223,7 +223,7 @@ class OneRow:
     def __init__(self, curable: bool) -> None:
         one = np.ones(1)
         part = "clearance", -np.inf * one, 0.0 * one, [0]
-        self.rows = stacked([part], {"clearance"} if curable else ())
+        self.rows = stacked([part])
         self.curable = curable
         self.cost = np.ones(1)
 

@@ -101,7 +101,7 @@ def test_trust_region_radius_is_kept_when_rows_join():
 def test_radius_shrinks_once_the_objective_has_settled(last, settled):
     """Where the duration is fixed, only the objective shows whether it has settled."""
     values = iter([2.0, last])
-    objective = SimpleNamespace(value=lambda *_: next(values), any_will_do=False)
+    objective = SimpleNamespace(value=lambda *_: next(values))
     program = shadow([0.0, 1.5])
     loop = Loop(program, objective, Iterate.of(program, np.array([2.0, 0.7, 2.5]), 1.0))
     exchange = RowExchange(revise=lambda program, z: (program, z))

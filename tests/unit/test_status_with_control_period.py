@@ -45,10 +45,8 @@ def test_rounding_to_the_control_period_is_no_predicted_gain(
     assert not certify(problem, motion, verification=solution.verification).ok
 
 
-def test_motion_slower_by_more_than_a_period_is_stalled(
-    problem: tm.Problem, free: tm.Solution
-) -> None:
-    slow = tm.plan(problem, objective="feasible")
+def test_motion_slower_by_more_than_a_period_is_stalled(free: tm.Solution) -> None:
+    slow = tm.smooth(free, 0.05)
     assert slow.trajectory is not None
     status, remark = status_on_clock(free, slow.trajectory, slow.verification, 0.004)
     assert status is tm.Status.STALLED

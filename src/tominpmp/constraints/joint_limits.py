@@ -32,10 +32,9 @@ class JointLimit(Record, LimitOfJoints):
     scale: Array
 
     def __post_init__(self) -> None:
-        """Set field, order and curability by the kind of limit."""
+        """Set field and order by the kind of limit."""
         super().__post_init__()
-        kind, curable = self.kind, self.kind.quantity != "" and self.kind.order > 0
-        self._keep(field=kind.quantity, order=kind.order, curable=curable)
+        self._keep(field=self.kind.quantity, order=self.kind.order)
 
     @classmethod
     def at_end(cls, scale: Array) -> JointLimit:

@@ -86,7 +86,6 @@ class MotorLimit(LimitOfJoints):
     motors: Motors
 
     order = 2
-    curable = True
 
     @property
     def assumes(self) -> bool:

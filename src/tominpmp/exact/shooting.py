@@ -195,8 +195,7 @@ class ArcProgram:
         """Bounds, kinds and groups of the rows."""
         kind = self.bounds.kind
         upper = np.where(np.arange(kind.size) < self.equations, 0.0, np.inf)
-        curable = np.zeros(len(KINDS), dtype=bool)
-        return Rows(np.zeros(kind.size), upper, kind, kind, KINDS, curable)
+        return Rows(np.zeros(kind.size), upper, kind, kind, KINDS)
 
     @property
     def of_lengths(self) -> Array:

@@ -105,8 +105,8 @@ class Search:
 
     def record(self, record: IterationRecord) -> Status | None:
         """Callback of optimisations on grids; a status ends the iteration."""
-        status = self.state(record)
-        return status or (Status.TIME_LIMIT if self.budget.spent else None)
+        self.state(record)
+        return Status.TIME_LIMIT if self.budget.spent else None
 
     def optimise(self, trajectory: Trajectory, evaluations: int) -> bool:
         """Detect the arcs of a motion and optimise them.

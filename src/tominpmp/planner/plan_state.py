@@ -129,8 +129,6 @@ class PlanState:
         self._limit = self._until = options.time_limit
         self._longest_replay = 0.0
         self._grace_end: float | None = None  # end of the grace period
-        # Largest violation at which an iteration stops, if any feasible motion will do.
-        self._enough = options.feasibility if options.objective == "feasible" else -1.0
         self._set_deadline()
 
     # -- candidates --------------------------------------------------------------------
@@ -334,8 +332,8 @@ class PlanState:
 
     # -- the callback ------------------------------------------------------------------
 
-    def __call__(self, record: IterationRecord) -> Status | None:
-        """Add a record of the candidate in progress; a status ends the iteration.
+    def __call__(self, record: IterationRecord) -> None:
+        """Add a record of the candidate in progress.
 
         Raises:
             Stop: If planning is to end.
@@ -343,11 +341,8 @@ class PlanState:
         record = replace(record, iteration=len(self.records), seconds=self.seconds)
         self.records.append(record)
         self.show(record)
-        if record.violation <= self._enough:
-            return Status.FEASIBLE
         if self.seconds >= self._candidate_end():
             raise Stop(requested=False)
-        return None
 
     def show(self, record: IterationRecord) -> None:
         """Add a record to the history, and show it to the callback of the options.

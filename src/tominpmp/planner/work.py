@@ -13,7 +13,7 @@ import numpy as np
 from tominpmp.exceptions import TominpmpError
 from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate, KeptIterate
-from tominpmp.solvers.objective import RESTORABLE, TIME_SCALINGS
+from tominpmp.solvers.objective import RESTORABLE
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop, check
 from tominpmp.transcription.exchange import LEAST
@@ -29,7 +29,7 @@ logger = logging.getLogger(__name__)
 # collocation need short intervals, and other grids are rarely doubled twice.
 REPAIRS = 4
 # Time-scaling factors at which a fallback is tried.
-FACTORS = (*TIME_SCALINGS, 1.5, 3.0, 10.0)
+FACTORS = (1.0, 1.02, 1.05, 1.1, 1.2, 1.5, 3.0, 10.0)
 # Share of the padding of clearances that is left where it is too much.
 LESS_PADDING = 0.3
 

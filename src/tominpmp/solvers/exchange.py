@@ -130,12 +130,5 @@ class RowExchange:
             radius = min(max(math.sqrt(joined.violation), SETTLED_RADIUS), limit)
         loop.state, loop.best = replace(joined, radius=radius, gains=()), None
         loop.extended_limit = len(loop.history) + ITERATIONS
-        exchange, slower = replace(self, joined_at=value, radius=limit), None
-        if status is not None:
-            exchange = replace(exchange, extensions=self.extensions + 1)
-            if loop.objective.any_will_do:
-                slower = loop.objective.better(loop.program, loop.state, None)
-        if slower is None:
-            return exchange, None
-        loop.state = loop.best = slower
-        return exchange.join(loop, status)
+        extensions = self.extensions + (status is not None)
+        return replace(self, extensions=extensions, joined_at=value, radius=limit), None

@@ -104,15 +104,11 @@ def solve(
     first = replace(first, weights=weights)
     loop = Loop(program, objective, first, callback, keep)
     loop.save()
-    if objective.any_will_do:
-        loop.best = objective.better(program, first, None)
-    status = None if loop.best is None else Status.FEASIBLE
+    status = loop.first_feasible()
     try:
         while status is None:
             step(loop)
-            status = stop(loop) or loop.callback_status
-            if objective.any_will_do and loop.best is not None:
-                status = Status.FEASIBLE
+            status = loop.first_feasible() or stop(loop) or loop.callback_status
             if exchange is not None and exchange.due(loop, status):
                 exchange, status = exchange.join(loop, status)
     except (Stop, KeyboardInterrupt):
@@ -188,6 +184,17 @@ class Loop:
         self._programs = []
         self.history.append(record)
         self.callback_status = None if self.callback is None else self.callback(record)
+
+    def first_feasible(self) -> Status | None:
+        """FEASIBLE if any motion will do, and this one can be slowed down until it is.
+
+        It is None otherwise.
+        """
+        if not self.objective.any_will_do:
+            return None
+        slower = self.objective.restored(self.program, self.state)
+        feasible = slower.violation <= self.objective.feasibility
+        return Status.FEASIBLE if feasible else None
 
     def drop(self) -> Status:
         """Mark the motion as dropped; the status with which the loop ends."""

@@ -9,8 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import ClassVar
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -28,8 +27,6 @@ RESTORATIONS = 8
 # Relative increase of the duration that removes a violation, as a share of it: torques
 # go with the square of the speed.
 SLOWDOWN = 0.5
-# Time-scaling factors that are tried if any feasible motion will do.
-TIME_SCALINGS = (1.0, 1.02, 1.05, 1.1, 1.2)
 # Weight of the proximal term, without a total variation: cost of a step of all unknowns
 # to the bounds of the trust region, as a share of T. Without it, 69 problems of
 # MotionBenchMaker take a fifth more programs; in free space a third of it takes as many
@@ -83,12 +80,12 @@ class Objective(ABC):
     Attributes:
         tolerance: Relative reduction of the objective below which progress has settled.
         feasibility: Largest tolerated violation.
+        any_will_do: Whether the iteration ends with the first feasible motion.
     """
 
     tolerance: float
     feasibility: float
-    # Whether the iteration may end with the first feasible motion.
-    any_will_do: ClassVar[bool] = False
+    any_will_do: bool = field(default=False, kw_only=True)
 
     @abstractmethod
     def value(self, program: NonlinearProgram, z: Array, values: Array) -> float:
@@ -193,8 +190,13 @@ class MinimumTime(Objective):
             jump_weight: Weight of the jumps of the controls [s].
             squared: Whether the squares of the jumps are added up.
         """
-        kind = AnyMotion if options.objective == "feasible" else MinimumTime
-        return kind(options.tolerance, options.feasibility, jump_weight, squared)
+        return MinimumTime(
+            options.tolerance,
+            options.feasibility,
+            jump_weight,
+            squared,
+            any_will_do=options.objective == "feasible",
+        )
 
     def value(self, program: NonlinearProgram, z: Array, values: Array) -> float:
         """The duration [s]."""
@@ -230,23 +232,3 @@ class MinimumTime(Objective):
         slope = jumps.matrix.T @ jumps.at(state.z)
         root = sp.vstack([math.sqrt(2.0 * weight) * jumps.matrix, near], format="csr")
         return Model(value, cost + 2.0 * weight * slope, root)
-
-
-class AnyMotion(MinimumTime):
-    """The duration, until the first feasible motion is found."""
-
-    any_will_do = True
-
-    def better(
-        self, program: NonlinearProgram, state: Iterate, best: Iterate | None
-    ) -> Iterate | None:
-        """The motion slowed down until it is feasible, if that removes violations."""
-        rows = program.rows
-        hard = rows.violation(state.values)[~rows.curable[rows.kind]]
-        if np.all(hard <= self.feasibility):
-            for factor in TIME_SCALINGS:
-                z, values = program.slower(state.z, factor, state.values)
-                trial = replace(state, z=z, values=values)
-                if trial.violation <= self.feasibility:
-                    return trial
-        return super().better(program, state, best)

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 import scipy.sparse as sp
 
-from tominpmp.arrays import Array, BoolArray, IntArray
+from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.base import Partials, States
 from tominpmp.constraints.joint_limits import JointLimit
 from tominpmp.motion.trajectory import Trajectory
@@ -96,8 +96,6 @@ class Rows:
         kind: Index of each row's kind in ``kinds``, shape (m,).
         group: Index of each row's group, whose rows share an elastic variable, (m,).
         kinds: Names of the kinds, for reports.
-        curable: Whether a slower motion along the same path violates rows of each kind
-            less, shape (kinds,).
     """
 
     lower: Array
@@ -105,7 +103,6 @@ class Rows:
     kind: IntArray
     group: IntArray
     kinds: tuple[str, ...]
-    curable: BoolArray
 
     @property
     def size(self) -> int:
@@ -217,14 +214,12 @@ class HullRows(Generic[M]):
         bounds: Lower and upper bounds, shape (1, m) each.
         of_motion: Function from a motion to the row values, m numbers in any shape.
         by_unknowns: Function from a motion to their Jacobian, shape (m, size).
-        curable: Whether a slower motion violates them less.
     """
 
     name: str
     bounds: tuple[Array, Array]
     of_motion: Callable[[M], Array]
     by_unknowns: Callable[[M], sp.csr_matrix]
-    curable: bool = False
 
     def groups(self, by_component: bool) -> IntArray:
         """Group of each row: all rows are in one group, shape (m,)."""

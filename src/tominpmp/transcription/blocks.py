@@ -51,11 +51,6 @@ class SampledRows:
         """Name of the constraint, with the segment on which it holds."""
         return self.constraint.name + self.suffix
 
-    @property
-    def curable(self) -> bool:
-        """Whether a slower motion violates the rows less."""
-        return self.constraint.curable
-
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
         """Lower and upper bounds, shape (r, p) each."""

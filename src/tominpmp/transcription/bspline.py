@@ -392,7 +392,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
             by_eta = motion.by_durations(of_motion, order, self.near[points])
             return self.of_joints(motion.eta, bands, points, limit.of_joints, by_eta)
 
-        return HullRows(name, bounds, of_motion, by_unknowns, limit.curable)
+        return HullRows(name, bounds, of_motion, by_unknowns)
 
     def attention(self, steps: StepBounds) -> float:
         """Clearance that a step of the control points can use up, over the reach."""
@@ -629,4 +629,4 @@ class InverseTranscription(BSplineTranscription):
             return sp.vstack(both, format="csr")
 
         bounds = np.full(shape, -np.inf), np.zeros(shape)
-        return HullRows(name, bounds, excess, by_unknowns, limit.curable)
+        return HullRows(name, bounds, excess, by_unknowns)

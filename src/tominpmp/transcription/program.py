@@ -123,14 +123,12 @@ class NonlinearProgram:
         # Groups are counted from 0 within each block.
         first = np.cumsum([0, *(groups.max(initial=-1) + 1 for groups in each)])
         kinds = tuple(block.name for block in self.blocks)
-        curable = {block.name for block in self.blocks if block.curable}
         return Rows(
             np.concatenate(lower, axis=None),
             np.concatenate(upper, axis=None),
             kind,
             np.concatenate(each) + first[kind],
             kinds,
-            np.array([name in curable for name in kinds], dtype=bool),
         )
 
     def timed(self, z: Array) -> Array:
