@@ -106,17 +106,6 @@ def test_the_iteration_limit_holds():
     assert numbers == list(range(len(numbers)))
 
 
-def test_callback_ends_the_iteration():
-    nlp, z = on_a_rail()
-
-    def stop(record):
-        return Status.TIME_LIMIT if record.iteration == 3 else None
-
-    result = solved(nlp, z, stop)
-    assert result.status is Status.TIME_LIMIT
-    assert len(result.history) == 4
-
-
 def test_interruption_keeps_the_last_iterate():
     nlp, z = on_a_rail()
 

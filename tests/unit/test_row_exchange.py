@@ -11,12 +11,15 @@ import pytest
 from test_linear_programs import random_program, reference
 from test_slp import Program, least_time
 
+from tominpmp.linear_programs.choice import make_solver
 from tominpmp.linear_programs.piqp import USUAL_TERMINATION, PiqpSolver, Termination
 from tominpmp.options import Options
+from tominpmp.solvers import loop as loops
 from tominpmp.solvers.exchange import ITERATIONS, LEAST_RADIUS, SETTLED, RowExchange
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.solvers.loop import Loop
-from tominpmp.solvers.trust_region_step import GROWTH
+from tominpmp.solvers.objective import MinimumTime
+from tominpmp.solvers.trust_region_step import GROWTH, trust_regions
 from tominpmp.status import Status
 
 
@@ -158,14 +161,10 @@ def test_abandoned_motion_is_not_inspected_between_its_rows():
         looks.append(z)
 
     options = Options(max_iterations=3)
-    for status, count in ((None, 1), (Status.STALLED, 0), (Status.TIME_LIMIT, 0)):
+    step, usual = trust_regions(options, make_solver("highs"))
+    rules = (usual, 1), (Loop.drop, 0), (lambda _: Status.TIME_LIMIT, 0)
+    for rule, count in rules:
         looks.clear()
-        least_time(
-            shadow([0.0, 1.5]),
-            [2.0, 0.7, 2.5],
-            "highs",
-            options,
-            exchange=RowExchange(revise=revise),
-            callback=lambda _, status=status: status,
-        )
+        given = shadow([0.0, 1.5]), MinimumTime.of(options), np.array([2.0, 0.7, 2.5])
+        loops.solve(*given, step, rule, exchange=RowExchange(revise=revise))
         assert len(looks) >= count if count else not looks

@@ -178,16 +178,13 @@ def test_contradictory_rows_end_as_infeasible():
     assert result.best is None
 
 
-def test_merit_never_rises_and_the_callback_ends_the_loop():
+def test_merit_never_rises_and_the_iteration_limit_ends_the_loop():
     records = []
-
-    def callback(record):
-        records.append(record)
-        return Status.TIME_LIMIT if len(records) == 3 else None
-
-    result = least_time(circle(), [4.0, 4.0, 10.0], callback=callback)
-    assert result.status is Status.TIME_LIMIT
-    assert len(result.history) == 3
+    few = Options(max_iterations=3)
+    start = [4.0, 4.0, 10.0]
+    result = least_time(circle(), start, options=few, callback=records.append)
+    assert result.status is Status.ITERATION_LIMIT
+    assert len(result.history) == len(records) == 3
     assert all(record.actual >= 0 for record in records)
     assert result.best is not None  # the incumbent survives
 

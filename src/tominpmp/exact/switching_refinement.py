@@ -25,10 +25,10 @@ from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.solvers.iterate import SlpResult
-from tominpmp.solvers.loop import solve
+from tominpmp.solvers.loop import Loop, first_of, solve
 from tominpmp.solvers.objective import MinimumTime
 from tominpmp.solvers.trust_region_step import trust_regions
-from tominpmp.status import IterationRecord, Status
+from tominpmp.status import Status
 from tominpmp.stopping import EVALUATIONS, Budget
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.grid import interval_shares
@@ -103,9 +103,8 @@ class Search:
         """Duration to beat [s]."""
         return self.found[-1].duration * (1.0 - SAME) if self.found else self.limit
 
-    def record(self, record: IterationRecord) -> Status | None:
-        """Callback of optimisations on grids; a status ends the iteration."""
-        self.state(record)
+    def spent(self, _: Loop) -> Status | None:
+        """Stop rule of optimisations on grids: TIME_LIMIT once the budget is spent."""
         return Status.TIME_LIMIT if self.budget.spent else None
 
     def optimise(self, trajectory: Trajectory, evaluations: int) -> bool:
@@ -193,8 +192,9 @@ class Search:
         start = grid.start(guess.position, duration, np.array([duration]))
         program = NonlinearProgram.of(grid).at(start)
         least = MinimumTime.of(options, SMOOTHING * duration)
-        method = trust_regions(options)
-        found = solve(program, least, start, *method, callback=self.record)
+        step, settled = trust_regions(options)
+        rule = first_of(settled, self.spent)
+        found = solve(program, least, start, step, rule, callback=self.state)
         return program.trajectory((found.best or found.iterate).z)
 
 

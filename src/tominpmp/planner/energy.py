@@ -30,11 +30,11 @@ from tominpmp.planner.plan_state import REPLAYS, PlanState
 from tominpmp.planner.work import NUMERICAL, REPAIRS, Work, make_and_repair
 from tominpmp.solution import Solution
 from tominpmp.solvers.exchange import RowExchange
-from tominpmp.solvers.loop import solve
+from tominpmp.solvers.loop import Loop, Rule, Step, first_of, solve
 from tominpmp.solvers.objective import Objective
 from tominpmp.solvers.time_and_energy import TimeAndEnergy
 from tominpmp.solvers.trust_region_step import trust_regions
-from tominpmp.status import STOPPED, IterationRecord, Status
+from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop, bounded, seconds_left
 from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.layout import LIFTED, QUADRATIC, Layout, on_ticks
@@ -71,14 +71,12 @@ def reoptimised(
             motion as its iterate.
     """
     options, problem = solution.options, solution.problem
-    stop_in_time = _time_for_replays(solution)
 
     def make(tried: ProblemFunctions, halvings: int, _: Candidate | None) -> Candidate:
         program, z = layout(halvings).represented(tried, motion, within=True)
         start = program, *objective(program, z)
-        steps = trust_regions(options, make_solver("piqp"))
-        exchange = RowExchange()
-        result = solve(*start, *steps, exchange=exchange, callback=stop_in_time)
+        steps = _steps_in_time(solution)
+        result = solve(*start, *steps, exchange=RowExchange())
         candidate = Candidate.of(motion, result)
         if options.control_period is not None:
             clocked = on_ticks(candidate.trajectory, options.control_period)
@@ -90,14 +88,15 @@ def reoptimised(
     return make_and_repair(PlanState(problem, options), work)
 
 
-def _time_for_replays(solution: Solution) -> Callable[[IterationRecord], Status | None]:
-    """Callback that ends an iteration while there is time for replays of its motion."""
+def _steps_in_time(solution: Solution) -> tuple[Step, Rule]:
+    """Steps, and a stop rule that leaves time for replays of the motion."""
     replay = 0.0 if solution.verification is None else solution.verification.seconds
+    step, settled = trust_regions(solution.options, make_solver("piqp"))
 
-    def stop(_: IterationRecord) -> Status | None:
+    def late(_: Loop) -> Status | None:
         return Status.TIME_LIMIT if seconds_left() < REPLAYS * replay else None
 
-    return stop
+    return step, first_of(settled, late)
 
 
 def run_stage(
@@ -197,11 +196,9 @@ def _roughly_cheapest(
     program, z = layout.represented(system, former, within=True)
     rough = replace(objective, tolerance=ROUGH)
     slow = replace(rough, weight=HEAVIER * rough.weight)
-    stop_in_time = _time_for_replays(solution)
 
     def descent(towards: TimeAndEnergy, z: Array) -> Array:
-        steps = trust_regions(solution.options, make_solver("piqp"))
-        result = solve(program, towards, z, *steps, callback=stop_in_time)
+        result = solve(program, towards, z, *_steps_in_time(solution))
         return (result.best or result.iterate).z
 
     first = descent(rough, _at_least_cost(rough, program, z))

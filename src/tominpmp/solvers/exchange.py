@@ -90,8 +90,7 @@ class RowExchange:
             status: Status with which it is about to end; None if it continues.
         """
         state = loop.state
-        given_up = loop.dropped or loop.callback_status is Status.STALLED
-        if status in STOPPED or given_up or state.duration > self.longest:
+        if status in STOPPED or loop.dropped or state.duration > self.longest:
             return False
         if status is not None:
             # More rows make an infeasible program no better.

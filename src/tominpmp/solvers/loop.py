@@ -37,8 +37,8 @@ from tominpmp.transcription.program import NonlinearProgram
 if TYPE_CHECKING:
     from tominpmp.solvers.objective import Objective
 
-# Receives every record; a status ends the loop.
-Callback = Callable[[IterationRecord], Status | None]
+# Receives every record.
+Callback = Callable[[IterationRecord], None]
 # Receives intermediate iterates, in case the loop is cut short.
 Keep = Callable[[NonlinearProgram, Iterate], None]
 # Stop rule: the status with which the loop ends; None to continue.
@@ -91,7 +91,7 @@ def solve(
         step: Makes the steps.
         stop: Stop rule.
         exchange: Row exchange; None for programs with fixed rows.
-        callback: Receives every record; a status ends the loop.
+        callback: Receives every record.
         keep: Receives the best iterate after every step, or the present one while none
             is feasible, as a stop may be requested at any time.
 
@@ -108,7 +108,7 @@ def solve(
     try:
         while status is None:
             step(loop)
-            status = loop.first_feasible() or stop(loop) or loop.callback_status
+            status = loop.first_feasible() or stop(loop)
             if exchange is not None and exchange.due(loop, status):
                 exchange, status = exchange.join(loop, status)
     except (Stop, KeyboardInterrupt):
@@ -131,12 +131,11 @@ class Loop:
         program: The nonlinear program, with the rows that have joined it.
         objective: The objective to be minimised.
         state: The present iterate.
-        callback: Receives every record; a status ends the loop.
+        callback: Receives every record.
         keep: Receives the best iterate, or the present one while none is feasible.
         best: The best feasible iterate; None while there is none.
         outcome: Outcome of the last step; None if its program could not be solved.
         history: Records, one per iteration.
-        callback_status: Status with which the callback ends the loop; None to continue.
         extended_limit: Iteration limit after the last row exchange, if it exceeds the
             usual limit.
         dropped: Whether a stop rule has given the motion up: no further rows join.
@@ -150,7 +149,6 @@ class Loop:
     best: Iterate | None = None
     outcome: StepOutcome | None = None
     history: list[IterationRecord] = field(default_factory=list)
-    callback_status: Status | None = None
     extended_limit: int = 0
     dropped: bool = False
     _begin: float = field(default_factory=time.perf_counter)
@@ -183,7 +181,8 @@ class Loop:
         )
         self._programs = []
         self.history.append(record)
-        self.callback_status = None if self.callback is None else self.callback(record)
+        if self.callback is not None:
+            self.callback(record)
 
     def first_feasible(self) -> Status | None:
         """FEASIBLE if any motion will do, and this one can be slowed down until it is.

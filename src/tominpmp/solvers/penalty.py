@@ -116,7 +116,7 @@ class PenaltyRound:
             state = replace(state, z=z, values=values)
             loop.advance(state, StepOutcome(trial, 0.0, gained, 1.0, True))
             nlp = loop.program
-            if loop.callback_status is not None or len(loop.history) >= self.most:
+            if len(loop.history) >= self.most:
                 raise StopIteration
 
         minimize(
