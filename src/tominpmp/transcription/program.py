@@ -17,6 +17,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray
+from tominpmp.constraints.base import Constraint
 from tominpmp.constraints.final import Arrival, GoalReached
 from tominpmp.constraints.joint_limits import JointLimit
 from tominpmp.motion.trajectory import Trajectory
@@ -33,6 +34,8 @@ ATTAINED = 1e-4
 BRAKING = 10.0
 
 Selection = Literal["near", "exact"]
+# Instants of rows, the intervals on which they hold, and the suffix of their name.
+Place = tuple[Instants, tuple[int, int] | None, str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,22 +63,11 @@ class NonlinearProgram:
         cls, transcription: Transcription[Any], selection: Selection = "near"
     ) -> NonlinearProgram:
         """The program of a problem, with all its constraints and its goal."""
-        system = transcription.system
-        blocks = [*transcription.equations, *blocks_of(transcription)]
-        blocks += _at_ends_of_segments(transcription)
-        scale, end = transcription.goal_scale, Instants.end(transcription.intervals)
-        if scale is not None:
-            goal = GoalReached(system.problem.goal, system.kinematics, scale)
-            # The goal comes first if the torques are the only unknowns, as in the
-            # paper: among steps of equal cost, linear programs then find a better one.
-            first = 0 if transcription.by_component else len(blocks)
-            blocks.insert(first, SampledRows(transcription, goal, end))
-        part = system.segments[-1]
-        if part.held is not None:
-            blocks.append(SampledRows(transcription, part.held, end))
-        if part.final_velocity is None and not part.sudden:
-            # The arm moves on without acceleration.
-            blocks.append(SampledRows(transcription, _unaccelerated(part), end))
+        along = [*transcription.equations, *blocks_of(transcription)]
+        ends = _at_ends_of_segments(transcription)
+        # The ends come first if the torques are the only unknowns, as in the paper:
+        # among steps of equal cost, linear programs then find a better one.
+        blocks = [*ends, *along] if transcription.by_component else [*along, *ends]
         return cls(transcription, tuple(blocks), selection)
 
     def at(self, z: Array) -> NonlinearProgram:
@@ -296,30 +288,30 @@ class NonlinearProgram:
 
 
 def _at_ends_of_segments(of: Transcription[Any]) -> list[Block]:
-    """Rows at the ends of segments: all goals but the last one, and arrival times."""
-    goals, arrivals = list[Block](), list[Block]()
+    """Rows at the ends of segments: goals, held loads, still joints, arrival times."""
+    ends, arrivals = list[Block](), list[Block]()
     parts, segments = of.system.segments, of.system.problem.segments
-    # The list of segments is empty for a problem without segments, as are these rows.
-    each = zip(segments, of.segments, strict=False)
-    for number, (segment, within) in enumerate(each):
-        at, suffix = Instants.end(within[1]), f" of segment {number + 1}"
-        if segment.arrival is not None:
-            arrival = Arrival(*segment.arrival)
-            arrivals.append(SampledRows(of, arrival, at, within, suffix))
-        if number + 1 == len(parts):
-            break
-        part = parts[number]
-        goal = GoalReached(part.problem.goal, part.kinematics, part.goal_scale)
-        goals.append(SampledRows(of, goal, at, within, suffix))
-        if part.held is not None:
-            goals.append(SampledRows(of, part.held, at, within, suffix))
-        # The motion is given by its accelerations above degree 3: they cannot jump.
-        sudden = part.sudden and parts[number + 1].sudden and of.degree <= 3
-        if segment.dwell > 0.0 and not sudden and of.highest_order > 2:
-            goals.append(SampledRows(of, _unaccelerated(part), at, within, suffix))
-    return [*goals, *arrivals]
-
-
-def _unaccelerated(part: ProblemFunctions) -> JointLimit:
-    """Zero acceleration of a segment where accelerations must not jump."""
-    return JointLimit.at_end(BRAKING * part.problem.robot.limits.velocity)
+    for number, (part, within) in enumerate(zip(parts, of.segments, strict=True)):
+        at, last = Instants.end(within[1]), number + 1 == len(parts)
+        place: Place = (at, within, f" of segment {number + 1}")
+        # The list of segments is empty for a problem without segments.
+        arrival = segments[number].arrival if segments else None
+        if arrival is not None:
+            arrivals.append(SampledRows(of, Arrival(*arrival), *place))
+        if last:
+            place, scale = (at, None, ""), of.goal_scale
+            # The arm moves on without acceleration, unless accelerations may jump.
+            still = part.final_velocity is None and not part.sudden
+        else:
+            scale = part.goal_scale
+            # Motions above degree 3 are given by accelerations, which cannot jump.
+            sudden = part.sudden and parts[number + 1].sudden and of.degree <= 3
+            still = segments[number].dwell > 0.0 and not sudden and of.highest_order > 2
+        wanted: list[Constraint | None] = [part.held]
+        if scale is not None:
+            wanted.insert(0, GoalReached(part.problem.goal, part.kinematics, scale))
+        if still:
+            speeds = part.problem.robot.limits.velocity
+            wanted.append(JointLimit.at_end(BRAKING * speeds))
+        ends += [SampledRows(of, item, *place) for item in wanted if item is not None]
+    return [*ends, *arrivals]
