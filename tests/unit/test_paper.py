@@ -88,16 +88,11 @@ def test_best_iterate_is_the_fastest_feasible_iterate():
     assert long.best.duration == min(good)
 
 
-def test_callback_ends_the_iteration():
+def test_callback_sees_every_iteration():
     nlp, z = on_a_rail()
     seen = []
-
-    def stop(record):
-        seen.append(record)
-        return Status.TIME_LIMIT if record.iteration == 6 else None
-
-    result = solved(nlp, z, stop)
-    assert result.status is Status.TIME_LIMIT
+    result = solved(nlp, z, seen.append, max_iterations=7)
+    assert result.status is Status.ITERATION_LIMIT
     assert tuple(seen) == result.history and len(seen) == 7
 
 
