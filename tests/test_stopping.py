@@ -308,9 +308,8 @@ def hard_program(size, rows, density):
     rng = np.random.default_rng(0)
     matrix = sp.random(rows, size, density, random_state=1, format="csc")
     bound, ones = rng.uniform(1.0, 2.0, rows), np.ones(size)
-    cost, keys = rng.normal(size=size), np.arange(max(rows, size))
-    columns, ends = (cost, -ones, ones, keys[:size]), (-bound, bound, keys[:rows])
-    return LinearProgram(matrix, *columns, *ends)
+    cost = rng.normal(size=size)
+    return LinearProgram(matrix, cost, -ones, ones, -bound, bound)
 
 
 # Longest wait for the slowest machine [s]; the linear programs would take longer.

@@ -153,10 +153,8 @@ def test_solvers_with_curvature_solve_the_quadratic_program(name):
         np.array([-1.0, -1.0]),
         np.zeros(2),
         np.full(2, 5.0),
-        np.arange(2),
         np.array([-np.inf]),
         np.array([1.0]),
-        np.arange(1),
         sp.csc_matrix(np.eye(2)),
     )
     found = solver.solve(program)

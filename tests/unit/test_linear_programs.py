@@ -25,15 +25,7 @@ def program(cost, matrix, row_lower, row_upper, lower, upper):
     arrays = [
         np.array(part, dtype=float) for part in (row_lower, row_upper, lower, upper)
     ]
-    rows, columns = matrix.shape
-    return LinearProgram(
-        matrix,
-        np.array(cost, dtype=float),
-        *arrays[2:],
-        np.arange(columns),
-        *arrays[:2],
-        np.arange(rows),
-    )
+    return LinearProgram(matrix, np.array(cost, dtype=float), *arrays[2:], *arrays[:2])
 
 
 def random_program(rng, rows=12, columns=8):
@@ -118,27 +110,14 @@ def test_highs_starts_from_the_last_basis():
     assert second.iterations == 0
 
 
-def test_basis_survives_other_rows_and_columns():
+def test_highs_solves_a_program_that_its_last_basis_does_not_fit():
     rng = np.random.default_rng(4)
-    p = random_program(rng, rows=60, columns=40)
-    keep = np.arange(60) != 50
-    smaller = LinearProgram(
-        sp.csc_matrix(p.matrix.toarray()[keep]),
-        p.cost,
-        p.lower,
-        p.upper,
-        p.column_keys,
-        p.row_lower[keep],
-        p.row_upper[keep],
-        p.row_keys[keep],
-    )
     solver = make_solver("highs")
-    cold = make_solver("highs").solve(smaller)
-    solver.solve(p)
-    warm = solver.solve(smaller)
-    assert warm.optimal
-    assert p.cost @ warm.x == pytest.approx(p.cost @ cold.x, abs=1e-8)
-    assert warm.iterations < cold.iterations
+    for rows, columns in ((60, 40), (59, 40), (59, 41)):
+        p = random_program(rng, rows, columns)
+        found = solver.solve(p)
+        assert found.optimal
+        assert p.cost @ found.x == pytest.approx(reference(p).fun, abs=1e-7)
 
 
 @pytest.mark.parametrize("name", ["highs", "piqp"])
@@ -306,13 +285,7 @@ def test_feasible_program_of_a_panda_is_not_called_infeasible():
         parts = {name: kept[name].astype(float) for name in kept.files}
     columns = tuple(parts.pop(name) for name in ("data", "indices", "indptr"))
     matrix = sp.csc_matrix(columns, shape=parts.pop("shape").astype(int))
-    rows = matrix.shape[0]
-    p = LinearProgram(
-        matrix=matrix,
-        row_keys=np.arange(rows),
-        column_keys=np.arange(matrix.shape[1]),
-        **parts,
-    )
+    p = LinearProgram(matrix=matrix, **parts)
     exact, found = make_solver("highs").solve(p), make_solver("piqp").solve(p)
     assert found.optimal
     assert found.iterations <= PIQP_ITERATIONS

@@ -177,10 +177,8 @@ class _Program:
             cost,
             columns.lower,
             columns.upper,
-            np.arange(rows.shape[1]),
             units * np.append(equations, limits.lower),
             units * np.append(equations, limits.upper),
-            np.arange(rows.shape[0]),
         )
         numbers = (program.matrix.data, program.row_lower, program.row_upper)
         if any(np.any(np.isnan(values)) for values in numbers):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import scipy.sparse as sp
 
-from tominpmp.arrays import Array, IntArray
+from tominpmp.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,11 +18,8 @@ class LinearProgram:
         cost: Shape (n,).
         lower: Shape (n,).
         upper: Shape (n,).
-        column_keys: Keys of the columns, shape (n,). They identify the columns in
-            successive programs, so that a basis can be carried over.
         row_lower: Shape (m,); equal to ``row_upper`` for equations.
         row_upper: Shape (m,).
-        row_keys: Keys of the rows, shape (m,).
         curvature: P, positive semidefinite, shape (n, n). Solvers that are ``curved``
             add x^T P x / 2 to the objective; None, or a zero matrix, without curvature.
         accuracy: Duality gap below which the program counts as solved.
@@ -32,10 +29,8 @@ class LinearProgram:
     cost: Array
     lower: Array
     upper: Array
-    column_keys: IntArray
     row_lower: Array
     row_upper: Array
-    row_keys: IntArray
     curvature: sp.csc_matrix | None = None
     accuracy: float = 1e-6
 

@@ -120,15 +120,11 @@ def _build_program(state: Iterate, linearization: Linearization) -> LinearProgra
     weights = np.zeros(used.size)
     weights[column] = state.weights[rows.kind[chosen]]
     count = used.size
-    size = steps.lower.size
-    keys = np.concatenate([np.arange(size), size + used, size + 2 * rows.size + used])
     return LinearProgram(
         sp.hstack([matrix, -under, under], format="csc"),
         np.concatenate([state.cost, weights, weights]),
         np.concatenate([steps.lower, np.zeros(2 * count)]),
         np.concatenate([steps.upper, np.full(2 * count, np.inf)]),
-        keys,
         low,
         high,
-        chosen,
     )

@@ -25,8 +25,6 @@ from tominpmp.solvers.iterate import NEGLIGIBLE, Iterate
 from tominpmp.solvers.objective import Model
 from tominpmp.transcription.base import Linearization
 
-# Keys of rows and columns that do not come from the transcription begin here.
-_KEY_BLOCK = 10_000_000
 # Least upper bound of an elastic variable: in smaller boxes interior points stall.
 LEAST_ROOM = 1e-7
 
@@ -101,10 +99,10 @@ def build_subproblem(
     slack_groups = np.flatnonzero(violation > NEGLIGIBLE)
     elastic = _elastic_columns(near, chosen, violation, slack_groups)
     blocks: list[list[sp.spmatrix | None]] = [[unit * body, elastic]]
-    # Costs, bounds and keys of the columns, and bounds and keys of the rows, by blocks.
+    # Costs and bounds of the columns, and bounds of the rows, by blocks.
     lower, upper = steps.lower[free] / unit, steps.upper[free] / unit
-    columns = [(unit * model.gradient[free], lower, upper, free)]
-    bounds = [(low, high, chosen)]
+    columns = [(unit * model.gradient[free], lower, upper)]
+    bounds = [(low, high)]
     if model.variation is not None:
         variation = model.variation
         differences = variation.at(state.z)
@@ -112,22 +110,18 @@ def build_subproblem(
         jumps, every = unit * variation.matrix[:, free], sp.identity(k)
         blocks = [[unit * body, None, None, elastic], [jumps, -every, every, None]]
         weights, most = np.full(2 * k, model.weight), np.full(2 * k, np.inf)
-        keys = _KEY_BLOCK + np.arange(2 * k)
-        columns.append((weights, np.zeros(2 * k), most, keys))
-        bounds.append((-differences, -differences, keys[:k]))
+        columns.append((weights, np.zeros(2 * k), most))
+        bounds.append((-differences, -differences))
     weights = state.weights[rows.group_kind[slack_groups]]
     most = np.maximum(violation[slack_groups] * (1.0 + 1e-9), LEAST_ROOM)
-    keys = 2 * _KEY_BLOCK + slack_groups
-    columns.append((weights, np.zeros(keys.size), most, keys))
+    columns.append((weights, np.zeros(most.size), most))
     matrix, of_step = sp.bmat(blocks, format="csc"), unit * model.root[:, free]
     curved = sp.csc_matrix(of_step.T @ of_step)
     # The objective is linear in all other columns.
     curved.resize(matrix.shape[1], matrix.shape[1])
-    cost, lower, upper, column_keys = map(np.concatenate, zip(*columns, strict=True))
-    row_lower, row_upper, row_keys = map(np.concatenate, zip(*bounds, strict=True))
-    of_columns = cost, lower, upper, column_keys
-    of_rows = row_lower, row_upper, row_keys
-    program = LinearProgram(matrix, *of_columns, *of_rows, curved, accuracy)
+    cost, lower, upper = map(np.concatenate, zip(*columns, strict=True))
+    low, high = map(np.concatenate, zip(*bounds, strict=True))
+    program = LinearProgram(matrix, cost, lower, upper, low, high, curved, accuracy)
     return Subproblem(state, program, free, chosen, body, lost[chosen], unit)
 
 
