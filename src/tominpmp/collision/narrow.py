@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import threading
-from collections import deque
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import coal
@@ -205,36 +205,25 @@ class Guard(threading.local):
         )
         self._query = pin.CollisionCallBackDefault(narrow.geometry, self._results, True)
         # Pairs that violated their margins, the last one first.
-        self._violated: deque[int] = deque(maxlen=4)
+        self._violated: list[int] = []
         self._free = True
 
     def is_free(self, q: Array, R: Array, p: Array) -> bool:
         """Whether all margins are kept, see :meth:`NarrowPhase.place`."""
-        narrow = self._narrow
+        narrow, found = self._narrow, None
         narrow.place_obstacles(R, p)
-        found = None if self._free else self._violated_again(q)
+        if not self._free:
+            # Nearby configurations mostly violate the same margins: of those that a
+            # path search for a Fetch in shelves checks, four pairs decide nearly all.
+            at = narrow.model, narrow.data, narrow.geometry, self._results
+            pin.updateGeometryPlacements(*at, q)
+            violates = partial(pin.computeCollision, narrow.geometry, self._results)
+            found = next(filter(violates, self._violated), None)
         if found is None:
-            self._free = not pin.computeCollisions(
-                narrow.model, narrow.data, self._manager, self._query, q
-            )
+            at = narrow.model, narrow.data, self._manager, self._query
+            self._free = not pin.computeCollisions(*at, q)
             found = self._query.collisionPairIndex
         if not self._free:
-            if found in self._violated:
-                self._violated.remove(found)
-            self._violated.appendleft(found)
+            others = [pair for pair in self._violated if pair != found]
+            self._violated = [found, *others[:3]]
         return self._free
-
-    def _violated_again(self, q: Array) -> int | None:
-        """A pair that violated its margin before and does so here; None without one.
-
-        Of the configurations in collision that a path search for a Fetch in shelves
-        checks, these pairs decide nearly all, in a third of the time.
-        """
-        narrow = self._narrow
-        pin.updateGeometryPlacements(
-            narrow.model, narrow.data, narrow.geometry, self._results, q
-        )
-        for pair in self._violated:
-            if pin.computeCollision(narrow.geometry, self._results, pair):
-                return pair
-        return None
