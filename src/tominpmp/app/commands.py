@@ -5,7 +5,7 @@ from __future__ import annotations
 import webbrowser
 from pathlib import Path
 
-from tominpmp.cli.commands import RobotName
+from tominpmp.cli.commands import Source
 from tominpmp.cli.option_fields import GeneralOptions, options
 from tominpmp.cli.terminal import say
 
@@ -29,12 +29,16 @@ class AppOptions(GeneralOptions):
     kinematic: bool = False
 
 
-def app(robot: RobotName = "panda", /, *, args: AppOptions = AppOptions()) -> None:
+def app(robot: Source = "panda", /, *, args: AppOptions = AppOptions()) -> None:
     """Open a page on which a motion is planned while its goal is dragged.
 
     Start, goal, via points and obstacles have handles, limits have sliders; the page
     shows the duration, its distance from the lower bound, and the active limits, and
     exports the motion as a file and the problem as lines of Python.
+
+    Args:
+        robot: Name of a robot (tominpmp robots lists them) or path of a URDF file.
+        args: Options of the command.
     """
     from tominpmp.app.first_request import first_request, known
     from tominpmp.app.page import Page

@@ -5,27 +5,66 @@ Only light modules are imported here, as each call of the help imports this modu
 
 from __future__ import annotations
 
+from dataclasses import field
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
+from tominpmp.cli.option_fields import options, typed_values
+from tominpmp.cli.options import (
+    OUTPUT_FILE,
+    PLANNING,
+    QUIET,
+    VERBOSE,
+    PlannerOptions,
+    ReportOptions,
+)
 
-from tominpmp.cell.options import BatchOptions, TourOptions
-from tominpmp.cli.option_fields import typed_values
-from tominpmp.cli.options import PlannerOptions
 
-BatchSource = Annotated[
-    Path,
-    Parameter(
-        help="Folder with scenario files (.toml), or a file with a list of them: "
-        "problems = ['a.toml', 'cells/*.toml']."
-    ),
-]
-TourScenario = Annotated[Path, Parameter(help="Scenario file (.toml) with stations.")]
+@options("Output")
+class BatchOptions(ReportOptions):
+    """Where a batch is planned, and where its results go.
+
+    Attributes:
+        output (FOLDER): Folder for the results, an NPZ file each; problems whose
+            results a former run has left there are not planned again.
+        workers (N): Number of problems planned at once. Default: the number of cores.
+        backend (NAME): loky (processes), threading, dask, ray, or any other of joblib.
+            Default: loky.
+        warm_start: Let problems begin with the motions of their neighbours.
+        quiet: No progress, only a report, warnings and errors.
+    """
+
+    output: Path = field(default=Path("results"), metadata=OUTPUT_FILE)
+    workers: int | None = field(default=None, metadata=PLANNING)
+    backend: str | None = field(default=None, metadata=PLANNING)
+    warm_start: bool = field(default=False, metadata=PLANNING)
+    quiet: bool = field(default=False, metadata=QUIET)
+
+
+@options("Output")
+class TourOptions(ReportOptions):
+    """Files that a tour is written to, and its report.
+
+    Attributes:
+        output (FILE): Write the whole cycle there: .csv, .npz, or a ROS 2 message
+            (.yaml, .json, or .mcap for a bag); replaced if it exists; or - for standard
+            output.
+        dt (SECONDS): Time between the rows. Default: the nodes of the motions.
+        plot (FILE): Draw a Gantt chart: .png, .pdf or .svg.
+        html (FILE): Write a page that plays the cycle: .html.
+        max_time (SECONDS): Time limit of the planning.
+        verbose: Show the log too.
+    """
+
+    output: str | None = field(default=None, metadata=OUTPUT_FILE)
+    dt: float | None = None
+    plot: Path | None = None
+    html: Path | None = None
+    max_time: float | None = field(default=None, metadata=PLANNING)
+    verbose: bool = field(default=False, metadata=VERBOSE)
 
 
 def batch(
-    source: BatchSource,
+    source: Path,
     /,
     *,
     planning: PlannerOptions = PlannerOptions(),
@@ -46,13 +85,19 @@ def batch(
              that were written
         130  interrupted (Ctrl-C); likewise
         143  terminated (SIGTERM); likewise
+
+    Args:
+        source: Folder with scenario files (.toml), or a file with a list of them:
+            problems = ['a.toml', 'cells/*.toml'].
+        planning: Options of the planner.
+        args: Options of the command.
     """
     from tominpmp.cell.running import run_batch
 
     return run_batch(source, typed_values(planning), args)
 
 
-def tour(scenario: TourScenario, /, *, args: TourOptions = TourOptions()) -> int:
+def tour(scenario: Path, /, *, args: TourOptions = TourOptions()) -> int:
     """Plan the order of the stations of a scenario file, and the motions between them.
 
     The file has a list of [[stations]] in place of a goal. The cycle begins at the
@@ -68,6 +113,10 @@ def tour(scenario: TourScenario, /, *, args: TourOptions = TourOptions()) -> int
         129  the terminal was closed (SIGHUP)
         130  interrupted (Ctrl-C)
         143  terminated (SIGTERM)
+
+    Args:
+        scenario: Scenario file (.toml) with stations.
+        args: Options of the command.
     """
     from tominpmp.cell.running import run_tour
 

@@ -24,41 +24,12 @@ from tominpmp.cli.options import (
 )
 from tominpmp.cli.terminal import NO_PLAN, PLANNED, say
 
-ROBOT = "Name of a robot (tominpmp robots lists them) or path of a URDF file"
-
-
-def _completed(text: str) -> Parameter:
-    """An argument with completion of names of robots and of files that hold a robot."""
-    return Parameter(help=text, **supported(completer=sources))
-
-
-RobotName = Annotated[str, _completed(f"{ROBOT}.")]
-ShownRobot = Annotated[str, _completed(f"{ROBOT}; or a scenario file (.toml).")]
-PlannedRobot = Annotated[
-    str,
-    _completed(
-        f"{ROBOT}; or a scenario file (.toml), which holds robot, start, goal, scene "
-        "and options."
-    ),
-]
-JudgedProblem = Annotated[
-    str,
-    _completed(
-        "Scenario file (.toml); or a robot, with --scene and --request, or with "
-        "--start and a goal."
-    ),
-]
-RecordedMotion = Annotated[
-    Path,
-    Parameter(
-        help="File with a motion: .csv or .npz, as tominpmp plan writes it, or a ROS 2 "
-        "message or bag with a JointTrajectory (.yaml, .json, .mcap)."
-    ),
-]
+# An argument with completion of names of robots and of files that hold a robot.
+Source = Annotated[str, Parameter(**supported(completer=sources))]
 
 
 def plan(
-    robot: PlannedRobot,
+    robot: Source,
     /,
     *,
     problem: ProblemOptions = ProblemOptions(),
@@ -83,6 +54,13 @@ def plan(
              written
         130  interrupted (Ctrl-C); likewise
         143  terminated (SIGTERM); likewise
+
+    Args:
+        robot: Name of a robot (tominpmp robots lists them) or path of a URDF file; or a
+            scenario file (.toml), which holds robot, start, goal, scene and options.
+        problem: Options of the problem.
+        options: Options of the planner.
+        args: Options of the command.
     """
     from tominpmp.cli.plan import run_plan
 
@@ -90,8 +68,8 @@ def plan(
 
 
 def verify(
-    scenario: JudgedProblem,
-    motion: RecordedMotion,
+    scenario: Source,
+    motion: Path,
     /,
     *,
     changes: ProblemOptions = ProblemOptions(),
@@ -112,6 +90,15 @@ def verify(
         129  the terminal was closed (SIGHUP)
         130  interrupted (Ctrl-C)
         143  terminated (SIGTERM)
+
+    Args:
+        scenario: Scenario file (.toml); or a robot, with --scene and --request, or with
+            --start and a goal.
+        motion: File with a motion: .csv or .npz, as tominpmp plan writes it, or a ROS 2
+            message or bag with a JointTrajectory (.yaml, .json, .mcap).
+        changes: Options of the problem.
+        tolerances: Options of the judgement.
+        args: Options of the command.
     """
     from tominpmp.cli.problem import load_problem
     from tominpmp.cli.report import check_data, check_text, json_text
@@ -124,8 +111,14 @@ def verify(
     return PLANNED if judgement.ok else NO_PLAN
 
 
-def play(motion: RecordedMotion, /, *, args: PlayOptions) -> None:
-    """Show a motion in the browser, or write a page that plays it without network."""
+def play(motion: Path, /, *, args: PlayOptions) -> None:
+    """Show a motion in the browser, or write a page that plays it without network.
+
+    Args:
+        motion: File with a motion: .csv or .npz, as tominpmp plan writes it, or a ROS 2
+            message or bag with a JointTrajectory (.yaml, .json, .mcap).
+        args: Options of the command.
+    """
     from tominpmp.cli.output_files import PAGE_ENDINGS, check_target
     from tominpmp.cli.problem import load_scene
     from tominpmp.files.export import load_motion
@@ -147,13 +140,20 @@ def play(motion: RecordedMotion, /, *, args: PlayOptions) -> None:
 
 
 def info(
-    robot: ShownRobot,
+    robot: Source,
     /,
     *,
     changes: RobotOptions = RobotOptions(),
     args: ReportOptions = ReportOptions(),
 ) -> None:
-    """Show the joints of a robot with their limits, its frames and group states."""
+    """Show the joints of a robot with their limits, its frames and group states.
+
+    Args:
+        robot: Name of a robot (tominpmp robots lists them) or path of a URDF file; or a
+            scenario file (.toml).
+        changes: Options of the robot.
+        args: Options of the command.
+    """
     from tominpmp.cli.problem import load_changed_robot
     from tominpmp.cli.report import json_text, robot_data, robot_text
 
