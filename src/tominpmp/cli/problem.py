@@ -424,9 +424,7 @@ def rates(args: ProblemOptions, name: str, robot: Robot) -> Array | None:
         ProblemError: If a joint is unknown, or there are too many or too few numbers.
     """
     text = getattr(args, name)
-    if text is None:
-        return None
-    values = _in_si(args, name, _words(text), robot)
+    values = None if text is None else _in_si(args, name, _words(text), robot)
     return scenario.rates(Typed(values, key=_flag(name)), robot)
 
 

@@ -30,7 +30,7 @@ from tominpmp.description.fields import Field
 from tominpmp.description.files import missing_resource, resolve_resource
 from tominpmp.description.paths import checked_path, read_bytes
 from tominpmp.description.srdf import SemanticDescription, warn_of_group
-from tominpmp.description.tree import UNREAD, UrdfDescription, warn_of
+from tominpmp.description.tree import UNREAD, warn_of
 from tominpmp.description.yaml_reader import MAX_BYTES, parse_yaml
 from tominpmp.exceptions import (
     ProblemError,
@@ -434,7 +434,7 @@ ACCURACY = 0.0101
 MOST_GOALS = 64
 
 
-def _start_values(request: Field, key: str) -> dict[str, float]:
+def _start_values(request: Field, key: str = "position") -> dict[str, float]:
     """Positions or velocities of the start state by joint [SI units].
 
     Raises:
@@ -464,12 +464,7 @@ def _goal_names(request: Field, *kinds: str) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def _outside_group(
-    request: Field,
-    start: Mapping[str, float],
-    description: UrdfDescription,
-    semantics: SemanticDescription | None,
-) -> dict[str, float]:
+def _outside_group(request: Field, source: RobotSource) -> dict[str, float]:
     """Find the joints outside the group of a request, and where to lock them.
 
     If the SRDF file lacks the group, the moving joints are those that the goal names,
@@ -477,18 +472,16 @@ def _outside_group(
 
     Args:
         request: A message ``MotionPlanRequest``.
-        start: Positions of its start state by joint [rad or m].
-        description: Description of the robot.
-        semantics: Content of its SRDF file, if there is one.
+        source: Descriptions of the robot.
 
     Returns:
         Positions by joint name [rad or m]: from the start state, else the rest
         position; empty if the request names no group.
     """
-    name = request.get("group_name")
+    name, start = request.get("group_name"), _start_values(request)
     if not name.given:
         return {}
-    srdf = SemanticDescription() if semantics is None else semantics
+    description, srdf = source.description, source.semantics or SemanticDescription()
     group, links = srdf.find_group(name.text()), list[str]()
     moving = set[str]() if group is None else set(srdf.groups[group].joints)
     if group is not None and moving:
@@ -569,8 +562,8 @@ def load_moveit(
             not kinematic.
     """
     scene_message, request = _read_message(scene_path), _read_message(request_path)
-    state, start = request.get("start_state"), _start_values(request, "position")
-    arm = _grouped_robot(robot, request, start, kinematic, joint_limits)
+    state, start = request.get("start_state"), _start_values(request)
+    arm = _grouped_robot(robot, request, kinematic, joint_limits)
     _check_state(arm, state.get("joint_state"), start)
     _refuse_unread(request)
     warn_of({UNREAD: keys_in_brief(_unread(request, REQUEST))}, request.path)
@@ -608,21 +601,18 @@ def request_locks(source: RobotSource, request_path: str | Path) -> dict[str, fl
     Raises:
         ScenarioError: If the file is wrong.
     """
-    request = _read_message(request_path)
-    return _locks(request, _start_values(request, "position"), source)
+    return _locks(_read_message(request_path), source)
 
 
-def _locks(
-    request: Field, start: Mapping[str, float], source: RobotSource
-) -> dict[str, float]:
+def _locks(request: Field, source: RobotSource) -> dict[str, float]:
     """Positions of joints to lock for a request, without those that follow [rad or m].
 
     Joints that follow them are locked with them; if the request has them elsewhere, a
     warning says so later.
     """
-    description, moved = source.description, _goal_names(request, "joint")
-    locks = _outside_group(request, start, description, source.semantics)
-    names = [joint.name for joint in description.joints if joint.mimic is None]
+    start, moved = _start_values(request), _goal_names(request, "joint")
+    locks = _outside_group(request, source)
+    names = [joint.name for joint in source.description.joints if joint.mimic is None]
     # A goal for a link may move any joint.
     if moved and not _goal_names(request, "position", "orientation"):
         locks |= {k: start[k] for k in names if k in start and k not in moved}
@@ -633,14 +623,13 @@ def _locks(
 def _grouped_robot(
     robot: Robot | str | os.PathLike[str],
     request: Field,
-    start: Mapping[str, float],
     kinematic: bool,
     joint_limits: str | Path | None,
 ) -> Robot:
     """The robot with the joints locked that the request does not move."""
     if not isinstance(robot, Robot):
         source = read_source(robot)
-        more = {"locked_joints": _locks(request, start, source), "kinematic": kinematic}
+        more = {"locked_joints": _locks(request, source), "kinematic": kinematic}
         return load_limited_robot(joint_limits, source, **more)
     if joint_limits is not None:
         expected = (
@@ -651,7 +640,8 @@ def _grouped_robot(
     if kinematic and not robot.kinematic:
         expected = "False or a robot that is kinematic: load_robot(..., kinematic=True)"
         raise wrong(kinematic, "kinematic", expected)
-    locks = _outside_group(request, start, robot.description, robot.srdf)
+    source = RobotSource(robot.name, robot.description, robot.srdf)
+    locks = _outside_group(request, source)
     further = {k: v for k, v in locks.items() if k in robot.joint_names}
     return robot.with_locked(further) if further else robot
 
