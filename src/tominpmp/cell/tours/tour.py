@@ -226,25 +226,13 @@ class Tour:
 
     gantt = plot
 
-    def export(
-        self,
-        path: str | Path,
-        *,
-        dt: float | None = None,
-        with_effort: bool = False,
-        message: str | None = None,
-    ) -> Path:
+    def export(self, path: str | Path, **options: Any) -> Path:
         """Write the whole cycle as CSV, NPZ or ROS message, by the ending of the path.
-
-        The file is verified like that of a solution, see
-        :meth:`~tominpmp.solution.Solution.export`.
 
         Args:
             path: File to write.
-            dt: Time between rows [s]; None takes the control period of the plan, or the
-                nodes if there is no period.
-            with_effort: Whether ROS messages have the torques.
-            message: Which ROS message, see :func:`~tominpmp.files.export.export`.
+            **options: Options of :meth:`~tominpmp.solution.Solution.export`: dt,
+                with_effort, message and verify.
 
         Returns:
             The path.
@@ -254,9 +242,7 @@ class Tour:
                 wrong.
             ScenarioError: If the file cannot be written.
         """
-        return self._solution().export(
-            path, dt=dt, with_effort=with_effort, message=message
-        )
+        return self._solution().export(path, **options)
 
     def _solution(self) -> Solution:
         """The whole cycle as one solution, not yet verified.
