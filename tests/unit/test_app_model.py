@@ -17,7 +17,7 @@ import pytest
 
 from tominpmp.app import pictures, stage
 from tominpmp.app.controller import Controller
-from tominpmp.app.first_request import EXAMPLES, first_request, known, tool_frame
+from tominpmp.app.first_request import first_request, known, tool_frame
 from tominpmp.app.planning import BindingLimit, Outcome, ShownMotion
 from tominpmp.app.request import (
     Request,
@@ -42,7 +42,7 @@ from tominpmp.viz.shares import Shares
 from tominpmp.viz.surfaces import robot_bodies
 from tominpmp.viz.surroundings import GOAL_RGB, START_RGB
 
-PLANAR = EXAMPLES["planar3r"]
+PLANAR = first_request(known("planar3r"))
 TURNED = (0.0, 0.0, 0.382683, 0.92388)
 QUARTER = (0.0, 0.0, 0.5**0.5, 0.5**0.5)
 ALL_KINDS = (

@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 
 from tominpmp.app.controller import Controller
-from tominpmp.app.first_request import EXAMPLES, known
+from tominpmp.app.first_request import first_request, known
 from tominpmp.app.planning import LEAST_GAIN, LEAST_SHARE, Outcome, Session
 from tominpmp.app.request import Request
 from tominpmp.app.worker import Jobs, Worker, work
 from tominpmp.exceptions import ProblemError, RobotLoadError
 
 # The arm without the obstacle: quick to plan.
-PLANAR = replace(EXAMPLES["planar3r"], items=())
+PLANAR = replace(first_request(known("planar3r")), items=())
 NEAR = replace(PLANAR, q_goal=(0.95, -1.2, -0.85))
 
 

@@ -66,17 +66,16 @@ def first_request(choice: RobotChoice) -> Request:
             with suppress(RobotLoadError):
                 return first_request(replace(choice, group=group, locked=()))
         raise
-    example = EXAMPLES.get(choice.source)
     own = robot.motion_limits
     # A kinematic robot needs acceleration limits.
     free = robot.kinematic and (own is None or own.acceleration is None)
-    acceleration = MODERATE if free else None
-    if example is not None and len(example.q_start) == robot.n:
-        return replace(example, robot=choice, acceleration=acceleration)
-    start = _first_free(robot, _starts(robot))
-    goal = _first_free(robot, _goals(robot, start))
-    request = Request(robot=choice, frame=tool_frame(robot), q_start=start, q_goal=goal)
-    return replace(request, acceleration=acceleration, margin=0.01)
+    fields = EXAMPLES.get(choice.source, {})
+    if len(fields.get("q_start", ())) != robot.n:
+        start = _first_free(robot, _starts(robot))
+        goal = _first_free(robot, _goals(robot, start))
+        fields = {"q_start": start, "q_goal": goal, "margin": 0.01}
+    frame, acceleration = tool_frame(robot), MODERATE if free else None
+    return Request(robot=choice, frame=frame, acceleration=acceleration, **fields)
 
 
 def tool_frame(robot: Robot) -> str:
@@ -134,28 +133,24 @@ def _first_free(robot: Robot, candidates: Iterator[Array]) -> tuple[float, ...]:
     )
 
 
-# Requests for well-known robots, with an obstacle between start and goal.
-EXAMPLES = {
-    "panda": Request(
-        robot=known("panda"),
-        frame="panda_hand_tcp",
-        q_start=(-0.6, -0.3, 0.0, -2.2, 0.0, 2.0, 0.8),
-        q_goal=(0.9, -0.2, 0.0, -2.0, 0.0, 1.8, 0.8),
-        items=(Box("post", size=(0.1, 0.1, 1.0), position=(0.5, 0.1, 0.5)),),
-    ),
-    "ur5": Request(
-        robot=known("ur5"),
-        frame="tool0",
-        q_start=(-0.8, -1.2, 1.4, -1.8, -1.57, 0.0),
-        q_goal=(1.1, -1.0, 1.2, -1.8, -1.57, 0.0),
-        items=(Cylinder("post", radius=0.06, length=0.9, position=(0.55, 0.1, 0.45)),),
-    ),
-    "planar3r": Request(
-        robot=known("planar3r"),
-        frame="tip",
-        q_start=(0.5, 1.7, -1.7),
-        q_goal=(0.9, -1.2, -0.9),
-        items=(Sphere("O", radius=0.8, position=(4.0, 0.0, 0.0)),),
-        margin=0.0,
-    ),
+# Fields of requests for well-known robots, with an obstacle between start and goal.
+EXAMPLES: dict[str, dict[str, Any]] = {
+    "panda": {
+        "q_start": (-0.6, -0.3, 0.0, -2.2, 0.0, 2.0, 0.8),
+        "q_goal": (0.9, -0.2, 0.0, -2.0, 0.0, 1.8, 0.8),
+        "items": (Box("post", size=(0.1, 0.1, 1.0), position=(0.5, 0.1, 0.5)),),
+    },
+    "ur5": {
+        "q_start": (-0.8, -1.2, 1.4, -1.8, -1.57, 0.0),
+        "q_goal": (1.1, -1.0, 1.2, -1.8, -1.57, 0.0),
+        "items": (
+            Cylinder("post", radius=0.06, length=0.9, position=(0.55, 0.1, 0.45)),
+        ),
+    },
+    "planar3r": {
+        "q_start": (0.5, 1.7, -1.7),
+        "q_goal": (0.9, -1.2, -0.9),
+        "items": (Sphere("O", radius=0.8, position=(4.0, 0.0, 0.0)),),
+        "margin": 0.0,
+    },
 }
