@@ -39,8 +39,7 @@ from tominpmp.scene.motion import (
     ConstantVelocity,
     Motion,
     Placement,
-    SpeedBounds,
-    Twist,
+    Rates,
     as_motion,
 )
 from tominpmp.scene.rotations import rotation_matrix
@@ -166,12 +165,12 @@ class Obstacle(Record):
         with self._named():
             return (self.motion or REST).poses(times, self._start)
 
-    def twists(self, times: Array) -> Twist:
+    def twists(self, times: Array) -> Rates:
         """Velocities at times [s], shape (m,), in the axes of the world."""
         with self._named():
             return (self.motion or REST).twists(times, self._start)
 
-    def speed_bounds(self, begin: Array, end: Array) -> SpeedBounds:
+    def speed_bounds(self, begin: Array, end: Array) -> Rates:
         """Upper bounds on the speeds between times [s], shape (m,) each.
 
         Returns:
