@@ -8,7 +8,7 @@ from __future__ import annotations
 import pickle
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from tominpmp.bounds.result import LowerBound
 from tominpmp.exceptions import ProblemError, TominpmpError, quiet
 from tominpmp.kinematics import FrameMotions
 from tominpmp.motion.measures import SATURATED
+from tominpmp.options import Options
 from tominpmp.planner.planning import plan
 from tominpmp.problem.problem import Problem
 from tominpmp.solution import Solution
@@ -153,8 +154,11 @@ class Session:
             TominpmpError: If the request is wrong, or no motion was found.
         """
         problem = request.problem()
+        options = Options(
+            effort="quick", max_planning_time=MOST_SECONDS, callback=check
+        )
         former = self._former(problem)
-        solution = _plan(problem, check, former)
+        solution = plan(problem, options, former)
         if not solution.success:
             raise TominpmpError(solution.message)
         self.solution = solution
@@ -164,7 +168,7 @@ class Session:
         if former is None:
             return
         check()
-        again = _plan(problem, check)
+        again = plan(problem, options)
         if again.success and again.T < (1.0 - BETTER) * solution.T:
             self.solution = solution = again
         yield solution, True, True
@@ -176,23 +180,6 @@ class Session:
             return None
         same = last.problem.robot.joint_names == problem.robot.joint_names
         return last if same else None
-
-
-def _plan(
-    problem: Problem,
-    check: Callable[[IterationRecord], None],
-    former: Solution | None = None,
-) -> Solution:
-    """Plan with little effort; ``check`` may end planning by an exception."""
-    solution = plan(
-        problem,
-        start=former,
-        effort="quick",
-        max_planning_time=MOST_SECONDS,
-        callback=check,
-    )
-    # The callback refers to this request, and must not be pickled.
-    return replace(solution, options=replace(solution.options, callback=None))
 
 
 def plain_name(name: str) -> str:
