@@ -9,7 +9,7 @@ from inspect import signature
 import pytest
 from cli_samples import Run
 
-from tominpmp.physics.commands import ReplayOptions
+from tominpmp.physics.options import ReplayOptions
 
 pytest.importorskip("mujoco")
 

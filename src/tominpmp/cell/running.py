@@ -11,7 +11,7 @@ from typing import Any
 
 from tominpmp.bounds.result import USELESS, LowerBound
 from tominpmp.cell.batch.plan_many import Progress, plan_many
-from tominpmp.cell.commands import BatchOptions, TourOptions
+from tominpmp.cell.options import BatchOptions, TourOptions
 from tominpmp.cell.tours.planning import plan_tour
 from tominpmp.cell.tours.tour import Tour
 from tominpmp.cell.tours.tour_file import load_tour

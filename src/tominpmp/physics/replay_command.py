@@ -14,7 +14,7 @@ from tominpmp.cli.terminal import NO_PLAN, PLANNED, say
 from tominpmp.exceptions import OptionsError
 from tominpmp.files.export import load_motion
 from tominpmp.files.export_check import joined_samples
-from tominpmp.physics.commands import ReplayOptions
+from tominpmp.physics.options import ReplayOptions
 from tominpmp.physics.replay import PhysicsReplay, replay
 from tominpmp.physics.robustness import REQUIRED, Disturbances, Robustness, robustness
 
