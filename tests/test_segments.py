@@ -435,7 +435,7 @@ def test_options_that_exclude_segments_are_refused():
     ):
         with pytest.raises(tm.OptionsError, match="several segments"):
             tm.plan(problem, **options)
-    with pytest.raises(tm.ProblemError, match="or segments"):
+    with pytest.raises(tm.ProblemError, match="or at least one segment"):
         tm.Problem(rail(), [0.0])
     with pytest.raises(tm.ProblemError, match="one or the other"):
         tm.Problem(rail(), [0.0], tm.JointGoal([1.0]), segments=[at(1.0)])

@@ -213,7 +213,7 @@ def test_position_limit_and_self_collision_flags_reach_the_problem(
 @pytest.mark.parametrize(
     ("old", "new", "refused", "words"),
     [
-        ("0.01", "9", "start in collision", ("--margin", "0.01")),
+        ("0.01", "9", "start: in collision", ("--margin", "0.01")),
         (
             '"planar3r"',
             '"planar3r"\nkinematic = true',
@@ -253,7 +253,7 @@ def test_no_self_collision_flag_allows_links_to_touch_at_both_ends(
     run: Run, planner: Planner
 ) -> None:
     Path("s.toml").write_text(LINKS_MEET)
-    assert "start in collision" in run("plan", "s.toml", "--no-output").stderr
+    assert "start: in collision" in run("plan", "s.toml", "--no-output").stderr
     found = run("plan", "s.toml", "--no-output", "--no-self-collision")
     assert (found.exit_code, found.stderr) == (0, "")
     assert len(planner.problem.alternatives) == 2

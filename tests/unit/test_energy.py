@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -80,6 +81,14 @@ def test_time_limit_before_the_second_objective_is_reported(monkeypatch, options
     assert solution.success and solution.status is tm.Status.TIME_LIMIT
     assert "there was no time for" in solution.message
     assert "within the 30 s allowed." in solution.message
+
+
+def test_energy_that_was_not_weighed_for_lack_of_time_is_told(trades):
+    """Regression: the message was that of a plan without an energy weight."""
+    cut = replace(trades[1e-3], status=tm.Status.TIME_LIMIT)
+    found = energy.with_least_cost(cut)
+    assert found.status is tm.Status.TIME_LIMIT
+    assert found.message == f"{cut.message} Its energy was not weighed."
 
 
 def test_larger_weight_saves_energy_and_takes_more_time(trades):

@@ -214,7 +214,8 @@ def test_scenario_files_keep_constraints(tmp_path):
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: tm.ToolSpeed("tip", 0.0), "limit is 0.0, expected a positive"),
+        (lambda: tm.ToolSpeed("tip", 0.0), r"^constraint\.limit is 0.0, expected"),
+        (lambda: tm.ToolSpeed("tip", 800.0), r"limit is 800.0, .* \[m/s\], 100 at m"),
         (lambda: tm.ToolSpeed("tip", math.nan), "limit is nan, expected a positive"),
         (lambda: tm.ToolSpeed("tip", "fast"), "limit is 'fast', expected a positive"),
         (lambda: tm.ToolSpeed(5, 1.0), "frame is 5, expected the name of a frame"),

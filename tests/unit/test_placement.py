@@ -123,6 +123,7 @@ def test_search_ends_where_no_time_is_left() -> None:
         ({"bounds": 3}, "bounds is 3"),
         ({"bounds": {"w": (0, 1)}}, r"bounds\['w'\] is \(0, 1\), expected"),
         ({"bounds": {"x": (0.5, 1)}}, "a range about zero"),
+        ({"bounds": {"yaw": (-90.0, 90.0)}}, r"\[-90.0, 90.0\].* within 6\.28"),
         ({"bounds": {"yaw": (-1, 1)}, "moves": "goals"}, "only the base"),
         ({"moves": "table"}, "moves is 'table'"),
         ({"moves": ()}, "moves is"),

@@ -682,7 +682,7 @@ def test_locked_joints_may_be_named_where_they_are_locked(tmp_path: Path) -> Non
             "rotation",
             "expected a rotation matrix .3x3",
         ),
-        ('type = "sphere"\nname = "a"\nradius = 4', None, "start in collision"),
+        ('type = "sphere"\nname = "a"\nradius = 4', None, "toml: start: in collis"),
     ],
 )
 def test_message_about_a_wrong_obstacle_names_its_key(

@@ -12,7 +12,8 @@ import pytest
 import tominpmp as tm
 from tominpmp.certificate.certificate import with_bound
 from tominpmp.certificate.minimum_principle import certify, clock_share
-from tominpmp.planner.control_period import _with_clock, status_on_clock
+from tominpmp.planner.control_period import _with_clock, _without_clock, status_on_clock
+from tominpmp.planner.plan_state import PlanState
 
 START = np.array([0.5, 1.7, -1.7])
 
@@ -69,6 +70,21 @@ def test_loss_by_the_control_period_is_never_reported_as_negative(
     state: Any = SimpleNamespace(seconds=0.0)
     message = _with_clock(longer, free.T / 100, clocked, state).message
     assert " 0.00 % above the motion without such a clock" in message
+
+
+def test_time_limit_with_a_control_period_names_the_seconds_allowed(
+    problem: tm.Problem, free: tm.Solution
+) -> None:
+    """Regression: only messages of plans without a control period had them."""
+    state = PlanState(problem, free.options)
+    cut, words = replace(free, status=tm.Status.TIME_LIMIT), " s were allowed; max_pl"
+    clocked: Any = SimpleNamespace(
+        trajectory=free.trajectory, verification=free.verification, remark=""
+    )
+    assert words in _with_clock(cut, free.T / 100, clocked, state).message
+    wanted = PlanState(problem, free.options.changed({"control_period": 0.01}))
+    message = _without_clock(cut, wanted, None, tm.Status.TIME_LIMIT).message
+    assert "No motion on a clock of 0.01 s was found: " in message and words in message
 
 
 def test_clock_share_is_the_period_over_the_duration(free: tm.Solution) -> None:

@@ -133,8 +133,9 @@ def test_constraints_are_read_from_the_command_line():
         (lambda: tm.JointCoupling((), (), 1.0), r"joints is \(\), expected names"),
         (lambda: tm.JointCoupling(("a", "a"), (1.0,) * 2, 1.0), r"\('a', 'a'\), exp"),
         (lambda: tm.JointCoupling(("a", "b"), (1.0,), 1.0), "weights"),
-        (lambda: tm.JointCoupling(("a",), (1.0,), 1.0, 2.0), "lower is 2 and upper 1"),
+        (lambda: tm.JointCoupling(("a",), (1.0,), 1.0, 2.0), "is 2.0 and upper 1.0"),
         (lambda: tm.JointCoupling(("a",), (1.0,), math.nan), "lower is"),
+        (lambda: tm.JointCoupling(("a",), (1.0,), "x"), "lower is -inf and upper 'x'"),
         (
             lambda: tm.JointCoupling(("a",), (1.0,), math.inf),
             "only one may be infinite",

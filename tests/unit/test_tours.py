@@ -164,6 +164,17 @@ def test_long_station_names_are_shortened_in_the_figure() -> None:
     assert labels == ["the station at the far end of the cel..."]
 
 
+def test_a_station_that_is_passed_has_no_bar_of_a_dwell() -> None:
+    """Regression: the figure had a sliver in the colour of dwells."""
+    pytest.importorskip("matplotlib")
+    from matplotlib.figure import Figure
+
+    panel = Figure().subplots()
+    _draw_bars(panel, 1.0, [Visit("passed", np.zeros(3), 0.4, 0.4)])
+    motion, dwell, home = (bar.get_width() for bar in panel.patches)
+    assert (motion, dwell, home) == pytest.approx((0.4, 0.0, 0.6))
+
+
 def test_tour_may_end_at_its_last_station_and_keeps_precedence(
     arm: Robot, goals: list[tm.PositionGoal]
 ) -> None:

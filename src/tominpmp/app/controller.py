@@ -37,8 +37,7 @@ def _functions(choice: RobotChoice) -> ProblemFunctions:
     q = np.clip(0.0, robot.limits.position_lower, robot.limits.position_upper)
     # Kinematic robots need a limit of accelerations, whatever it is. Collisions are not
     # checked: users may drag the arm through obstacles.
-    limits = MotionLimits(acceleration=MODERATE)
-    goal = JointGoal(q)
+    goal, limits = JointGoal(q), MotionLimits(acceleration=MODERATE)
     problem = Problem(robot, q, goal, motion_limits=limits, self_collision=False)
     return ProblemFunctions.of(problem)
 
@@ -105,7 +104,7 @@ class Controller:
             self.outcome = self.shown = None
             self.plan(request)
 
-    def drag(self, end: str, position: Any, quaternion: Any) -> float:
+    def drag(self, end: str, position: Any, quaternion: Any) -> str:
         """Bring the frame at the start or the goal as near to a pose as possible.
 
         Args:
@@ -114,8 +113,8 @@ class Controller:
             quaternion: Orientation of the handle (x, y, z, w), shape (4,).
 
         Returns:
-            Remaining distance of the frame from the pose, in m and rad; 0 if it is
-            reached.
+            Remaining distance of the frame from the pose, as "0.2 m and 0.1 rad"; empty
+            if it is reached.
         """
         with self._lock:
             request = self.request
@@ -123,9 +122,10 @@ class Controller:
             if request.turns:
                 goal = PoseGoal(request.frame, (position, quaternion))
             near = np.array(getattr(request, end))
-            q, miss = Target(_functions(request.robot), goal).solve(near)
+            target = Target(_functions(request.robot), goal)
+            q, missing = target.solve(near)
             self.change(**{end: q})
-        return 0.0 if miss <= REACHED else miss
+        return "" if missing <= REACHED else target.miss(q)
 
     def export(
         self, ending: str, dt: float | None = None, message: str | None = None

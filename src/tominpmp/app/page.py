@@ -191,7 +191,7 @@ class Page:
             miss = self.controller.drag(end, position, quaternion)
             message = (
                 f"The handle of the {end.removeprefix('q_')} is out of reach by "
-                f"{miss:.3f} (m, rad): the nearest configuration was taken."
+                f"{miss}: the nearest configuration was taken."
             )
             self.readout.notify(message if miss else "", bad=bool(miss))
         self.refresh()

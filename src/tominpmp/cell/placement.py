@@ -19,9 +19,10 @@ from scipy.optimize import BFGS, minimize
 
 from tominpmp.arrays import Array, Record, array_or_nan, frozen_array
 from tominpmp.blas_threads import on_one_thread
-from tominpmp.checks import instance, whole, wrong
+from tominpmp.checks import FARTHEST, instance, vector, whole, wrong
 from tominpmp.combined_robots import base_placement
 from tominpmp.exceptions import ProblemError, TominpmpError, naming
+from tominpmp.goals.turns import TURN
 from tominpmp.options import Options
 from tominpmp.planner.planning import plan
 from tominpmp.problem.problem import Problem
@@ -261,11 +262,11 @@ def _checked(tasks: Any, bounds: Any) -> tuple[list[Problem], Array, Array]:
         raise wrong(bounds, "bounds", "ranges by the names of coordinates")
     rows = []
     for name, pair in bounds.items():
-        row = array_or_nan(pair)
-        fine = row.shape == (2,) and row[0] <= 0.0 <= row[1] and row[0] < row[1]
-        if name not in COORDINATES or not fine or not np.all(np.isfinite(row)):
-            expected = f"a range about zero of one of {', '.join(COORDINATES)}"
-            raise wrong(pair, f"bounds[{name!r}]", f"{expected} [m or rad]")
+        expected = f"a range about zero of one of {', '.join(COORDINATES)} [m or rad]"
+        most = FARTHEST if name in TRANSLATIONS else TURN
+        row = vector(pair, f"bounds[{name!r}]", expected, 2, most=most)
+        if name not in COORDINATES or not row[0] <= 0.0 <= row[1] or row[0] == row[1]:
+            raise wrong(pair, f"bounds[{name!r}]", expected)
         rows.append(row)
     table = np.array(rows)
     return list(tasks), table[:, 0], table[:, 1]
@@ -311,8 +312,7 @@ class _Search:
     def run(self, low: Array, high: Array, most_plans: int) -> ImprovedPlacement:
         """Descend until the predicted reduction, the trust region or plans run out."""
         span, n = high - low, low.size
-        cold = [None] * len(self.tasks)
-        best, gradient, solutions = self._tried(np.zeros(n), cold)
+        best, gradient, solutions = self._tried(np.zeros(n), [None] * len(self.tasks))
         radius, hessian = FIRST_RADIUS, np.zeros((n, n))
         # Updates with negative curvature are skipped; the first update sets the scale.
         model = BFGS(exception_strategy="skip_update", init_scale="auto")

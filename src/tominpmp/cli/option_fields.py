@@ -89,8 +89,7 @@ def joints(typed: CompletionContext) -> list[str]:
 
 def positions(typed: CompletionContext) -> list[str]:
     """Group states of the typed robot, and its moving joints."""
-    states = named("srdf", "group_state")(typed)
-    return [*dict.fromkeys(states), *joints(typed)]
+    return [*dict.fromkeys(named("srdf", "group_state")(typed)), *joints(typed)]
 
 
 def _elements(typed: CompletionContext, kind: str, *tags: str) -> Iterator[Element]:

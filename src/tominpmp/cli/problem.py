@@ -59,7 +59,7 @@ class Typed(Field):
     path: Path = Path("command line")
     form: str = ""
 
-    _owner: ClassVar[str] = r"obstacle .*: "
+    _owner: ClassVar[str] = r"constraint\.|obstacle .*: "
 
     def fail(self, message: str) -> NoReturn:
         """Raise an error about the option.
@@ -384,8 +384,7 @@ def _typed_problem(name: str, args: ProblemOptions) -> Problem:
     q_start = positions(args, "start", robot)
     v, a = (rates(args, f"start_{k}", robot) for k in ("velocity", "acceleration"))
     start = q_start, _goal(args, robot, q_start), scene
-    more = _changes(args, robot, {})
-    return Problem(robot, *start, v_start=v, a_start=a, **more)
+    return Problem(robot, *start, v_start=v, a_start=a, **_changes(args, robot, {}))
 
 
 def _goal(args: ProblemOptions, robot: Robot, q_start: Array) -> Goal:

@@ -21,6 +21,7 @@ from tominpmp.motion_limits import MotionLimits, kinds_of
 from tominpmp.notebook import text_table
 from tominpmp.problem.problem import Problem
 from tominpmp.robot.robot import Robot
+from tominpmp.sensitivities.records import LEAST
 from tominpmp.solution import Solution
 from tominpmp.viz.shares import shares_of_limits
 
@@ -109,7 +110,7 @@ def _sensitivities_data(solution: Solution) -> list[dict[str, Any]]:
     names = ("kind", "joint", "subject", "value", "unit", "limit", "limit_unit")
     T = 1e3 * solution.T
     return [
-        _named(item, *names, "vector")
+        _named(item, *names, "effect", "vector")
         | {"text": f"{item.label}, {item.more} more: {item.effect * T:+.3g} ms"}
         for item in solution.sensitivities
     ]
@@ -181,8 +182,9 @@ def report_text(data: Mapping[str, Any]) -> str:
         rows.append(("lower bound", bound.in_words(data["T"])))
     if "certificate" in data:
         rows.append(("certificate", data["certificate"]))
-    held = data.get("sensitivities", ())[:SHOWN]
-    rows += [("held by", item["text"]) for item in held]
+    every = data.get("sensitivities", ())
+    held = [item["text"] for item in every if abs(item["effect"]) >= LEAST]
+    rows += [("held by", text) for text in held[:SHOWN]]
     if data["violations"]:
         worst = data["violations"].items()
         shown = {None: "infinite", 0.0: "0"}

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from tominpmp.arrays import Array, Converted, number_or_nan, record
 from tominpmp.checks import JOINTS, array, instance, known_joints, names, vector, whole
 from tominpmp.constraints.path import EMPTY, Linear, PathConstraint
-from tominpmp.exceptions import ProblemError
+from tominpmp.exceptions import ProblemError, brief
 from tominpmp.robot.robot import Robot
 
 # Scale of the excess over a bound [rad or m].
@@ -46,19 +46,21 @@ class JointCoupling(PathConstraint):
         """Check and copy the values."""
         super().__post_init__()
         joints = (self.joints,) if isinstance(self.joints, str) else self.joints
-        self._keep(joints=names(joints, "joints"))
+        self._keep(joints=names(joints, f"{self._owner}joints"))
         count = len(self.joints)
         given = [self.weights] if np.isscalar(self.weights) else self.weights
         expected = f"{count} number{'' if count == 1 else 's'}, one for each joint"
-        self._keep(weights=vector(given, "weights", expected, count))
-        self._keep(lower=number_or_nan(self.lower), upper=number_or_nan(self.upper))
-        bounded = np.any(np.isfinite([self.lower, self.upper]))
-        if not self.lower <= self.upper or not bounded:
+        self._keep(weights=vector(given, f"{self._owner}weights", expected, count))
+        lower, upper = number_or_nan(self.lower), number_or_nan(self.upper)
+        bounded = np.any(np.isfinite([lower, upper]))
+        if not lower <= upper or not bounded:
             raise ProblemError(
-                f"lower is {self.lower:g} and upper {self.upper:g}, expected the lower "
-                "bound below the upper one, or equal bounds; only one may be infinite",
+                f"lower is {brief(self.lower)} and upper {brief(self.upper)}, expected "
+                "the lower bound below the upper one, or equal bounds; only one may be "
+                "infinite",
                 "lower" if bounded else "upper",
             )
+        self._keep(lower=lower, upper=upper)
 
     @property
     def name(self) -> str:
@@ -72,8 +74,7 @@ class JointCoupling(PathConstraint):
 
     def validate(self, robot: Robot) -> None:
         """Check that the robot has the joints."""
-        known = instance(robot, Robot, "robot").joint_names
-        known_joints(self.joints, known, "joints")
+        known_joints(self.joints, instance(robot, Robot, "robot").joint_names, "joints")
 
     def _sums(self, q: Array) -> Array:
         """Weighted sums of positions, shape (m, n) to (m,)."""
@@ -104,5 +105,4 @@ class JointCoupling(PathConstraint):
     def term_rows(self, q: Array, v: Array, a: Array) -> Linear:
         """The sums, divided by the scale, with their derivatives."""
         values, row = self.value_rows(q, v, a), self._row() / self.scale
-        by_q = np.broadcast_to(row, (len(values), 1, row.size))
-        return values, by_q, EMPTY, EMPTY
+        return values, np.broadcast_to(row, (len(values), 1, row.size)), EMPTY, EMPTY

@@ -114,6 +114,7 @@ class PathConstraint(Record, Constraint):
             until another [s]; None for the whole motion.
     """
 
+    _owner = "constraint."
     during: WindowOrNone = field(default=None, kw_only=True)
 
     @property

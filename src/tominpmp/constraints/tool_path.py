@@ -190,7 +190,7 @@ class ToolArc(Tube):
         if not min(sizes) > 0.0 or abs(self.axis @ spoke) > 1e-6 * sizes[0] * sizes[1]:
             across = "a vector across the way from the center to the start"
             expected = f"{across}, {brief(spoke.tolist())}"
-            raise wrong(self.axis.tolist(), "axis", expected)
+            raise wrong(self.axis.tolist(), f"{self._owner}axis", expected)
 
     @cached_property
     def _plane(self) -> tuple[float, Array, Array]:

@@ -11,7 +11,7 @@ from tominpmp.arrays import Array, record
 from tominpmp.checks import positive
 from tominpmp.constraints.path import EMPTY, FrameRows, Linear
 
-Speed: TypeAlias = Annotated[float, partial(positive, unit="m/s")]
+Speed: TypeAlias = Annotated[float, partial(positive, unit="m/s", most=100.0)]
 Acceleration: TypeAlias = Annotated[float, partial(positive, unit="m/s^2")]
 
 
@@ -21,7 +21,7 @@ class ToolSpeed(FrameRows):
 
     Attributes:
         frame: Name of the frame.
-        limit: Largest speed of its origin in the world [m/s].
+        limit: Largest speed of its origin in the world [m/s], at most 100.
 
     Raises:
         ProblemError: If the limit is not positive.
@@ -71,8 +71,7 @@ class ToolAcceleration(FrameRows):
 
     def measure_rows(self, q: Array, v: Array, a: Array) -> Array:
         """Accelerations [m/s^2]."""
-        found = self.motions.accelerations(q, v, a)
-        return np.asarray(np.linalg.norm(found, axis=1))
+        return np.asarray(np.linalg.norm(self.motions.accelerations(q, v, a), axis=1))
 
     def vector_rows(self, q: Array, v: Array, a: Array) -> Linear:
         """Accelerations [m/s^2]."""

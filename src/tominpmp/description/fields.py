@@ -63,7 +63,7 @@ class Field:
     def _unnamed(self, message: str) -> str:
         """A message without the name of the field in which the key ends: "v is"."""
         name = re.escape(self.key.rpartition(".")[2])
-        return re.sub(rf"^({self._owner})?{name} (?=is )", "", message)
+        return re.sub(rf"^({self._owner})?{name} (?=is |in collision)", "", message)
 
     def blame(self, error: TominpmpError) -> NoReturn:
         """Raise an error of the library again as an error about this value.

@@ -200,6 +200,13 @@ class Target:
         value[: place.value.size] = place.excess
         return float(np.linalg.norm(value))
 
+    def miss(self, q: Array) -> str:
+        """How far a configuration misses the goal: "0.2 m and 0.1 rad"."""
+        place = self.goal.place(self.system.kinematics, q)
+        parts = (place.lengths, "m"), (~place.lengths, "rad")
+        sizes = [(np.linalg.norm(place.excess[at]), unit) for at, unit in parts]
+        return " and ".join(f"{x:.4g} {unit}" for x, unit in sizes if x > REACHED)
+
     def solve(self, q: Array) -> tuple[Array, float]:
         """Find a configuration within the position limits that meets all conditions.
 
@@ -229,7 +236,7 @@ class Target:
         they are moved out of collision as far as the goal leaves the arm any freedom.
 
         Returns:
-            The configurations; without any, the violation at the nearest one found.
+            The configurations, and the nearest one found, which may miss the goal.
         """
         system, problem = self.system, self.system.problem
         limits = problem.robot.limits
@@ -265,7 +272,7 @@ class Target:
             free = [q for q in _solutions(both, movable)[0] if is_free(system, q)]
             # A goal may be closer to an obstacle than the padding beyond the margin.
             free = free or [q for q in blocked if _keeps_margins(system, q)]
-        return GoalSearch(free, blocked, 0.0 if solutions else self.violation(nearest))
+        return GoalSearch(free, blocked, nearest)
 
     def all_unusable(self, found: Sequence[Array], *, passes: bool) -> bool:
         """Whether the arm reaches the goal only in collision, or where it cannot rest.
@@ -294,18 +301,12 @@ class GoalSearch(NamedTuple):
         free: Collision-free configurations, the most promising first, each of shape
             (n,).
         blocked: Configurations in collision.
-        least: Violation of the conditions at the nearest configuration found if no
-            configuration reaches the goal; otherwise 0.
+        nearest: The configuration found that violates the conditions least, shape (n,).
     """
 
     free: list[Array]
     blocked: list[Array]
-    least: float
-
-    @property
-    def best(self) -> list[Array]:
-        """The free configurations; without any, the configurations in collision."""
-        return self.free or self.blocked
+    nearest: Array
 
 
 def _descend(target: Target, q: Array) -> tuple[Array, Array]:

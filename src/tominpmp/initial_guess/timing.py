@@ -277,8 +277,7 @@ def speed_used(system: ProblemFunctions, q: Array, v: Array) -> Array:
 
     Speed limits of joints and of tools are taken into account.
     """
-    problem = system.problem
-    used = np.max(np.abs(v) / problem.robot.limits.velocity, axis=1)
+    used = np.max(np.abs(v) / system.problem.robot.limits.velocity, axis=1)
     empty = np.zeros((len(q), 0))
     for item in constraints_of(system, 1):
         if item.curable:

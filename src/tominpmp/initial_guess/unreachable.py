@@ -44,7 +44,7 @@ def unreachable(
     verb = "reaches it" if frame is None else f"brings frame {frame!r} there"
     return ProblemError(
         f"{where}goal: no configuration within the position limits {verb}; the nearest "
-        f"one found misses it by {ik.least:.4g} (m, rad)",
+        f"one found misses it by {target.miss(ik.nearest)}",
         "goal",
     )
 
@@ -155,8 +155,7 @@ def _against_constraints(target: Target, rng: np.random.Generator) -> str:
     items = target.constraints
     if not items:
         return ""
-    goal_alone = replace(target, goal_only=True)
-    ik = goal_alone.configurations(2 * KINEMATIC_STARTS, rng)
+    ik = replace(target, goal_only=True).configurations(2 * KINEMATIC_STARTS, rng)
     reached = [*ik.free, *ik.blocked]
     if not reached:
         return ""

@@ -45,8 +45,7 @@ class KeptIterate(NamedTuple):
         best = self.iterate if self.feasible else None
         result = SlpResult(status, self.iterate, best, (), self.program)
         first = self.initial or self
-        begun = first.program.trajectory(first.iterate.z)
-        return Candidate.of(begun, result)
+        return Candidate.of(first.program.trajectory(first.iterate.z), result)
 
 
 @dataclass(frozen=True, eq=False)

@@ -261,8 +261,7 @@ class CoarseSearch:
             return MOST_PATHS
         if self.system.problem.scene.moving:
             return FAILURES
-        wide = self.state.exceeds_bound(1.0 + WIDE_GAP, self.system.problem)
-        return 2 if wide else 1
+        return 2 if self.state.exceeds_bound(1.0 + WIDE_GAP, self.system.problem) else 1
 
     @property
     def promising(self) -> bool:

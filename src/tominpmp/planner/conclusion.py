@@ -54,7 +54,7 @@ def conclude(state: PlanState, status: Status | None) -> Solution:
         ended = Status.UNVERIFIED
     message = _message(state, ended, best, reason)
     if not reason:
-        message += _advice(state.problem, state.options, ended, best)
+        message += _advice(state, ended, best)
     solution = Solution(
         state.problem,
         state.options,
@@ -151,15 +151,13 @@ def _turned(problem: Problem, motion: Trajectory) -> str:
     return f"As angles: {', '.join(angles)}." if angles else ""
 
 
-def _advice(
-    problem: Problem, options: Options, status: Status, best: Candidate | None
-) -> str:
+def _advice(state: PlanState, status: Status, best: Candidate | None) -> str:
     """Advice if a method has found no motion, or time or iterations were used up.
 
     Methods whose torques are constant over an interval need short intervals if the arm
     leaves its path without feedback.
     """
-    advice = ""
+    options, advice = state.options, ""
     if best is not None and not best.confirmed:
         if status is Status.ITERATION_LIMIT:
             reached = f"max_iterations = {options.max_iterations} was reached"
@@ -172,13 +170,9 @@ def _advice(
                 "'inverse', for robots with all motors, does not depend on it."
             )
     if status is Status.TIME_LIMIT:
-        allowed = f"{options.time_limit:.3g} s were allowed"
-        advice += f" {allowed}; max_planning_time allows more"
-        if options.max_planning_time is None and options.effort != "thorough":
-            advice += f" than effort {options.effort!r} does"
-        advice += "."
+        advice += f" {state.time_advice}."
         if best is not None:
-            advice += _saturated(problem, best.trajectory)
+            advice += _saturated(state.problem, best.trajectory)
     return advice
 
 

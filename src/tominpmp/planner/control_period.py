@@ -100,7 +100,7 @@ def on_clock(solution: Solution, state: PlanState) -> Solution:
     tried = state.candidates if clocked is None else [*state.candidates, clocked]
     clocked = best_of([item for item in tried if item.is_on_clock(period)])
     if clocked is None or not clocked.confirmed:
-        return _without_clock(solution, period, clocked, status)
+        return _without_clock(solution, state, clocked, status)
     return _with_clock(solution, period, clocked, state)
 
 
@@ -113,6 +113,8 @@ def _with_clock(
         status, promise = status_on_clock(solution, motion, replay, period)
     except (Stop, KeyboardInterrupt) as stop:
         status, promise = state.stopped(stop), ""
+    if status is Status.TIME_LIMIT:
+        promise = f"{state.time_advice}."
     T, bound = motion.duration, solution.lower_bound
     longer = round(100.0 * (T / solution.T - 1.0), 2) + 0.0  # never -0.00
     message = (
@@ -136,18 +138,18 @@ def _with_clock(
 
 
 def _without_clock(
-    solution: Solution, period: float, last: Candidate | None, status: Status | None
+    solution: Solution, state: PlanState, last: Candidate | None, status: Status | None
 ) -> Solution:
     """The solution as a failure, with its motion that is not on the clock.
 
     Args:
         solution: The solution, whose motion is verified.
-        period: The period [s].
+        state: The plan.
         last: The last trial; None if planning was stopped before.
         status: How planning was stopped; None if it was not.
     """
     if status is Status.TIME_LIMIT:
-        reason = "the planning time was used up"
+        reason = state.time_advice
     elif status is Status.INTERRUPTED:
         reason = "the planning was interrupted"
     elif last is not None and last.verification is not None:
@@ -156,9 +158,9 @@ def _without_clock(
         status = Status.INFEASIBLE
         reason = "no number of periods that was tried is feasible"
     message = (
-        f"{status.value} No motion on a clock of {period:g} s was found: {reason}. The "
-        f"motion that is kept, T = {solution.T:.4f} s, keeps all else, but its knots "
-        "are not on the clock."
+        f"{status.value} No motion on a clock of {state.options.control_period:g} s "
+        f"was found: {reason}. The motion that is kept, T = {solution.T:.4f} s, keeps "
+        "all else, but its knots are not on the clock."
     )
     return replace(solution, status=status, message=message, feasible=False)
 

@@ -84,8 +84,7 @@ def reoptimised(
         return candidate.verified(problem, options)
 
     system = ProblemFunctions.of(problem.alternative_of(motion))
-    work = Work(system, make, REPAIRS)
-    return make_and_repair(PlanState(problem, options), work)
+    return make_and_repair(PlanState(problem, options), Work(system, make, REPAIRS))
 
 
 def _steps_in_time(solution: Solution) -> tuple[Step, Rule]:
@@ -144,8 +143,11 @@ def with_least_cost(solution: Solution) -> Solution:
         message.
     """
     former = solution.trajectory
-    if former is None or not solution.success or solution.status in STOPPED:
+    if former is None or not solution.success:
         return solution
+    if solution.status in STOPPED:
+        message = f"{solution.message} Its energy was not weighed."
+        return replace(solution, message=message)
     otherwise, doing = "This is the fastest motion", "weighing its energy"
     fastest = replace(solution, status=Status.FEASIBLE)
     return run_stage(fastest, doing, otherwise, partial(_least_cost, fastest, former))

@@ -67,8 +67,7 @@ def certified(state: PlanState) -> Schedule[None]:
         return
     if reason := no_certificate(problem):
         if converged:
-            remark = f"{reason.capitalize()}."
-            state.amend(best, status=Status.STALLED, remark=remark)
+            state.amend(best, status=Status.STALLED, remark=f"{reason.capitalize()}.")
         return
 
     system = ProblemFunctions.of(problem.alternative_of(best.trajectory))

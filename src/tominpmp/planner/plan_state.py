@@ -251,6 +251,15 @@ class PlanState:
         return max(self._until - self.seconds, 1e-3)
 
     @property
+    def time_advice(self) -> str:
+        """How much planning time was allowed, and what allows more, in a clause."""
+        limit, effort = self.options.time_limit, self.options.effort
+        advice = f"{limit:.3g} s were allowed; max_planning_time allows more"
+        if self.options.max_planning_time is None and effort != "thorough":
+            advice += f" than effort {effort!r} does"
+        return advice
+
+    @property
     def ended(self) -> Status | None:
         """How planning ends after the candidate in progress; None to continue."""
         used_up = self._until == self._limit or self.seconds >= self._limit

@@ -172,8 +172,7 @@ def _full_schedule(
         former: A former motion as warm start; None without one.
     """
     problem, options = state.problem, state.options
-    period = options.control_period
-    proof = why_impossible(problem, options.limit_tolerance, period)
+    proof = why_impossible(problem, options.limit_tolerance, options.control_period)
     state.impossible = proof or find_barrier(problem, options.contact_tolerance)
     if state.impossible:
         return

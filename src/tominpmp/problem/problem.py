@@ -130,7 +130,7 @@ class Problem(Record):
         # onto limits.
         snapped = self._snap_start()
         self._take_segments()
-        instance(self.goal, Goal, "goal", f"{SOME_GOAL}, or segments")
+        instance(self.goal, Goal, "goal", f"{SOME_GOAL}, or at least one segment")
         self._keep(goal=self.goal.resolved(self.robot, self.q_start))
         names, limits = self.robot.joint_names, self.robot.motion_limits
         if self.motion_limits is not None:

@@ -42,8 +42,6 @@ MOST_PROMISE = 0.02
 # most characters of a name.
 MOST_NAMES, LONGEST_NAME = 40, 40
 MOTION_COLOR, DWELL_COLOR = "#8fa3b8", "#1d8a50"
-# Least length of the bar of a dwell, as a share of the cycle.
-LEAST_BAR = 0.002
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,15 +292,15 @@ def _place(
 
 def _draw_bars(axes: Axes, duration: float, bars: Sequence[Visit]) -> None:
     """Draw a row for each station: the motion to it, then the dwell."""
-    least, before = LEAST_BAR * duration, 0.0
+    before = 0.0
     for row, bar in enumerate(bars):
-        motion, stay = bar.arrival - before, max(bar.departure - bar.arrival, least)
+        motion, stay = bar.arrival - before, bar.departure - bar.arrival
         axes.barh(row, motion, left=before, color=MOTION_COLOR, label="motion")
         axes.barh(row, stay, left=bar.arrival, color=DWELL_COLOR, label="dwell")
         before = bar.departure
     home = duration - before
     names = [bar.station for bar in bars]
-    if home > least:
+    if home > SAME:
         axes.barh(len(bars), home, left=before, color=MOTION_COLOR)
         names.append("end")
     stride = 1 + len(names) // MOST_NAMES
