@@ -180,7 +180,8 @@ def test_independent_integration_ends_at_the_goal(name: str, method: str) -> Non
 
 
 def test_message_says_that_a_motor_cannot_overcome_its_friction() -> None:
-    robot = make_arm(SLIDE, effort=FORCE, friction=12.0)
+    with pytest.warns(tm.TominpmpWarning, match="its dry friction of 12 exceeds"):
+        robot = make_arm(SLIDE, effort=FORCE, friction=12.0)
     problem = tm.Problem(robot, [0.0], tm.JointGoal([WAY]))
     few = tm.Options(starts=1, intervals=8, max_iterations=3)
     solution = plan_quickly(problem, few)
@@ -200,10 +201,10 @@ def test_friction_is_read_from_urdf_and_overridden(tmp_path: Path) -> None:
     path.write_text(text, encoding="utf-8")
     robot = tm.load_robot(path)
     assert robot.friction.tolist() == [0.7]
-    other = tm.load_robot(path, friction={"joint1": 1.5})
-    assert other.friction.tolist() == [1.5]
+    other = tm.load_robot(path, friction={"joint1": 0.9})
+    assert other.friction.tolist() == [0.9]
     assert other != robot
-    assert robot.with_changes(friction=1.5).friction.tolist() == [1.5]
+    assert robot.with_changes(friction=0.9).friction.tolist() == [0.9]
     assert pickle.loads(pickle.dumps(other)) == other
     with pytest.raises(OptionsError, match="friction"):
         tm.load_robot(path, friction=-1.0)
@@ -419,3 +420,12 @@ def test_row_exchange_beside_reversals_ends() -> None:
     solution = tm.plan(problem, max_planning_time=math.inf)
     assert solution.success and solution.T < 0.41
     assert len(solution.history) < 120
+
+
+def test_friction_beyond_the_effort_limit_is_told_when_the_robot_is_loaded():
+    """Regression: a plan used its whole time before its message said so."""
+    words = r"joint joint2 cannot move: its dry friction of 99 exceeds .* limit of 30"
+    effort, friction = {"joint2": 30.0, "joint3": 0.0}, {"joint2": 99.0, "joint3": 1.0}
+    with pytest.warns(tm.TominpmpWarning, match=words) as told:
+        tm.load_robot("planar3r", effort=effort, friction=friction)
+    assert len(told) == 1  # a joint without a motor may be moved by others

@@ -204,8 +204,7 @@ class _ModelReader:
             named = joint.name if joint.type == kinds.FIXED_JOINT else None
             link = self.link_of[index] = fresh_name(str(frame.name), self._links)
             name = fresh_name(str(named or f"{frame.name}_fixed"), taken)
-            parent = self.main[frame.parentJoint]
-            yield fixed_joint(name, parent, link, frame.placement)
+            yield fixed_joint(name, self.main[frame.parentJoint], link, frame.placement)
 
     def placed(self, item: pin.GeometryObject) -> tuple[str, pin.SE3]:
         """Link that a shape belongs to, and its placement shape_to_link."""

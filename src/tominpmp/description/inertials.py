@@ -142,8 +142,7 @@ def check_inertia(model: pin.Model, table: JointTable) -> None:
     linkage, description = table.linkage, table.linkage.description
     names, (matrix, offset) = linkage.free, linkage.expansion
     ratios = np.abs(matrix)
-    no_rotor = ratios @ table["armature"] == 0.0
-    bare = (np.flatnonzero(no_rotor) + 1).tolist()
+    bare = (np.flatnonzero(ratios @ table["armature"] == 0.0) + 1).tolist()
     wrong = {joint: fault for joint in bare if (fault := _impossible(model, joint))}
     if wrong:
         leaders = np.unique([ratios[joint - 1].argmax() for joint in wrong])
@@ -158,8 +157,7 @@ def check_inertia(model: pin.Model, table: JointTable) -> None:
     low, high = np.clip(table.ends, -np.pi, np.pi)
     data = model.createData()
     for _ in range(INERTIA_SAMPLES):
-        q = matrix @ rng.uniform(low, high) + offset
-        upper = np.triu(pin.crba(model, data, q))
+        upper = np.triu(pin.crba(model, data, matrix @ rng.uniform(low, high) + offset))
         mass = matrix.T @ (upper + np.triu(upper, 1).T) @ matrix
         singular = np.flatnonzero(singular_directions(mass))
         if singular.size:

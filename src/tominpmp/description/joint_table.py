@@ -445,6 +445,8 @@ class JointTable:
     def check_complete(self) -> None:
         """Check that every joint has all limits, a range to move in, and valid losses.
 
+        A warning names joints whose dry friction their motors cannot overcome.
+
         Raises:
             RobotLoadError: If not; names all such joints, and arguments that help.
         """
@@ -470,6 +472,12 @@ class JointTable:
                 complaints.append(message.format(", ".join(names), values_by_name))
         if complaints:
             self.linkage.description.fail("; ".join(complaints))
+        friction, effort = self["friction"], np.abs(self["effort"]).max(axis=1)
+        for i in np.flatnonzero((0.0 < effort) & (effort < friction)).tolist():
+            warn_caller(
+                f"joint {self.linkage.free[i]} cannot move: its dry friction of "
+                f"{friction[i]:g} exceeds its effort limit of {effort[i]:g} [N m or N]"
+            )
 
 
 def configured_model(table: JointTable, gravity: Array) -> pin.Model:

@@ -93,8 +93,7 @@ def describe_mjcf(
             spec = mujoco.MjSpec.from_string(text.decode())
         _check_joints(spec, context)
         files = _find_meshes(spec, context)
-        model = spec.compile()
-        reader = _MjcfReader(mujoco, model, files)
+        reader = _MjcfReader(mujoco, spec.compile(), files)
     except (ValueError, mujoco.FatalError) as error:
         context.fail(f"cannot be read: {shortened(one_line(error), 300)}")
     finally:
@@ -280,8 +279,7 @@ class _MjcfReader:
         """Describe a shape; None for a plane or a height field, which have no end."""
         place, kind = _placement(geom.pos, geom.quat), _kind(self.mujoco.mjtGeom, geom)
         if kind in HALVES:
-            count = len(HALVES[kind])
-            shape = solid(kind, geom.size[:count] * HALVES[kind], place)
+            shape = solid(kind, geom.size[: len(HALVES[kind])] * HALVES[kind], place)
         elif kind == "ellipsoid":
             corners, faces = ellipsoid(geom.size)
             shape = Shape("mesh", (1.0,) * 3, place, "", frozen_array(corners), faces)

@@ -183,8 +183,7 @@ def _plain_value(word: str) -> Any:
         return _WORDS[word]
     if _INTEGER.fullmatch(word):
         # Leading zeros are decimal in YAML 1.2; Python refuses them without a base.
-        base = {"0x": 16, "0o": 8}.get(word[:2], 10)
-        return int(word, base)
+        return int(word, {"0x": 16, "0o": 8}.get(word[:2], 10))
     if len(word) <= 400 and _FLOAT.fullmatch(word):
         return float(word.replace(".inf", "inf").replace(".nan", "nan").lower())
     unit = _ANGLES.get(word[:4]) if word.endswith(")") else None
