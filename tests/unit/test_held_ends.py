@@ -12,6 +12,7 @@ from sample_arms import DOWNWARD, make_arm, rod
 
 import tominpmp as tm
 from tominpmp.constraints.base import States
+from tominpmp.exact.switching_refinement import KEPT
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 EFFORT = np.array([9.0, 5.0, 2.0])
@@ -124,3 +125,16 @@ def test_sensitivities_count_the_torques_that_hold_the_end() -> None:
     assert table["effort", "joint1"] == pytest.approx(slope, rel=0.1)
     slope = (logarithm(1.0, 0.12) - logarithm(1.0, 0.08)) / 0.4
     assert table["payload", None] == pytest.approx(slope, rel=0.1)
+
+
+def test_exact_switching_ends_where_the_motors_hold_the_arm() -> None:
+    """Regression: its arcs ended elsewhere, so that no exact motion was confirmed."""
+    effort = np.array([4.348, 1.636])
+    links = rod(1.0, 0.5), rod(0.6, 0.4)
+    arm = make_arm(*links, effort=effort, gravity=DOWNWARD, velocity=20.0)
+    goal = tm.JointRegionGoal({"joint1": 0.069}, 0.05)
+    task = tm.Problem(arm, [-1.131, 0.294], goal, self_collision=False)
+    solution = tm.plan(task, refine="switching", starts=1, max_planning_time=60.0)
+    assert solution.success, solution.message
+    assert KEPT not in solution.message
+    assert holding(arm, solution.trajectory.q[-1]) == pytest.approx(1.0, abs=1e-6)

@@ -30,10 +30,9 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 # mostly shares of the limit, and for clearances in shares of the reach.
 NEAR = 0.1
 CLOSE = 0.05
-# Kinds of rows, the field or the name of their constraint, and their names.
-GOAL, POSITION, VELOCITY, TORQUE, CLEARANCE = range(5)
-FIELDS = ("goal", "q", "v", "u", "clearance")
-KINDS = ("goal", "position", "velocity", "torque", "clearance")
+# Kinds of rows, and the names of their constraints.
+GOAL, POSITION, VELOCITY, TORQUE, CLEARANCE, HOLDING = range(6)
+KINDS = ("goal", "position", "velocity", "torque", "clearance", "holding torque")
 # Number of parts of a step with a held joint, whose torque changes during the step.
 CUTS = 4
 # Steps shorter than this share of the duration are left out of the motion.
@@ -137,9 +136,9 @@ class ArcProgram:
         self.system, self.arcs, self.steps = system, arcs, steps
         scale = scale_of_goal(system, arcs.duration)
         goal = GoalReached(system.problem.goal, system.kinematics, scale)
-        every = {item.field or item.name: item for item in (*system.constraints, goal)}
+        items = filter(None, (*system.constraints, system.held, goal))
         self.limits: dict[int, Any] = {
-            kind: every[key] for kind, key in enumerate(FIELDS) if key in every
+            KINDS.index(item.name): item for item in items if item.name in KINDS
         }
         self.size = arcs.count + int(arcs.free.sum())
         self.duration = arcs.duration
@@ -365,6 +364,8 @@ class ArcProgram:
                     margin[free[kind][:, self.limits[kind].of_joints]] = np.inf
                 if given.get(kind) is not None:
                     margin[-1] = np.inf
+                if kind == HOLDING:  # at the end alone
+                    margin[:-1] = np.inf
                 step, index = np.nonzero(margin < distance)
                 kinds, signs = np.full_like(step, kind), np.full_like(step, sign)
                 small = margin[step, index]

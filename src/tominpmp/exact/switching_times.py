@@ -146,7 +146,6 @@ def solve_lengths(
     y = program.pack()
     program.guess = states(times.ravel()).reshape(*times.shape, -1)
     shot = program.shoot(y)
-    excess = np.inf
     for _ in range(LIMIT_ROUNDS):
         if shot is None or budget.spent:
             return None

@@ -122,7 +122,7 @@ def run_stage(
             result = f"there was no time for {doing} {allowed}."
             status = Status.TIME_LIMIT
         else:
-            result, status = "this was interrupted.", Status.INTERRUPTED
+            result, status = f"{doing} was interrupted.", Status.INTERRUPTED
     except NUMERICAL as error:
         logger.warning("%s failed: %r", doing, error)
         result = f"{doing} failed ({type(error).__name__})."
