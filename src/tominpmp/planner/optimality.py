@@ -40,9 +40,6 @@ ROUNDS = 4
 # If removing the padding of distances accounts for PADDING_SHARE of the predicted gain,
 # the padding is multiplied by LESS_PADDING for the next round.
 PADDING_SHARE = 0.3
-# Distances are evaluated only if the predicted gain without them exceeds this share of
-# the tolerance, as meshes may have to be decomposed first.
-ENOUGH = 0.3
 # Largest predicted gain of an optimal motion, as a share of T, for effort "thorough".
 THOROUGH = 1e-3
 
@@ -116,7 +113,9 @@ def _examined(
     """
     motion, replay = candidate.trajectory, candidate.verification
     assert replay is not None  # noqa: S101
-    enough = ENOUGH * tolerance
+    # Distances are evaluated only if the predicted gain without them is worth an
+    # improvement, as meshes may have to be decomposed first.
+    enough = min(tolerance, PROMISE)
     findings = examine(system.problem, motion, replay, tolerance, enough=enough)
     promise = findings.certificate.stationarity
     logger.info("T %.5f s, small changes promise %.1e", candidate.duration, promise)
