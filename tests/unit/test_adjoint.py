@@ -308,7 +308,7 @@ def test_failed_adjoint_plan_suggests_the_inverse_method():
     Torques without feedback were the cause.
     """
     arm = make_arm(rod(1.0, 1.0), rod(0.5, 0.5), effort=np.full(2, 20.0))
-    problem = tm.Problem(arm, np.zeros(2), tm.JointGoal(np.ones(2)))
+    problem = tm.Problem(arm, np.zeros(2), tm.JointGoal(np.full(2, 2.0)))
     solution = tm.plan(problem, method="adjoint", intervals=5, starts=1)
     assert solution.status is Status.UNVERIFIED
     assert "its verification failed: joint" in solution.message
