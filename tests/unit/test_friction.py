@@ -424,7 +424,9 @@ def test_row_exchange_beside_reversals_ends() -> None:
 
 def test_friction_beyond_the_effort_limit_is_told_when_the_robot_is_loaded():
     """Regression: a plan used its whole time before its message said so."""
-    words = r"joint joint2 cannot move: its dry friction of 99 exceeds .* limit of 30"
+    words = (
+        r"joint joint2 cannot move it: its dry friction of 99 exceeds .* limit of 30"
+    )
     effort, friction = {"joint2": 30.0, "joint3": 0.0}, {"joint2": 99.0, "joint3": 1.0}
     with pytest.warns(tm.TominpmpWarning, match=words) as told:
         tm.load_robot("planar3r", effort=effort, friction=friction)

@@ -14,6 +14,7 @@ from scipy.integrate import solve_ivp, trapezoid
 from scipy.optimize import brentq, linprog
 
 from tominpmp.bounds.lower_bound import lower_bound
+from tominpmp.exceptions import TominpmpWarning
 from tominpmp.goals.joints import JointGoal, JointRegionGoal
 from tominpmp.motion_limits import EffortCurve, MotionLimits
 from tominpmp.planner.planning import plan
@@ -422,7 +423,8 @@ def test_bound_of_an_arm_too_weak_for_its_weight_is_finite() -> None:
 
 @pytest.mark.parametrize("way", [0.5, 1e-9, 1e-100])
 def test_no_bound_of_millions_of_years_for_an_arm_that_cannot_move(way: float) -> None:
-    robot = make_arm(slide(1.0), effort=1.0, friction=2.0, armature=0.1)
+    with pytest.warns(TominpmpWarning, match="its dry friction of 2"):
+        robot = make_arm(slide(1.0), effort=1.0, friction=2.0, armature=0.1)
     assert lower_bound(Problem(robot, [0.0], JointGoal([way]))).T < 1.0
     pair = make_arm(slide(1.0), slide(1.0), effort=1.0, armature=0.1)
     assert lower_bound(Problem(pair, [0.0, 0.0], JointGoal([way, 0.0]))).T < 1.0

@@ -475,8 +475,9 @@ class JointTable:
         friction, effort = self["friction"], np.abs(self["effort"]).max(axis=1)
         for i in np.flatnonzero((0.0 < effort) & (effort < friction)).tolist():
             warn_caller(
-                f"joint {self.linkage.free[i]} cannot move: its dry friction of "
-                f"{friction[i]:g} exceeds its effort limit of {effort[i]:g} [N m or N]"
+                f"the motor of joint {self.linkage.free[i]} cannot move it: its dry "
+                f"friction of {friction[i]:g} exceeds its effort limit of "
+                f"{effort[i]:g} [N m or N]"
             )
 
 

@@ -41,8 +41,8 @@ class Subproblem:
         matrix: Jacobian of the rows by the unknowns that can change, shape (r, k).
         lost: Orthonormal changes of these rows that no step makes, shape (r, d): a pose
             has more components than an arm of five joints can change.
-        unit: Unit of the steps in the program: displacement at 1 rad/s^2, or 1 m/s^2,
-            within the duration, from 1e-6 to 1.
+        unit: Unit of the steps in the program: displacement at 10 rad/s^2, or
+            10 m/s^2, within the duration, from 1e-6 to 1.
     """
 
     state: Iterate
@@ -92,7 +92,7 @@ def build_subproblem(
     rows, steps = state.rows, linearization.steps
     free = np.flatnonzero(steps.upper - steps.lower > 0.0)
     # In rad, hardly a program of motions within 20 ms meets the solvers' tolerances.
-    unit = float(np.clip(state.duration**2, 1e-6, 1.0))
+    unit = float(np.clip(10.0 * state.duration**2, 1e-6, 1.0))
     near, lost = _attainable(state, linearization, free)
     chosen, body, low, high = _rows_within_reach(near, linearization, free)
     violation = rows.group_violation(state.values)
