@@ -57,6 +57,14 @@ def test_programs_of_small_motions_need_no_simplex_method(
     assert solution.status is tm.Status.CONVERGED, solution.message
 
 
+@pytest.mark.parametrize("method", ["collocation", "adjoint"])
+def test_torques_as_unknowns_of_a_small_motion_are_in_shares(method: str) -> None:
+    """Regression: in units of the displacement, T was up to 80 % longer."""
+    solution = tm.plan(goal_at(1e-4), method=method)
+    assert solution.status is tm.Status.CONVERGED, solution.message
+    assert len(solution.history) <= 30
+
+
 def test_small_motion_of_continuous_joints_takes_no_whole_turn() -> None:
     # On a fine grid rounding of positions breaks the limits; a coarse one keeps them.
     kinova = tm.load_robot("kinova")

@@ -106,7 +106,7 @@ def _build_program(state: Iterate, linearization: Linearization) -> LinearProgra
         state: The iterate, with the weights of the elastic variables.
         linearization: Jacobian of the rows of the program, with the box for the step.
     """
-    rows, (chosen, matrix, steps) = state.rows, linearization
+    rows, (chosen, matrix, steps, _) = state.rows, linearization
     here, group = state.values[chosen], rows.group[chosen]
     low, high = rows.lower[chosen] - here, rows.upper[chosen] - here
     # A pair of elastic variables, upwards and downwards, for each equation, and one for

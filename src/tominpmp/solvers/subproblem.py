@@ -41,8 +41,7 @@ class Subproblem:
         matrix: Jacobian of the rows by the unknowns that can change, shape (r, k).
         lost: Orthonormal changes of these rows that no step makes, shape (r, d): a pose
             has more components than an arm of five joints can change.
-        unit: Unit of the steps in the program: displacement at 10 rad/s^2, or
-            10 m/s^2, within the duration, from 1e-6 to 1.
+        unit: Unit of the steps in the program.
     """
 
     state: Iterate
@@ -89,10 +88,8 @@ def build_subproblem(
             step.
         accuracy: Duality gap below which the program counts as solved [s].
     """
-    rows, steps = state.rows, linearization.steps
+    rows, steps, unit = state.rows, linearization.steps, linearization.unit
     free = np.flatnonzero(steps.upper - steps.lower > 0.0)
-    # In rad, hardly a program of motions within 20 ms meets the solvers' tolerances.
-    unit = float(np.clip(10.0 * state.duration**2, 1e-6, 1.0))
     near, lost = _attainable(state, linearization, free)
     chosen, body, low, high = _rows_within_reach(near, linearization, free)
     violation = rows.group_violation(state.values)
@@ -159,7 +156,7 @@ def _rows_within_reach(
         change, and their bounds minus their values. Bounds that are out of reach are
         infinite, which helps the solver.
     """
-    every, matrix, (lower, upper) = linearization
+    every, matrix, (lower, upper), _ = linearization
     change = abs(matrix) @ np.maximum(np.abs(lower), np.abs(upper))
     rows, here = state.rows, state.values[every]
     low, high = rows.lower[every], rows.upper[every]

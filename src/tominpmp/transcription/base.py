@@ -55,11 +55,13 @@ class Linearization(NamedTuple):
         rows: Indices of the rows that can become active in the step, shape (k,).
         matrix: Their Jacobian, shape (k, size).
         steps: Box for the step.
+        unit: Unit of the step in programs, see :meth:`Transcription.unit`.
     """
 
     rows: IntArray
     matrix: sp.csr_matrix
     steps: StepBounds
+    unit: float = 1.0
 
 
 class Variation(NamedTuple):
@@ -385,6 +387,10 @@ class Transcription(ABC, Generic[M]):
         lower, upper = self.steps(z, radius)
         length = min(LENGTH_STEP, radius) * z[-self._m :]
         return StepBounds(np.append(lower, -length), np.append(upper, length))
+
+    def unit(self, z: Array) -> float:
+        """Unit of steps in programs: 1, as torques are shares of their limits."""
+        return 1.0
 
     @abstractmethod
     def variation(self, z: Array) -> Variation:

@@ -394,6 +394,14 @@ class BSplineTranscription(Transcription[SplineMotion]):
 
         return HullRows(name, bounds, of_motion, by_unknowns)
 
+    def unit(self, z: Array) -> float:
+        """Unit of steps in programs: the displacement at 10 rad/s^2 within T.
+
+        It is at most 1. In rad, hardly a program of a motion within 20 ms meets the
+        tolerances of the solvers.
+        """
+        return float(np.clip(10.0 * (self.cost @ z) ** 2, 1e-6, 1.0))
+
     def attention(self, steps: StepBounds) -> float:
         """Clearance that a step of the control points can use up, over the reach."""
         radius = float(np.max(steps.upper[: self.point_unknowns], initial=0.0))
