@@ -198,13 +198,14 @@ def solve(nlp, z, **options):
     return loop.solve(nlp, MinimumTime.of(options), z, *method)
 
 
-RAILS = [("near", 20), ("near", 40), ("exact", 30), ("exact", 40)]
+RAILS = [("near", 20), ("near", 40), ("exact", 20), ("exact", 30)]
 
 
 @pytest.mark.parametrize(("selection", "N"), RAILS)
 def test_mass_on_a_rail_is_time_optimal_within_its_speed_limit(selection, N):
     # Instants that become rows once they are violated, the paper's choice, make no
-    # smooth constraints: a trust region may end at a kink. Plans use "near".
+    # smooth constraints: a trust region may end at a kink (with 25 intervals, for
+    # example), which depends on the vertex that the solver takes. Plans use "near".
     robot = make_arm(slide(2.0), effort=4.0, velocity=0.8)
     nlp = build(tm.Problem(robot, [0.0], tm.JointGoal([1.0])), N, selection=selection)
     result = solve(nlp, nlp.transcription.pack(np.zeros((N, 1)), np.array([1.0])))
