@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 
 import tominpmp as tm
-from tominpmp.cell.placement import Moves
+from tominpmp.cell.placement import Moves, _checked
 from tominpmp.kinematics import RobotKinematics
 
 START = (0.5, 1.7, -1.7)
@@ -123,7 +123,7 @@ def test_search_ends_where_no_time_is_left() -> None:
         ({"bounds": 3}, "bounds is 3"),
         ({"bounds": {"w": (0, 1)}}, r"bounds\['w'\] is \(0, 1\), expected"),
         ({"bounds": {"x": (0.5, 1)}}, "a range about zero"),
-        ({"bounds": {"yaw": (-90.0, 90.0)}}, r"\[-90.0, 90.0\].* within 6\.28"),
+        ({"bounds": {"yaw": (-90.0, 90.0)}}, r"\[-90.0, 90.0\].* within 6\.3"),
         ({"bounds": {"yaw": (-1, 1)}, "moves": "goals"}, "only the base"),
         ({"moves": "table"}, "moves is 'table'"),
         ({"moves": ()}, "moves is"),
@@ -139,6 +139,12 @@ def test_wrong_arguments_are_named_in_the_error(
     given = {"robot": robot(), "tasks": tasks(), "bounds": {"x": (-1.0, 1.0)}}
     with pytest.raises(tm.ProblemError, match=message):
         tm.improve_placement(**{**given, **QUICK, **changes})
+
+
+def test_bounds_of_a_rounded_turn_are_taken() -> None:
+    """Regression: 6.2832 rad were refused, as they are beyond a turn by rounding."""
+    _, low, high = _checked(list(tasks()), {"yaw": (-6.2832, 6.2832)})
+    assert (low.item(), high.item()) == (-6.2832, 6.2832)
 
 
 def test_interrupted_plan_ends_the_search() -> None:

@@ -263,7 +263,7 @@ def _checked(tasks: Any, bounds: Any) -> tuple[list[Problem], Array, Array]:
     rows = []
     for name, pair in bounds.items():
         expected = f"a range about zero of one of {', '.join(COORDINATES)} [m or rad]"
-        most = FARTHEST if name in TRANSLATIONS else TURN
+        most = FARTHEST if name in TRANSLATIONS else 1.01 * TURN
         row = vector(pair, f"bounds[{name!r}]", expected, 2, most=most)
         if name not in COORDINATES or not row[0] <= 0.0 <= row[1] or row[0] == row[1]:
             raise wrong(pair, f"bounds[{name!r}]", expected)
