@@ -205,7 +205,8 @@ class Target:
         place = self.goal.place(self.system.kinematics, q)
         parts = (place.lengths, "m"), (~place.lengths, "rad")
         sizes = [(np.linalg.norm(place.excess[at]), unit) for at, unit in parts]
-        return " and ".join(f"{x:.4g} {unit}" for x, unit in sizes if x > REACHED)
+        shown = " and ".join(f"{x:.4g} {unit}" for x, unit in sizes if x > REACHED)
+        return shown or f"{self.violation(q):.2g} of its conditions"
 
     def solve(self, q: Array) -> tuple[Array, float]:
         """Find a configuration within the position limits that meets all conditions.

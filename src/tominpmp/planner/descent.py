@@ -32,7 +32,7 @@ MANY_INTERVALS = 24
 # otherwise torques rule it.
 SPEED_SHARE, AT_LIMIT = 0.6, 0.97
 # Stop rule: over the last PATIENCE iterations the violation exceeds FAR, and its
-# minimum over the later half of these is more than STILL of that before.
+# minimum over the later half of these is more than STILL of that over the former half.
 PATIENCE, FAR, STILL = 10, 1e-3, 0.9
 
 
@@ -40,7 +40,7 @@ def stop_if_hopeless(loop: Loop) -> Status | None:
     """Stop rule that drops a descent whose violation stagnates."""
     excess, half = [record.violation for record in loop.history], PATIENCE // 2
     late = len(excess) >= PATIENCE and min(excess[-PATIENCE:]) > FAR
-    stagnates = late and min(excess[-half:]) > STILL * min(excess[:-half])
+    stagnates = late and min(excess[-half:]) > STILL * min(excess[-PATIENCE:-half])
     return loop.drop() if stagnates else None
 
 
