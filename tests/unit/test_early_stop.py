@@ -42,20 +42,6 @@ def test_plan_interrupted_at_once_returns_a_verified_motion():
     assert solution.T > tm.plan(planar()).T
 
 
-def test_last_motion_of_an_interrupted_plan_is_slowed_before_its_guess():
-    """Regression: the first guess was, to T = 6.2 s, with objective "feasible"."""
-    goal = tm.JointGoal((0.9, -1.2, -0.9))
-    problem, seen = replace(planar(), goal=goal), []
-
-    def third(record):
-        seen.append(record)
-        return len(seen) == 3
-
-    solution = tm.plan(problem, objective="feasible", callback=third)
-    assert solution.status is tm.Status.INTERRUPTED and solution.success
-    assert solution.T < 1.5
-
-
 @pytest.mark.parametrize("intervals", [16, 40, 160])
 def test_slowed_timed_guess_is_feasible(intervals):
     """Regression: short intervals at both ends needed thirty times the torque limit."""

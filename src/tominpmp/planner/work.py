@@ -236,12 +236,11 @@ def _keep_fallback(state: PlanState) -> None:
         return item.iterate.violation > RESTORABLE, item.iterate.duration
 
     fallbacks = sorted([*state.fallbacks, state.kept_iterates[-1]], key=order)
-    most = None if state.incumbent is None else 1
-    state.fallbacks, state.kept_iterates = fallbacks[:most], []
+    state.fallbacks = fallbacks if state.incumbent is None else fallbacks[:1]
 
 
 def use_fallback(state: PlanState, status: Status) -> None:
-    """Slow a coarse motion, the last iterate or a guess down until its replay holds.
+    """Slow a coarse motion, or a first guess, down until its replay holds.
 
     Args:
         state: The plan. If it has an incumbent, only the best coarse motion is tried,
@@ -286,7 +285,7 @@ def _fallbacks(state: PlanState) -> Iterator[KeptIterate]:
         yield from (item for item in others if item.feasible)
         with suppress(*NUMERICAL, TominpmpError):
             yield from (follow() for follow in state.paths.values())
-        yield from (*state.kept_iterates[-1:], *state.first_guesses.values())
+        yield from state.first_guesses.values()
         yield from (item for item in others if not item.feasible)
 
 
