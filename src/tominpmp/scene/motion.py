@@ -72,12 +72,24 @@ class Placement(NamedTuple):
     p: Array
 
 
-class Rates(NamedTuple):
-    """Velocities of an obstacle in the axes of the world, or bounds on its speeds.
+class Twist(NamedTuple):
+    """Velocities of an obstacle, in the axes of the world.
 
     Attributes:
-        linear: Velocities of the origin, shape (m, 3), or its speeds, shape (m,) [m/s].
-        angular: Angular velocities, shape (m, 3), or speeds, shape (m,) [rad/s].
+        linear: Velocities of the origin [m/s], shape (m, 3).
+        angular: Angular velocities [rad/s], shape (m, 3).
+    """
+
+    linear: Array
+    angular: Array
+
+
+class SpeedBounds(NamedTuple):
+    """Upper bounds on the speeds of an obstacle.
+
+    Attributes:
+        linear: Speeds of the origin [m/s], shape (m,).
+        angular: Angular speeds [rad/s], shape (m,).
     """
 
     linear: Array
@@ -143,11 +155,11 @@ class Motion(Record, ABC):
         """Placements at times [s], shape (m,), from the placement at the start."""
 
     @abstractmethod
-    def twists(self, times: Array, start: Placement) -> Rates:
+    def twists(self, times: Array, start: Placement) -> Twist:
         """Velocities at times [s], shape (m,); at a jump the velocity after it."""
 
     @abstractmethod
-    def speed_bounds(self, begin: Array, end: Array, start: Placement) -> Rates:
+    def speed_bounds(self, begin: Array, end: Array, start: Placement) -> SpeedBounds:
         """Upper bounds on the speeds within time intervals.
 
         Args:
@@ -259,23 +271,23 @@ class ConstantVelocity(Motion):
         p = start.p - lever + turned @ lever + elapsed * self.velocity
         return Placement(turned @ start.R, p)
 
-    def twists(self, times: Array, start: Placement) -> Rates:
+    def twists(self, times: Array, start: Placement) -> Twist:
         """Velocities at times."""
         times = _checked_times(times)
         lever = self._turned(times)[1] @ self._lever(start)
         moving = ((times >= self.begin) & (times < self.end))[:, None]
         linear = self.velocity + np.cross(self.angular, lever)
         angular = np.broadcast_to(self.angular, linear.shape)
-        return Rates(moving * linear, moving * angular)
+        return Twist(moving * linear, moving * angular)
 
-    def speed_bounds(self, begin: Array, end: Array, start: Placement) -> Rates:
+    def speed_bounds(self, begin: Array, end: Array, start: Placement) -> SpeedBounds:
         """Largest speeds between two times."""
         turn = float(np.linalg.norm(self.angular))
         lever = float(np.linalg.norm(self._lever(start)))
         begin, end = _checked_intervals(begin, end)
         moving = (end > self.begin) & (begin < self.end)
         speed = float(np.linalg.norm(self.velocity)) + turn * lever
-        return Rates(np.where(moving, speed, 0.0), np.where(moving, turn, 0.0))
+        return SpeedBounds(np.where(moving, speed, 0.0), np.where(moving, turn, 0.0))
 
 
 def _waypoint_times(value: Any, name: str) -> Array:
@@ -380,7 +392,7 @@ class Waypoints(Motion):
         return times if times.size <= MOST_KINKS else np.zeros(0)
 
     @cached_property
-    def _rates(self) -> Rates:
+    def _rates(self) -> Twist:
         """Velocities from each waypoint to the next, shape (k, 3); zero at the last.
 
         Angular velocities are in the axes of the obstacle.
@@ -391,7 +403,7 @@ class Waypoints(Motion):
             moved = np.diff(self.positions, axis=0, append=self.positions[-1:])
         if self.rotations is not None:
             turned = np.append(_turns(self.rotations), np.zeros((1, 3)), axis=0)
-        return Rates(moved / durations, turned / durations)
+        return Twist(moved / durations, turned / durations)
 
     def _passed(self, times: Array) -> IntArray:
         """Index of the last waypoint before each time, shape (m,)."""
@@ -408,16 +420,16 @@ class Waypoints(Motion):
         turn = Rotation.from_rotvec(since * self._rates.angular[k]).as_matrix()
         return Placement(R @ turn, p + since * self._rates.linear[k])
 
-    def twists(self, times: Array, start: Placement) -> Rates:
+    def twists(self, times: Array, start: Placement) -> Twist:
         """Velocities at times."""
         k = self._passed(_checked_times(times))
         linear, angular = self._rates.linear[k], self._rates.angular[k]
         if self.rotations is not None:
             # A rotation leaves its own axis unchanged: either rotation transforms it.
             angular = np.einsum("mij,mj->mi", self.rotations[k], angular)
-        return Rates(linear, angular)
+        return Twist(linear, angular)
 
-    def speed_bounds(self, begin: Array, end: Array, start: Placement) -> Rates:
+    def speed_bounds(self, begin: Array, end: Array, start: Placement) -> SpeedBounds:
         """Largest speeds between two times."""
         begin, end = _checked_intervals(begin, end)
         first = self._passed(begin)
@@ -425,7 +437,7 @@ class Waypoints(Motion):
         ranges = np.stack([first, last], axis=1).ravel()
         # Padded, as the end of a range has to be an index of the array.
         speeds = [np.append(np.linalg.norm(x, axis=1), 0.0) for x in self._rates]
-        return Rates(*(np.maximum.reduceat(x, ranges)[::2] for x in speeds))
+        return SpeedBounds(*(np.maximum.reduceat(x, ranges)[::2] for x in speeds))
 
 
 def _turns(rotations: Array) -> Array:
@@ -491,7 +503,7 @@ class PoseFunction(Motion):
             np.array([item.p for item in poses]).reshape(-1, 3),
         )
 
-    def twists(self, times: Array, start: Placement) -> Rates:
+    def twists(self, times: Array, start: Placement) -> Twist:
         """Velocities at times, by finite differences of second order."""
         times = _checked_times(times)
         # The differences are central, except at the start, before which there is no
@@ -507,7 +519,7 @@ class PoseFunction(Motion):
         centre = ((times - base) / STEP)[:, None]
         # Slope of the parabola through the values after zero, one and two steps.
         rate = first * (2.0 - 2.0 * centre) + second * (centre - 0.5)
-        twist = Rates(rate[:, :3], rate[:, 3:])
+        twist = Twist(rate[:, :3], rate[:, 3:])
         for name, velocity in zip(("speed", "angular_speed"), twist, strict=True):
             bound, speeds = getattr(self, name), np.linalg.norm(velocity, axis=1)
             if bound is not None and np.any(speeds > bound * (1.0 + FASTER) + FASTER):
@@ -518,7 +530,7 @@ class PoseFunction(Motion):
                 )
         return twist
 
-    def speed_bounds(self, begin: Array, end: Array, start: Placement) -> Rates:
+    def speed_bounds(self, begin: Array, end: Array, start: Placement) -> SpeedBounds:
         """Bounds on the speeds within time intervals; estimates without bounds."""
         begin, end = _checked_intervals(begin, end)
         stated = self.speed, self.angular_speed
@@ -531,7 +543,7 @@ class PoseFunction(Motion):
             for bound, speeds in zip(bounds, sampled, strict=True):
                 estimate = SAFETY * speeds.max(axis=1)
                 bound[:] = np.where(np.isnan(bound), estimate, bound)
-        return Rates(*bounds)
+        return SpeedBounds(*bounds)
 
 
 def as_motion(value: object) -> Motion:

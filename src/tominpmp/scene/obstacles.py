@@ -39,7 +39,8 @@ from tominpmp.scene.motion import (
     ConstantVelocity,
     Motion,
     Placement,
-    Rates,
+    SpeedBounds,
+    Twist,
     as_motion,
 )
 from tominpmp.scene.rotations import rotation_matrix
@@ -165,12 +166,12 @@ class Obstacle(Record):
         with self._named():
             return (self.motion or REST).poses(times, self._start)
 
-    def twists(self, times: Array) -> Rates:
+    def twists(self, times: Array) -> Twist:
         """Velocities at times [s], shape (m,), in the axes of the world."""
         with self._named():
             return (self.motion or REST).twists(times, self._start)
 
-    def speed_bounds(self, begin: Array, end: Array) -> Rates:
+    def speed_bounds(self, begin: Array, end: Array) -> SpeedBounds:
         """Upper bounds on the speeds between times [s], shape (m,) each.
 
         Returns:
