@@ -157,8 +157,8 @@ def check_inertia(model: pin.Model, table: JointTable) -> None:
     low, high = np.clip(table.ends, -np.pi, np.pi)
     data = model.createData()
     for _ in range(INERTIA_SAMPLES):
-        upper = np.triu(pin.crba(model, data, matrix @ rng.uniform(low, high) + offset))
-        mass = matrix.T @ (upper + np.triu(upper, 1).T) @ matrix
+        q = matrix @ rng.uniform(low, high) + offset
+        mass = matrix.T @ pin.crba(model, data, q) @ matrix
         singular = np.flatnonzero(singular_directions(mass))
         if singular.size:
             joints = [names[i] for i in singular]

@@ -174,8 +174,8 @@ class Search:
         """Generate straight lines to the goal, then detours from them, without end."""
         problem, ends = self.system.problem, [plan.q[-1]]
         if problem.goal.configuration is None:
-            search = Target(self.system, problem.goal).configurations(ENDS, rng)
-            ends += (search.free or search.blocked)[:ENDS]
+            target = Target(self.system, problem.goal)
+            ends += target.configurations(ENDS, rng).best[:ENDS]
         lines = [straight_guess(self.system, end) for end in ends]
         yield from lines
         each = (bumps(self.system, line, rng) for line in lines)

@@ -217,7 +217,7 @@ class GuessRequest:
         found, lost = list[Array](), False
         for count in (KINEMATIC_STARTS, MORE_STARTS):
             search = target.configurations(count, self.rng)
-            found = search.free or search.blocked or found
+            found = search.best or found
             lost = target.all_unusable(found, passes=self.passes)
             if search.free and not lost:
                 break

@@ -309,6 +309,11 @@ class GoalSearch(NamedTuple):
     blocked: list[Array]
     nearest: Array
 
+    @property
+    def best(self) -> list[Array]:
+        """The free configurations; without any, the configurations in collision."""
+        return self.free or self.blocked
+
 
 def _descend(target: Target, q: Array) -> tuple[Array, Array]:
     """Configurations after least squares, shape (m, n), and norms of residuals."""

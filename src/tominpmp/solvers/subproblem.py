@@ -95,7 +95,8 @@ def build_subproblem(
     violation = rows.group_violation(state.values)
     slack_groups = np.flatnonzero(violation > NEGLIGIBLE)
     elastic = _elastic_columns(near, chosen, violation, slack_groups)
-    blocks: list[list[sp.spmatrix | None]] = [[unit * body, elastic]]
+    by_step = unit * body
+    blocks: list[list[sp.spmatrix | None]] = [[by_step, elastic]]
     # Costs and bounds of the columns, and bounds of the rows, by blocks.
     lower, upper = steps.lower[free] / unit, steps.upper[free] / unit
     columns = [(unit * model.gradient[free], lower, upper)]
@@ -105,7 +106,7 @@ def build_subproblem(
         differences = variation.at(state.z)
         k = differences.size
         jumps, every = unit * variation.matrix[:, free], sp.identity(k)
-        blocks = [[unit * body, None, None, elastic], [jumps, -every, every, None]]
+        blocks = [[by_step, None, None, elastic], [jumps, -every, every, None]]
         weights, most = np.full(2 * k, model.weight), np.full(2 * k, np.inf)
         columns.append((weights, np.zeros(2 * k), most))
         bounds.append((-differences, -differences))
