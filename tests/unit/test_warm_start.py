@@ -52,7 +52,7 @@ def test_warm_start_of_the_same_problem_halves_the_iterations(free):
 def test_former_motion_is_represented_within_rounding(stepped):
     system = ProblemFunctions.of(stepped.problem)
     guess = warm_start(system, stepped.trajectory)
-    assert guess.bend is None and guess.entry == 0.0
+    assert guess.bend is None and guess.duration == stepped.T
     # On the grid of the motion, and on a finer grid that splits its intervals.
     for intervals in (stepped.trajectory.t.size - 1, 57):
         transcription, z = guess.iterate(system, intervals, "cosine", 2)
@@ -139,7 +139,7 @@ def test_replanning_in_motion_follows_the_rest_of_the_optimum(planar3r, free):
     state = free.trajectory(at)
     problem = tm.Problem(planar3r, state.q, tm.JointGoal(END), v_start=state.v)
     guess = warm_start(ProblemFunctions.of(problem), free.trajectory)
-    assert guess.entry == pytest.approx(at, abs=1e-6)
+    assert guess.duration == pytest.approx(free.T - at, abs=1e-9)
     warm = tm.plan(problem, start=free)
     assert warm.success
     assert warm.T <= free.T - at + 1e-6
@@ -158,7 +158,7 @@ def test_replanning_shortly_before_the_end_uses_the_rest(planar3r, free, frame):
         goal = tm.PositionGoal("tip", place.translation)
     problem = tm.Problem(planar3r, state.q, goal, v_start=state.v)
     guess = warm_start(ProblemFunctions.of(problem), free.trajectory)
-    assert guess.entry == pytest.approx(at, abs=1e-6)
+    assert guess.duration == pytest.approx(free.T - at, abs=1e-9)
     warm = tm.plan(problem, start=free)
     assert warm.success
     assert warm.T <= (free.T - at) * (1.0 + 1e-4)
@@ -180,6 +180,50 @@ def test_replanning_with_constant_accelerations_uses_the_rest(share):
     assert again.T <= (1.0 - share) * first.T * (1.0 + 1e-4)
 
 
+@pytest.mark.parametrize("ticks", [1, 2, 5])
+def test_replanning_on_a_clock_takes_no_longer_than_the_rest(ur5, ticks):
+    """Regression: the rest of a former motion was no candidate, as the time at which it
+    begins was rounded. A motion from rest takes four periods or more.
+    """
+    period, goal = 0.004, tm.JointGoal([0.9, -1.2, 1.3, 0.5, 0.5, 0.0])
+    problem = tm.Problem(ur5, [0.0, -1.5, 1.0, 0.0, 0.5, 0.0], goal)
+    options = tm.Options(effort="quick", control_period=period)
+    former = tm.plan(problem, options)
+    state = former.trajectory(former.T - ticks * period)
+    rest = replace(problem, q_start=state.q, v_start=state.v)
+    again = tm.plan(rest, options, start=former)
+    assert again.success and again.verification.ok
+    assert again.T == pytest.approx(ticks * period, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"control": "constant"},
+        {"control": "linear"},
+        {"control": "spline"},
+        {"method": "collocation"},
+    ],
+)
+def test_the_rest_of_a_motion_of_any_degree_is_a_candidate(free, changes, monkeypatch):
+    options = tm.Options(**changes, **QUICK)
+    former = tm.plan(free.problem, options)
+
+    def stopped(*given, **named):
+        raise Stop(False)
+
+    monkeypatch.setattr(plan_state, "solve", stopped)
+    for share in (1e-3, 0.37, 0.999):
+        state = former.trajectory(share * former.T)
+        rest = replace(free.problem, q_start=state.q, v_start=state.v)
+        again = tm.plan(rest, options, start=former)
+        assert again.success, again.message
+        assert again.T == pytest.approx((1.0 - share) * former.T, abs=1e-9)
+        times = np.linspace(0.0, again.T, 40)
+        expected = former.trajectory(share * former.T + times).q
+        np.testing.assert_allclose(again.trajectory(times).q, expected, atol=1e-8)
+
+
 def test_motion_back_to_the_start_is_guessed_from_the_whole_motion(planar3r, free):
     """At the end of a motion nothing of the motion remains, and its goal is another
     one.
@@ -188,7 +232,7 @@ def test_motion_back_to_the_start_is_guessed_from_the_whole_motion(planar3r, fre
     for q in (np.array(END), END + rest, free.trajectory(0.99 * free.T).q):
         problem = tm.Problem(planar3r, q, tm.JointGoal(START))
         guess = warm_start(ProblemFunctions.of(problem), free.trajectory)
-        assert guess.entry == 0.0
+        assert guess.duration == free.T
 
 
 @pytest.mark.parametrize("method", ["collocation", "adjoint"])

@@ -13,14 +13,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
-from scipy.optimize import minimize_scalar
 
 from tominpmp.arrays import Array
 from tominpmp.checks import instance
 from tominpmp.exceptions import ProblemError, ScenarioError
 from tominpmp.initial_guess.guess import SAMPLES, Guess
 from tominpmp.motion.samples import Samples
-from tominpmp.motion.trajectory import State, Trajectory
+from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.joint_limits import joint_limits
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import spans_of
@@ -56,8 +55,8 @@ class WarmStart(Guess):
     """A former motion, bent to new ends.
 
     Attributes:
-        motion: The former motion, slowed down if it was far too fast for the limits.
-        entry: Time of the motion at which the guess begins [s].
+        motion: The former motion from the new start on, slowed down if it was far too
+            fast for the limits.
         begins: Times of the motion at which the segments begin [s], shape (k,).
         bend: Curve of time added to the positions, a cubic polynomial on each segment,
             which leads to the new ends; None if the ends are those of the motion.
@@ -65,7 +64,6 @@ class WarmStart(Guess):
     """
 
     motion: Trajectory
-    entry: float
     begins: Array
     bend: CubicHermiteSpline | None
     limits: tuple[Array, Array]
@@ -84,12 +82,12 @@ class WarmStart(Guess):
         return self.motion.inverse_dynamics is not None and self.motion.degree > 2
 
     def whole(self, system: ProblemFunctions) -> Trajectory | None:
-        """The former motion; None if the guess was bent, or begins at a later entry.
+        """The rest of the former motion; None if the guess was bent.
 
         Torques follow from the inverse dynamics of the new problem, unless the motion
         is defined by its torques.
         """
-        if self.bend is not None or self.entry > 0.0:
+        if self.bend is not None:
             return None
         if self.motion.inverse_dynamics is None:
             return self.motion
@@ -115,8 +113,7 @@ class WarmStart(Guess):
                 :class:`~tominpmp.transcription.layout.Layout`.
         """
         T, eta = self.duration, np.array([self.duration])
-        since = self.motion.t - self.entry
-        h = np.diff(since[since > 1e-9 * T], prepend=0.0)
+        h = np.diff(self.motion.t)
         kept = degree in (LIFTED, self.motion.degree)
         kept = kept and (degree <= QUADRATIC or h.size >= intervals)
         if kept and h.size <= FINEST * intervals and h.min() >= SHORTEST * h.mean():
@@ -133,16 +130,12 @@ class WarmStart(Guess):
         if self.bend is not None:
             return of, of.start(self.position, T, eta)
         times = T * nodes_of(of.shares[:, 0])
-        return of, of.through(self._since_entry, times, eta)
-
-    def _since_entry(self, times: Array) -> State:
-        """States of the former motion at times of the guess."""
-        return self.motion(np.minimum(self.entry + times, self.motion.duration))
+        return of, of.through(self.motion, times, eta)
 
     def torque_iterate(self, system: ProblemFunctions, shares: Array) -> Array:
         """Initial iterate of the shooting methods: torques and duration."""
         ends = self.duration * nodes_of(shares[:, 0])
-        state = self._since_entry(0.5 * (ends[1:] + ends[:-1]))
+        state = self.motion(0.5 * (ends[1:] + ends[:-1]))
         z = system.torque_shares(system.net_torque(state.u, state.v)).ravel()
         return np.concatenate([z, [self.duration / shares.sum()]])
 
@@ -163,13 +156,13 @@ def warm_start(system: ProblemFunctions, motion: Trajectory | Samples) -> WarmSt
     trajectory = _slowed_down(system, former_motion(system.problem, motion))
     problem, limits = system.problem, system.problem.robot.limits
     # Torques are not needed, and the inverse dynamics may be a function of the caller.
-    plain = replace(trajectory, inverse_dynamics=None)
-    begins, arrivals, _ = np.array(spans_of(trajectory, problem.segments)).T
-    entry = begins[0] = _entry(system, plain, arrivals[0])
+    plain = _rest(system, replace(trajectory, inverse_dynamics=None))
+    trajectory = replace(plain, inverse_dynamics=trajectory.inverse_dynamics)
+    begins, arrivals, _ = np.array(spans_of(plain, problem.segments)).T
     # A segment whose goal is met from its beginning has zero duration.
     durations = np.maximum(arrivals - begins, LEAST_DURATION)
     ends = np.cumsum(durations)
-    former = plain(np.append(entry, arrivals))
+    former = plain(np.append(0.0, arrivals))
     goals = [part.final_configuration for part in system.segments]
     speeds = [part.final_velocity for part in system.segments]
     p = _missing([problem.q_start, *goals], former.q)
@@ -185,7 +178,6 @@ def warm_start(system: ProblemFunctions, motion: Trajectory | Samples) -> WarmSt
         inner_ends=ends[:-1],
         solved=bool(np.all(np.abs(p) <= 1e-9)),
         motion=trajectory,
-        entry=entry,
         begins=begins,
         bend=None if same else CubicHermiteSpline(np.append(0.0, ends), p, s),
         limits=(limits.position_lower, limits.position_upper),
@@ -243,13 +235,14 @@ def _slowed_down(system: ProblemFunctions, motion: Trajectory) -> Trajectory:
     return slow.with_torques(inverse, motion.segment_dynamics)
 
 
-def _entry(system: ProblemFunctions, motion: Trajectory, T: float) -> float:
-    """Time before T at which the motion is closest to the new start [s].
+def _rest(system: ProblemFunctions, motion: Trajectory) -> Trajectory:
+    """A motion from the state on that is closest to the new start.
 
-    It is 0 unless the motion is much closer there than at its beginning and at T, and
-    is much closer to the goal at T than the new start.
+    It is the whole motion unless the motion is much closer there than at its beginning
+    and at its first goal, and is much closer to this goal than the new start.
     """
     problem, part = system.problem, system.segments[0]
+    T, entry = spans_of(motion, problem.segments)[0].arrival, 0.0
 
     def distance(times: Array) -> Array:
         state = motion(times)
@@ -261,19 +254,15 @@ def _entry(system: ProblemFunctions, motion: Trajectory, T: float) -> float:
         left, _ = part.problem.goal.place_residual(part.kinematics, q)
         return float(np.max(np.abs(left), initial=0.0))
 
-    times = np.linspace(0.0, T, SAMPLES)
-    far = distance(times)
-    best = int(np.argmin(far))
-    if best == 0:
-        return 0.0
-    step = times[1]
-    closest = minimize_scalar(
-        lambda t: float(distance(np.array([t]))[0]),
-        bounds=(times[best] - step, min(times[best] + step, T)),
-        method="bounded",
-        options={"xatol": 1e-9 * T},
-    )
-    if closest.fun > CLOSER * min(far[0], far[-1]):
-        return 0.0
+    low, high = 0.0, T
+    while high - low > 1e-12 * T:
+        times = np.linspace(low, high, SAMPLES)
+        best = int(np.argmin(distance(times)))
+        low, high = times[max(best - 1, 0)], times[min(best + 1, SAMPLES - 1)]
+        entry = times[best]
+    begin = motion._at_nodes(np.array([entry]))
+    first, closest, last = distance(np.array([0.0, *begin, T]))
     leads_on = to_go(motion(T).q) <= CLOSER * to_go(problem.q_start)
-    return float(closest.x) if leads_on else 0.0
+    if closest >= CLOSER * min(first, last) or not leads_on:
+        return motion
+    return motion._on_nodes(np.append(begin, motion.t[motion.t > begin]))

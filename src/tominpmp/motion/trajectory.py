@@ -315,6 +315,18 @@ class Trajectory(TimedRows):
         a = self._curve(self.t, 2)
         return replace(motion, u=motion._torques(self.t, self.q, self.v, a))
 
+    def _on_nodes(self, t: Array) -> Trajectory:
+        """The rest of the motion from the first of other nodes on.
+
+        Args:
+            t: Times of the nodes [s], among them all later nodes of the motion.
+        """
+        q, v, every, u = self(t)
+        # Accelerations for each interval, or for each node.
+        a = {2: every[:-1], 5: every}.get(self.degree)
+        ends = None if self.segment_ends is None else self.segment_ends - t[0]
+        return replace(self, t=t - t[0], q=q, v=v, u=u, a=a, segment_ends=ends)
+
     def sample(self, dt: float) -> Samples:
         """Sample the motion at a fixed rate; the end is always the last sample.
 

@@ -44,6 +44,7 @@ from tominpmp.solvers.loop import Loop, first_of
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Stop
 from tominpmp.transcription.grid import interval_shares
+from tominpmp.transcription.layout import on_ticks
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Number of guesses for a goal on a frame, whose final configuration is free, and where
@@ -94,14 +95,16 @@ def starts(
         former = warm_start(system, motion)
         whole = None if system.parts else former.whole(system)
         if whole is not None:
+            period = options.control_period
+            whole = whole if period is None else on_ticks(whole, period)
             state.former = Candidate(Status.FEASIBLE, True, whole, whole, {})
-            if state.former.is_on_clock(options.control_period):
+            if state.former.is_on_clock(period):
                 # There may be no time to bring another motion to the clock.
                 state.recall_former(Status.FEASIBLE)
         candidate = yield _warm_start_work(system, former, state)
-        solved = candidate is not None and candidate.confirmed
-        if candidate is not None and candidate.duration >= former.duration:
-            solved = state.recall_former(candidate.status) or solved
+        status = Status.FEASIBLE if candidate is None else candidate.status
+        kept = state.recall_former(status)
+        solved = kept or (candidate is not None and candidate.confirmed)
         enough = solved and (options.starts or 1) == 1
         if enough and not _beatable(system, state, guesses):
             return

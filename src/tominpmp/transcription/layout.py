@@ -28,7 +28,7 @@ from tominpmp.problem.segments import Segment, Span, spans_of
 from tominpmp.transcription.bspline import BSplineTranscription, InverseTranscription
 from tominpmp.transcription.collocation import CollocationTranscription
 from tominpmp.transcription.curve import nodes_of
-from tominpmp.transcription.grid import at_ticks, knots_near
+from tominpmp.transcription.grid import ROUNDING, at_ticks, knots_near
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 
@@ -261,7 +261,12 @@ def split_intervals(of: Gridded, z: Array, split: BoolArray) -> tuple[Gridded, A
 
 
 def on_ticks(motion: Trajectory, period: float) -> Trajectory:
-    """A motion with its nodes rounded to ticks, exact to the last bit."""
+    """A motion with its nodes rounded to ticks, exact to the last bit.
+
+    A motion with nodes between the ticks remains as it is.
+    """
+    if not np.allclose(at_ticks(motion.t, period), motion.t, 0.0, ROUNDING * period):
+        return motion
     ends = motion.segment_ends
     ends = None if ends is None else at_ticks(ends, period)
     return replace(motion, t=at_ticks(motion.t, period), segment_ends=ends)

@@ -169,7 +169,8 @@ def with_segments(
     node = trajectory.t[np.argmin(np.abs(trajectory.t[:, None] - ends), axis=0)]
     near = np.abs(node - ends) <= AT_NODE * trajectory.duration
     ends = np.where(near, node, ends)
-    motion = replace(_with_nodes(trajectory, ends), segment_ends=ends)
+    nodes = np.union1d(trajectory.t, ends)
+    motion = replace(trajectory._on_nodes(nodes), segment_ends=ends)
     if trajectory.inverse_dynamics is None:
         return motion
     dynamics = tuple(RobotDynamics(phase.robot).inverse for phase in problem.phases)
@@ -269,14 +270,6 @@ def _first_met(
     low, high = times[max(best - 1, 0)], times[min(best + 1, times.size - 1)]
     sampled = least_between(lambda near: np.array([*residuals(near)]), low, high)
     return sampled[0] if sampled[1] < least else float(times[best])
-
-
-def _with_nodes(motion: Trajectory, times: Array) -> Trajectory:
-    """The motion with additional nodes at times [s]."""
-    t = np.unique(np.concatenate([motion.t, times]))
-    q, v, a, u = motion(t)
-    rows = {2: a[:-1], 5: a}  # for each interval, or for each node
-    return replace(motion, t=t, q=q, v=v, u=u, a=rows.get(motion.degree))
 
 
 def goal_misses(
