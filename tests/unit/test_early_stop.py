@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
+from examples import ur5_post
 from tests.sample_arms import make_arm, slide
 from tests.schedules import carried_out
 from tominpmp.initial_guess.guess import Guess, GuessRequest
@@ -81,6 +82,24 @@ def test_plan_stopped_in_its_second_iteration_returns_a_motion():
 
     solution = tm.plan(problem, callback=late)
     assert solution.success
+
+
+def test_a_plan_that_is_stopped_later_has_no_worse_motion():
+    """Regression: a UR5 had a motion beside a post after three iterations, none after
+    four: only the newest one was slowed down, which lacked 3e-6 of a clearance.
+    """
+    problem, durations = ur5_post.problem(), []
+    for most in range(2, 6):
+        seen = []
+
+        def stops(record, seen=seen, most=most):
+            seen.append(record)
+            return len(seen) == most
+
+        solution = tm.plan(problem, callback=stops)
+        assert solution.success
+        durations.append(solution.T)
+    assert durations == sorted(durations, reverse=True)
 
 
 def with_coarse_fallback() -> PlanState:

@@ -92,13 +92,11 @@ class RowExchange:
         state = loop.state
         if status in STOPPED or loop.dropped or state.duration > self.longest:
             return False
-        if status is not None:
-            # More rows make an infeasible program no better.
-            near = status is not Status.INFEASIBLE and state.violation <= RESTORABLE
-            return loop.best is not None or near
-        # Without an accepted step a check would find the same violations again.
+        # Without an accepted step a check would find the same violations again. More
+        # rows make an infeasible program no better.
         moved = loop.outcome is not None and loop.outcome.accepted
-        return moved and state.violation <= RESTORABLE
+        new = moved if status is None else status is not Status.INFEASIBLE
+        return new and state.violation <= RESTORABLE
 
     def join(
         self, loop: Loop, status: Status | None

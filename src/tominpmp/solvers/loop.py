@@ -19,7 +19,6 @@ become rows of the program (:mod:`~tominpmp.solvers.exchange`).
 
 from __future__ import annotations
 
-import contextlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -31,7 +30,6 @@ from tominpmp.arrays import Array
 from tominpmp.linear_programs.program import LpSolution
 from tominpmp.solvers.iterate import Iterate, SlpResult, StepOutcome
 from tominpmp.status import IterationRecord, Status
-from tominpmp.stopping import Stop, grace
 from tominpmp.transcription.program import NonlinearProgram
 
 if TYPE_CHECKING:
@@ -47,8 +45,6 @@ Rule = Callable[["Loop"], Status | None]
 SETTLED_RADIUS = 0.01
 # Radius below which a loop has stalled, as a share of the initial one.
 SMALLEST_RADIUS = 1e-6
-# Time for slowing a motion down once a stop was requested [s].
-RESTORATION_TIME = 0.2
 
 
 class Step(Protocol):
@@ -105,18 +101,11 @@ def solve(
     loop = Loop(program, objective, first, callback, keep)
     loop.save()
     status = loop.first_feasible()
-    try:
-        while status is None:
-            step(loop)
-            status = loop.first_feasible() or stop(loop)
-            if exchange is not None and exchange.due(loop, status):
-                exchange, status = exchange.join(loop, status)
-    except (Stop, KeyboardInterrupt):
-        with grace(RESTORATION_TIME), contextlib.suppress(Stop):
-            loop.end(None)
-            loop.save()
-        raise
-    loop.end(status)
+    while status is None:
+        step(loop)
+        status = loop.first_feasible() or stop(loop)
+        if exchange is not None and exchange.due(loop, status):
+            exchange, status = exchange.join(loop, status)
     if status is Status.CONVERGED and loop.best is None:
         status = Status.INFEASIBLE
     history = tuple(loop.history)
@@ -163,7 +152,6 @@ class Loop:
         """Advance to the iterate after a step, and record the iteration."""
         self.program = self.program.centred_at(state.z)
         self.state, self.outcome = state, outcome
-        self.best = self.objective.better(self.program, state, self.best)
         self.save()
         record = IterationRecord(
             iteration=len(self.history),
@@ -185,37 +173,22 @@ class Loop:
             self.callback(record)
 
     def first_feasible(self) -> Status | None:
-        """FEASIBLE if any motion will do, and this one can be slowed down until it is.
-
-        It is None otherwise.
-        """
-        if not self.objective.any_will_do:
-            return None
-        slower = self.objective.restored(self.program, self.state)
-        feasible = slower.violation <= self.objective.feasibility
-        return Status.FEASIBLE if feasible else None
+        """FEASIBLE if any motion will do, and one is known; None otherwise."""
+        found = self.objective.any_will_do and self.best is not None
+        return Status.FEASIBLE if found else None
 
     def drop(self) -> Status:
         """Mark the motion as dropped; the status with which the loop ends."""
         self.dropped = True
         return Status.STALLED
 
-    def end(self, status: Status | None) -> None:
-        """Set the final iterate: the present one, slowed down to remove violations.
-
-        It becomes the best iterate if it is better. For FEASIBLE, the best iterate is
-        the final one.
-
-        Args:
-            status: How the loop ends; None if a stop was requested.
-        """
-        if status is Status.FEASIBLE and self.best is not None:
-            self.state = self.best
-        self.state = self.objective.restored(self.program, self.state)
-        self.best = self.objective.better(self.program, self.state, self.best)
-
     def save(self) -> None:
-        """Hand the best iterate to ``keep``, or the present one if none is feasible."""
+        """Keep the present iterate, slowed down to remove violations, if it is better.
+
+        The best iterate is handed to ``keep``, or the present one if none is feasible.
+        """
+        slower = self.objective.restored(self.program, self.state)
+        self.best = self.objective.better(self.program, slower, self.best)
         if self.keep is not None:
             self.keep(self.program, self.best or self.state)
 

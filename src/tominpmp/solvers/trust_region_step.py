@@ -169,11 +169,9 @@ class TrustRegionStep:
         little = objective.tolerance * value
         slow = len(state.gains) == WINDOW and sum(state.gains) < little
         settled = slow or outcome.predicted < ACCURACY * little
-        done = settled and objective.restorable(loop.program, state)
-        if done and loop.best is None:
-            # Slowing down does not help a motion that begins or ends moving.
-            slower = objective.restored(loop.program, state)
-            done = slower.violation <= objective.feasibility
+        # Slowing down does not help a motion that begins or ends moving.
+        slower = objective.restored(loop.program, state) if settled else state
+        done = settled and slower.violation <= objective.feasibility
         if settled and not done:
             # The weight of the violated constraint may be below its multiplier.
             weights = WEIGHT_GROWTH * state.weights
