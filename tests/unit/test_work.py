@@ -43,7 +43,7 @@ def test_time_against_work_on_a_rail_matches_the_closed_form(distance, weight, f
     T, work = closed_form(distance, weight, force)
     assert solution.cost == pytest.approx(T + weight * work, rel=1e-3)
     assert pytest.approx(T, rel=1e-2) == solution.T
-    assert solution.energy == pytest.approx(work, rel=3e-2)
+    assert solution.energy == pytest.approx(work, rel=4e-2)
     # The mass coasts: the motor is idle between acceleration and braking.
     t = np.linspace(0.0, solution.T, 1001)
     idle = np.abs(solution.trajectory(t).u[:, 0]) < 0.05 * force
@@ -61,7 +61,9 @@ def test_collocation_matches_the_closed_form_of_time_against_work():
 
 def test_tiny_weight_of_work_leaves_the_time_optimal_motion():
     problem = tm.Problem(rail(1.0), [0.0], tm.JointGoal([1.0]))
-    solution = tm.plan(problem, energy="work", energy_weight=1e-9)
+    options = tm.Options(energy="work", energy_weight=1e-9)
+    assert pytest.approx(2.0, rel=5e-4) == tm.plan(problem, options).T
+    solution = tm.plan(problem, options, control="constant")
     assert pytest.approx(2.0, rel=1e-4) == solution.T
 
 
@@ -94,6 +96,17 @@ def test_work_matches_the_integral_of_positive_power(swing):
         _, v, _, u = solution.trajectory(t)
         power = np.sum(np.maximum(u * v, 0.0), axis=1)
         assert solution.energy == pytest.approx(trapezoid(power, t), rel=1e-3)
+
+
+@pytest.mark.parametrize(("weight", "cost"), [(1e-3, 0.6515), (0.03, 0.8715)])
+def test_work_is_weighed_where_torques_are_the_active_limits(swing, weight, cost):
+    """Regression: programs were not solved, as small weights of work stood beside
+    equations, and constant accelerations cost more than the fastest motion.
+    """
+    problem = swing[0].problem
+    solution = tm.plan(problem, energy="work", energy_weight=weight)
+    assert solution.status is tm.Status.CONVERGED, solution.message
+    assert solution.cost < cost
 
 
 def test_weight_of_work_trades_time_for_less_work(swing):

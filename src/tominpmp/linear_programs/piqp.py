@@ -73,7 +73,7 @@ def factorisation(program: LinearProgram, fragile: bool) -> Any:
     """The method by which PIQP factorises the linear systems of a program.
 
     Factorisation stage by stage takes two thirds of the time, with the same iterations
-    and solutions, if all unknowns have curvature and all rows are inequalities of few
+    and solutions, if most unknowns have curvature and all rows are inequalities of few
     unknowns each. Without curvature, or with equations, rounding errors spoil it.
 
     Args:
@@ -82,7 +82,8 @@ def factorisation(program: LinearProgram, fragile: bool) -> Any:
     """
     matrix = program.matrix
     sparse = matrix.nnz <= STAGED_SHARE * matrix.shape[0] * matrix.shape[1]
-    staged = program.curved.nnz > 0 and not fragile and sparse
+    most = 2 * np.count_nonzero(program.curved.diagonal()) > program.cost.size
+    staged = most and not fragile and sparse
     return STAGED if staged and _staged_works() else piqp.KKTSolver.sparse_ldlt
 
 

@@ -26,7 +26,7 @@ from tominpmp.linear_programs.choice import make_solver
 from tominpmp.motion.measures import ENERGIES
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.planner.candidate import Candidate
-from tominpmp.planner.plan_state import REPLAYS, PlanState
+from tominpmp.planner.plan_state import REPLAYS, RESERVE, PlanState
 from tominpmp.planner.work import NUMERICAL, REPAIRS, Work, make_and_repair
 from tominpmp.solution import Solution
 from tominpmp.solvers.exchange import RowExchange
@@ -75,8 +75,7 @@ def reoptimised(
     def make(tried: ProblemFunctions, halvings: int, _: Candidate | None) -> Candidate:
         program, z = layout(halvings).represented(tried, motion, within=True)
         start = program, *objective(program, z)
-        steps = _steps_in_time(solution)
-        result = solve(*start, *steps, exchange=RowExchange())
+        result = solve(*start, *_steps_in_time(solution), exchange=RowExchange())
         candidate = Candidate.of(motion, result)
         if options.control_period is not None:
             clocked = on_ticks(candidate.trajectory, options.control_period)
@@ -88,12 +87,13 @@ def reoptimised(
 
 
 def _steps_in_time(solution: Solution) -> tuple[Step, Rule]:
-    """Steps, and a stop rule that leaves time for replays of the motion."""
+    """Steps, and a stop rule that leaves time for a last step and replays."""
     replay = 0.0 if solution.verification is None else solution.verification.seconds
+    reserve = max(RESERVE * solution.options.time_limit, REPLAYS * replay)
     step, settled = trust_regions(solution.options, make_solver("piqp"))
 
     def late(_: Loop) -> Status | None:
-        return Status.TIME_LIMIT if seconds_left() < REPLAYS * replay else None
+        return Status.TIME_LIMIT if seconds_left() < reserve else None
 
     return step, first_of(settled, late)
 
@@ -218,8 +218,9 @@ def _layout(solution: Solution, motion: Trajectory) -> Layout:
     """Spline layout that suits the energy, on the grid of a motion.
 
     Motions of least squared torques have continuous torques. In motions of least work
-    the motors push, coast and brake, and torques jump in between. Torques also jump at
-    the ends of segments, where the load changes.
+    the motors push, coast and brake, and torques jump in between: they have the splines
+    that suit the fastest motion. Torques also jump at the ends of segments, where the
+    load changes.
     """
     problem = solution.problem
     kind = ENERGIES[solution.options.energy]
@@ -227,8 +228,8 @@ def _layout(solution: Solution, motion: Trajectory) -> Layout:
     if layout.degree == LIFTED:
         return layout
     degree, breaks = layout.degree, layout.segment_ends[:-1]
-    if solution.options.control not in DEGREES:
-        degree = QUADRATIC if kind.jumping else DEGREES["linear"]
+    if solution.options.control not in DEGREES and not kind.jumping:
+        degree = DEGREES["linear"]
     if degree == QUADRATIC or not ProblemFunctions.of(problem).sudden:
         breaks = ()
     return replace(layout, degree=degree, breaks=breaks)

@@ -1,9 +1,13 @@
 r"""The convex program of an iteration: step, total variation and elastic variables.
 
 .. math::
-    \min \; g^T d + |R d|^2 / 2 + w \sum (p + m) + \sum_g \mu_g e_g
+    \min \; g^T d + |R d|^2 / 2 + w \sum (2 p - G d) + \sum_g \mu_g e_g
     \quad s.t. \quad l \le g(z) + J d - s e_g \le u, \quad
-    G (z + d) + G_0 = p - m
+    p \ge G (z + d) + G_0, \quad p \ge 0
+
+The absolute value of a difference x is 2 max(x, 0) - x. With two variables p and m of
+the sum p + m and the difference p - m = x it would need an equation, beside which
+interior points stall.
 
 Elastic variables e_g exist for the groups of rows that are violated. Their upper bound
 is the present violation, but at least a small positive one. Their coefficients s are
@@ -99,17 +103,17 @@ def build_subproblem(
     blocks: list[list[sp.spmatrix | None]] = [[by_step, elastic]]
     # Costs and bounds of the columns, and bounds of the rows, by blocks.
     lower, upper = steps.lower[free] / unit, steps.upper[free] / unit
-    columns = [(unit * model.gradient[free], lower, upper)]
-    bounds = [(low, high)]
+    gradient = unit * model.gradient[free]
+    columns, bounds = [(gradient, lower, upper)], [(low, high)]
     if model.variation is not None:
-        variation = model.variation
-        differences = variation.at(state.z)
-        k = differences.size
-        jumps, every = unit * variation.matrix[:, free], sp.identity(k)
-        blocks = [[by_step, None, None, elastic], [jumps, -every, every, None]]
-        weights, most = np.full(2 * k, model.weight), np.full(2 * k, np.inf)
-        columns.append((weights, np.zeros(2 * k), most))
-        bounds.append((-differences, -differences))
+        jumps = unit * model.variation.matrix[:, free]
+        differences = model.variation.at(state.z)
+        weights = np.full_like(differences, model.weight)
+        blocks = [[by_step, None, elastic], [jumps, -sp.identity(weights.size), None]]
+        gradient -= jumps.T @ weights
+        most = np.full_like(weights, np.inf)
+        columns.append((2.0 * weights, np.zeros_like(weights), most))
+        bounds.append((-most, -differences))
     weights = state.weights[rows.group_kind[slack_groups]]
     most = np.maximum(violation[slack_groups] * (1.0 + 1e-9), LEAST_ROOM)
     columns.append((weights, np.zeros(most.size), most))

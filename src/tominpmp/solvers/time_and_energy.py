@@ -119,9 +119,8 @@ class TimeAndEnergy(Objective):
         weights of their violations are then too small.
         """
         slower = super().restored(program, state)
-        cost = self.value(program, state.z, state.values)
-        most = (1.0 + state.violation) * cost
-        costly = self.value(program, slower.z, slower.values) > most
+        now, then = (self.value(program, k.z, k.values) for k in (state, slower))
+        costly = then > (1.0 + state.violation) * now
         return state if costly else slower
 
     def _terms(
