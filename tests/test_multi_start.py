@@ -192,7 +192,7 @@ def test_goal_gets_another_turn_after_its_share_of_time():
 def test_reserve_is_not_subtracted_from_each_share_of_time(clock):
     """Regression: with a limit of 2 s, each of six goals had 0.1 s."""
     state = PlanState(reach(), tm.Options(max_planning_time=2.0))
-    state.begin(state.problem)
+    state.begin()
     state.share_time(8)
     record = tm.IterationRecord(0, 1.0, 1.0, 1.0, 0.0, 0.0, 1.0, True, 1, 1, 0.0, 0.0)
     state.kept_iterates = [SimpleNamespace(feasible=False)]

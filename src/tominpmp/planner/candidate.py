@@ -12,10 +12,12 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.problem.problem import Problem
 from tominpmp.solvers.iterate import Iterate, SlpResult
+from tominpmp.solvers.objective import SLOWDOWN
 from tominpmp.status import Status
 from tominpmp.transcription.base import ProgramInterface
 from tominpmp.transcription.grid import at_ticks
 from tominpmp.transcription.layout import Gridded, Layout
+from tominpmp.transcription.problem_functions import PADDING
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.verification import Verification, verify
 
@@ -27,18 +29,42 @@ class KeptIterate(NamedTuple):
     """An intermediate motion, kept in case planning ends without a better one.
 
     Attributes:
-        problem: The problem that the motion solves, which has one goal.
         program: The nonlinear program.
         iterate: The motion as an iterate of the program.
         feasible: Whether the iterate keeps all constraints of the program.
         initial: The initial iterate of its candidate; None if it is this one.
     """
 
-    problem: Problem
     program: ProgramInterface
     iterate: Iterate
     feasible: bool
     initial: KeptIterate | None = None
+
+    @property
+    def clear(self) -> bool:
+        """Whether the motion lacks no more than the padding of clearances."""
+        return self._largest(clearances=True) * self.program.system.reach <= PADDING
+
+    @property
+    def excess(self) -> float:
+        """Largest violation other than those of clearances."""
+        return self._largest(clearances=False)
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """Order of motions to be slowed down: with clearance first, then the fastest.
+
+        The duration is that of a motion slow enough to keep all other limits.
+        """
+        return not self.clear, self.iterate.duration * (1.0 + SLOWDOWN * self.excess)
+
+    def _largest(self, *, clearances: bool) -> float:
+        rows = self.program.rows
+        kinds = [kind.startswith("clearance") is clearances for kind in rows.kinds]
+        violation = rows.violation(self.iterate.values)
+        return float(
+            np.max(violation[np.array(kinds, dtype=bool)[rows.kind]], initial=0.0)
+        )
 
     def candidate(self, status: Status) -> Candidate:
         """The motion as a candidate, not replayed yet."""

@@ -108,7 +108,7 @@ def _followed(system: ProblemFunctions, options: Options, guess: Guess) -> KeptI
     fine = replace(options, intervals=intervals, control="linear", grid="uniform")
     system = system.padded(LESS_PADDING)
     program, z = first_program(system, replace(fine, method="inverse"), guess)
-    return KeptIterate(system.problem, program, Iterate.of(program, z, 0.0), False)
+    return KeptIterate(program, Iterate.of(program, z, 0.0), False)
 
 
 def descend(

@@ -27,7 +27,7 @@ from tominpmp.stopping import Deadline, Stop
 from tominpmp.transcription.base import ProgramInterface
 from tominpmp.transcription.program import NonlinearProgram
 
-# Iterates kept per candidate in addition to the newest, one per nonlinear program.
+# Iterates kept per candidate in addition to the newest.
 MOST_KEPT = 4
 # Time reserved for the last replay: REPLAYS times the longest replay so far, between
 # the shares RESERVE and MOST_RESERVE of the time limit. The first replay is assumed to
@@ -68,19 +68,16 @@ class PlanState:
         options: Options of the plan.
         candidates: The candidates so far.
         deadline: When to stop.
-        alternative: The problem with the one goal that the candidate in progress meets.
         start: Number of the candidate in progress, from 0.
         records: Records of the candidate in progress, one per iteration.
         kept_iterates: Iterates of the candidate in progress, the newest last.
         cut_short: How the candidate in progress was stopped; None if it was not.
-        fallbacks: Last iterates on coarse grids, the best one first, which may become
-            the solution; beside an incumbent the best one only.
-        first_guesses: The first iterate for each goal, by the identity of its problem,
-            which the iterate keeps; these are tried next if the best fallback and all
-            feasible ones fail.
+        fallbacks: Last iterates and first guesses of candidates that are not confirmed,
+            the best one first, which may become the solution if slowed down; beside an
+            incumbent the best one only.
         paths: For each goal, by the identity of its problem, a function that returns
             the first path around the obstacles as an iterate; they are tried before
-            the first guesses.
+            fallbacks that lack clearance.
         complete: Whether all stages of a plan with less effort are done. The thorough
             search that follows is open-ended: a time limit then is its regular end.
         callback_error: Error that the callback has raised; None without one.
@@ -106,13 +103,11 @@ class PlanState:
         self.problem, self.options = problem, options
         self.candidates: list[Candidate] = []
         self.deadline = Deadline(stop_requested)
-        self.alternative = problem
         self.start = -1
         self.records: list[IterationRecord] = []
         self.kept_iterates: list[KeptIterate] = []
         self.cut_short: Status | None = None
         self.fallbacks: list[KeptIterate] = []
-        self.first_guesses: dict[int, KeptIterate] = {}
         self.paths: dict[int, Callable[[], KeptIterate]] = {}
         self.complete = False
         self.callback_error: Exception | None = None
@@ -187,11 +182,10 @@ class PlanState:
             self.amend(same, status=status)
         return same.confirmed
 
-    def begin(self, alternative: Problem) -> None:
-        """Begin the next candidate, for a problem with one goal."""
-        self.alternative, self.start = alternative, self.start + 1
+    def begin(self) -> None:
+        """Begin the next candidate."""
+        self.start, self.cut_short = self.start + 1, None
         self.records, self.kept_iterates = [], []
-        self.cut_short = None
         self._set_deadline()
 
     def keep(self, program: ProgramInterface, iterate: Iterate) -> None:
@@ -199,14 +193,9 @@ class PlanState:
         feasible = iterate.violation <= self.options.feasibility
         last = self.kept_iterates[-1] if self.kept_iterates else None
         initial = last and (last.initial or last)
-        new = KeptIterate(self.alternative, program, iterate, feasible, initial)
-        self.first_guesses.setdefault(id(self.alternative), new)
-        if last is not None and last.program is program:
-            if last.feasible and not feasible:
-                return
-            self.kept_iterates[-1] = new
-        else:
-            self.kept_iterates = [*self.kept_iterates[-MOST_KEPT:], new]
+        new = KeptIterate(program, iterate, feasible, initial)
+        others = [item for item in self.kept_iterates if item.iterate is not iterate]
+        self.kept_iterates = [*others[-MOST_KEPT:], new]
         self._set_deadline()
 
     @property

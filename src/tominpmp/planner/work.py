@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeVar
 
-import numpy as np
-
 from tominpmp.exceptions import TominpmpError
 from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate, KeptIterate
-from tominpmp.solvers.objective import RESTORABLE
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop, check
 from tominpmp.transcription.exchange import LEAST
@@ -86,16 +83,15 @@ def run(state: PlanState, schedule: Schedule[None]) -> Status | None:
     try:
         while state.ended is None and not state.satisfied:
             work = schedule.send(candidate)
-            state.begin(work.system.problem)
+            state.begin()
             try:
                 state.deadline.check()
                 candidate = make_and_repair(state, work)
             except (Stop, KeyboardInterrupt) as stop:
-                candidate = _from_iterates(state, work, state.stopped(stop))
+                candidate = _from_iterates(state, state.stopped(stop))
             except (*NUMERICAL, TominpmpError) as error:
-                candidate = _after_failure(state, work, error)
-            if candidate is not None:
-                candidate = _kept(state, work, candidate)
+                candidate = _after_failure(state, error)
+            candidate = _kept(state, work, candidate)
         schedule.close()
     except StopIteration:
         return None
@@ -109,8 +105,14 @@ def single(work: Work) -> Schedule[None]:
     yield work
 
 
-def _kept(state: PlanState, work: Work, candidate: Candidate) -> Candidate:
-    """Keep a candidate of the plan, or of a coarse grid as a fallback."""
+def _kept(
+    state: PlanState, work: Work, candidate: Candidate | None
+) -> Candidate | None:
+    """Keep a candidate of the plan, and its iterates as a fallback if it is none."""
+    if candidate is None or not candidate.confirmed:
+        _keep_fallback(state)
+    if candidate is None:
+        return None
     logger.info("start %d: %s", state.start, candidate.status.value)
     if candidate.status in STOPPED:
         state.cut_short = state.cut_short or candidate.status
@@ -118,8 +120,6 @@ def _kept(state: PlanState, work: Work, candidate: Candidate) -> Candidate:
         candidate = candidate.after(work.follows)
     if work.replay or candidate.confirmed:
         state.candidates.append(candidate)
-    else:
-        _keep_fallback(state)
     return candidate
 
 
@@ -162,9 +162,6 @@ def make_and_repair(state: PlanState, work: Work) -> Candidate:
             continue
         if not best.refuted or best.trajectory.duration > LONGEST:
             return best
-        # The iterates that led to the refuted motion need no replay after a stop.
-        kept = state.kept_iterates
-        state.kept_iterates = [item._replace(feasible=False) for item in kept]
         if best.touches and system is not complete:
             system = complete
             # A final configuration that is free may have drifted to where links touch.
@@ -181,93 +178,58 @@ def _lacks_padding(candidate: Candidate, reach: float, padding: float) -> bool:
     return candidate.violation == missing and LEAST < reach * missing <= padding
 
 
-def _after_failure(state: PlanState, work: Work, error: Exception) -> Candidate | None:
+def _after_failure(state: PlanState, error: Exception) -> Candidate | None:
     """The candidate of work that ended with an error, from its kept iterates."""
     logger.warning("start %d failed: %r", state.start, error)
     if not any(item.feasible for item in state.kept_iterates):
         state.failures.append(error)
         return None
-    candidate = _from_iterates(state, work, Status.NUMERICAL_FAILURE)
+    candidate = _from_iterates(state, Status.NUMERICAL_FAILURE)
     if candidate is None or not candidate.confirmed:
         return candidate
     remark = STAGE_FAILED.format(type(error).__name__)
     return replace(candidate, status=Status.FEASIBLE, remark=remark)
 
 
-def _from_iterates(state: PlanState, work: Work, status: Status) -> Candidate | None:
+def _from_iterates(state: PlanState, status: Status) -> Candidate | None:
     """The best kept iterate as a candidate, replayed within the grace period.
 
     Returns:
-        The newest feasible iterate whose replay keeps all limits; if there is none, the
-        last one tried. Without feasible iterates it is the newest one; None if no
-        iterate was kept.
+        The newest feasible iterate whose replay keeps all limits, slowed down if need
+        be; else the newest iterate, which is a fallback; None if no iterate was kept.
     """
-    system = work.system
-    feasible = [item for item in reversed(state.kept_iterates) if item.feasible]
-    last: Candidate | None = None
-    with state.saving():
-        for item in feasible or state.kept_iterates[-1:]:
-            try:
-                last = item.candidate(status)
-                # A motion that lacks only padding may keep all limits of the problem.
-                usable = last.feasible or _lacks_padding(last, system.reach, PADDING)
-                candidate = replace(last, feasible=usable)
-                candidate = candidate.verified(system.problem, state.options)
-            except (Stop, KeyboardInterrupt) as again:
-                state.stopped(again)
-                return last  # unconfirmed: its replay was cut short
-            except (*NUMERICAL, TominpmpError) as error:
-                logger.warning("a kept motion could not be replayed: %r", error)
-                continue
-            if candidate.confirmed:
-                return candidate
-            last = replace(candidate, feasible=last.feasible)
-    return last
+    newest = state.kept_iterates[::-1]
+    tried = _slowed(state, (item for item in newest if item.feasible), status)
+    if tried:
+        return tried[-1]
+    return newest[0].candidate(status) if newest else None
 
 
 def _keep_fallback(state: PlanState) -> None:
-    """Keep the motion of work on a coarse grid as fallback, the best one first.
+    """Keep the last iterate of work and its guess as fallbacks, the best one first.
 
     Beside an incumbent only the best one may be of use, and the programs of all
     candidates of a long search would fill the memory.
     """
-
-    def order(item: KeptIterate) -> tuple[bool, float]:
-        return item.iterate.violation > RESTORABLE, item.iterate.duration
-
-    fallbacks = sorted([*state.fallbacks, state.kept_iterates[-1]], key=order)
+    newest = state.kept_iterates if state.cut_short else state.kept_iterates[-1:]
+    guess = [item.initial for item in newest[-1:] if item.initial is not None]
+    fallbacks = sorted([*state.fallbacks, *newest, *guess], key=lambda item: item.rank)
     state.fallbacks = fallbacks if state.incumbent is None else fallbacks[:1]
 
 
 def use_fallback(state: PlanState, status: Status) -> None:
-    """Slow a coarse motion, or a first guess, down until its replay holds.
+    """Slow a former motion, a path or a guess down until its replay holds.
 
     Args:
-        state: The plan. If it has an incumbent, only the best coarse motion is tried,
+        state: The plan. If it has an incumbent, only the best fallback is tried, once,
             if it is faster.
         status: How planning was stopped; FEASIBLE if it was not.
     """
-    best = state.best_duration
     errors = state.failures[-1:]
     remark = "".join(STAGE_FAILED.format(type(error).__name__) for error in errors)
-    tried: list[Candidate] = []
-    with state.saving():
-        try:
-            for fallback in _fallbacks(state):
-                candidate = replace(fallback.candidate(status), remark=remark)
-                if candidate.trajectory.duration >= best:
-                    continue
-                tried.append(candidate)
-                try:
-                    tried[-1] = _scaled(fallback, candidate, state.options)
-                except NUMERICAL as error:
-                    logger.warning("a guess could not be slowed down: %r", error)
-                if tried[-1].confirmed:
-                    break
-        except (Stop, KeyboardInterrupt) as stop:
-            state.stopped(stop)
+    tried = _slowed(state, _fallbacks(state), status)
     if tried and tried[-1].confirmed:
-        state.candidates.append(tried[-1])
+        state.candidates.append(replace(tried[-1], remark=remark))
     elif tried and not state.candidates:
         failed = Status.INFEASIBLE if status is Status.FEASIBLE else status
         state.candidates.append(replace(tried[0], status=failed))
@@ -276,32 +238,63 @@ def use_fallback(state: PlanState, status: Status) -> None:
 def _fallbacks(state: PlanState) -> Iterator[KeptIterate]:
     """Motions to be slowed down, the most promising first.
 
-    The best motion on a coarse grid may lack clearance, which slowing down does not
-    restore. Paths around obstacles keep it.
+    Slowing down does not restore clearances. Paths around obstacles keep them.
     """
-    first, others = state.fallbacks[:1], state.fallbacks[1:]
-    yield from first
-    if state.best_duration == np.inf:
-        yield from (item for item in others if item.feasible)
-        with suppress(*NUMERICAL, TominpmpError):
-            yield from (follow() for follow in state.paths.values())
-        yield from state.first_guesses.values()
-        yield from (item for item in others if not item.feasible)
+    if state.incumbent is not None:
+        first, state.fallbacks = state.fallbacks[:1], []
+        yield from first
+        return
+    yield from (item for item in state.fallbacks if item.clear)
+    with suppress(*NUMERICAL, TominpmpError):
+        yield from (follow() for follow in state.paths.values())
+    yield from (item for item in state.fallbacks if not item.clear)
 
 
-def _scaled(fallback: KeptIterate, candidate: Candidate, options: Options) -> Candidate:
-    """A fallback slowed down until its program and its replay keep all limits."""
-    program, problem = fallback.program, fallback.problem
+def _slowed(
+    state: PlanState, kept: Iterable[KeptIterate], status: Status
+) -> list[Candidate]:
+    """Slow motions down, one after the other, until the replay of one of them holds.
+
+    Args:
+        state: The plan, whose incumbent they must beat.
+        kept: The motions.
+        status: Status of the candidates.
+
+    Returns:
+        The candidates tried within the grace period. Only the last may be confirmed.
+    """
+    tried: list[Candidate] = []
+    with state.saving():
+        try:
+            for item in kept:
+                candidate = item.candidate(status)
+                if candidate.trajectory.duration >= state.best_duration:
+                    continue
+                tried.append(candidate)
+                try:
+                    tried[-1] = _scaled(item, candidate, state.options)
+                except (*NUMERICAL, TominpmpError) as error:
+                    logger.warning("a motion could not be slowed down: %r", error)
+                if tried[-1].confirmed:
+                    break
+        except (Stop, KeyboardInterrupt) as stop:
+            state.stopped(stop)
+    return tried
+
+
+def _scaled(item: KeptIterate, candidate: Candidate, options: Options) -> Candidate:
+    """A motion slowed down until its program and its replay keep all limits."""
+    program, problem = item.program, item.program.system.problem
     moving = problem.checker.moving
-    if candidate.missing_clearance > options.feasibility and not moving:
+    if not (item.clear or moving):
         return candidate  # on the same path, links touch at any speed
     for factor in FACTORS:
         check()
-        z = program.time_scale(fallback.iterate.z, factor)
-        if program.rows.largest_violation(program.evaluate(z)) > options.feasibility:
+        z = program.time_scale(item.iterate.z, factor)
+        slower = item._replace(iterate=item.iterate.on(program, z), feasible=True)
+        if slower.excess > options.feasibility:
             continue
-        motion = program.trajectory(z)
-        candidate = replace(candidate, trajectory=motion, layout=None, feasible=True)
+        candidate = slower.candidate(candidate.status).after(candidate)
         candidate = candidate.verified(problem, options)
         if candidate.confirmed or (candidate.touches and not moving):
             break

@@ -166,6 +166,10 @@ class ProgramInterface(Protocol):
     """Interface of a nonlinear program for records of its iterates and solutions."""
 
     @property
+    def system(self) -> ProblemFunctions:
+        """Functions of the problem."""
+
+    @property
     def rows(self) -> Rows:
         """Bounds, kinds and groups of the rows."""
 
