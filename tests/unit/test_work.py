@@ -38,12 +38,16 @@ def closed_form(distance: float, weight: float, force: float) -> tuple[float, fl
 )
 def test_time_against_work_on_a_rail_matches_the_closed_form(distance, weight, force):
     problem = tm.Problem(rail(force), [0.0], tm.JointGoal([distance]))
-    solution = tm.plan(problem, energy="work", energy_weight=weight)
-    assert solution.success, solution.message
+    options = tm.Options(energy="work", energy_weight=weight)
     T, work = closed_form(distance, weight, force)
-    assert solution.cost == pytest.approx(T + weight * work, rel=1e-3)
+    least = pytest.approx(T + weight * work, rel=1e-3)
+    assert tm.plan(problem, options).cost == least
+    # Accelerations that jump like the force of the motor come closer to its work.
+    solution = tm.plan(problem, options, control="constant")
+    assert solution.success, solution.message
+    assert solution.cost == least
     assert pytest.approx(T, rel=1e-2) == solution.T
-    assert solution.energy == pytest.approx(work, rel=4e-2)
+    assert solution.energy == pytest.approx(work, rel=3e-2)
     # The mass coasts: the motor is idle between acceleration and braking.
     t = np.linspace(0.0, solution.T, 1001)
     idle = np.abs(solution.trajectory(t).u[:, 0]) < 0.05 * force
