@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy.integrate import trapezoid
@@ -9,9 +11,10 @@ from scipy.optimize import brentq
 
 import tominpmp as tm
 from tests.sample_arms import make_arm, slide, swinging_arm
-from tominpmp import options
+from tominpmp import options, stopping
 from tominpmp.exceptions import OptionsError
 from tominpmp.motion.measures import ENERGIES, EnergyKind
+from tominpmp.planner import energy
 
 
 def rail(force: float) -> tm.Robot:
@@ -111,6 +114,23 @@ def test_work_is_weighed_where_torques_are_the_active_limits(swing, weight, cost
     solution = tm.plan(problem, energy="work", energy_weight=weight)
     assert solution.status is tm.Status.CONVERGED, solution.message
     assert solution.cost < cost
+
+
+def test_motion_of_less_work_is_kept_when_the_time_ends(swing, clock, monkeypatch):
+    """Regression: the time limit ended its replay, and the fastest motion was left."""
+    steps = itertools.count()
+
+    def left():
+        clock.advance(100.0 if next(steps) == 15 else 0.0)
+        return stopping.seconds_left()
+
+    monkeypatch.setattr(energy, "seconds_left", left)
+    trade = {"energy": "work", "energy_weight": 0.1}
+    solution = tm.plan(swing[0].problem, **trade, max_planning_time=50.0)
+    assert solution.status is tm.Status.TIME_LIMIT
+    assert "trade of time against work" in solution.message
+    assert solution.verification.ok
+    assert solution.cost < 0.95 * (swing[0].T + 0.1 * swing[0].energy)
 
 
 def test_weight_of_work_trades_time_for_less_work(swing):
