@@ -213,7 +213,7 @@ def bounded(seconds: float | None) -> Iterator[None]:
     """A stage with a time limit of its own, unless a deadline is in force already."""
     deadline = Deadline()
     if seconds is not None:
-        deadline.end = time.perf_counter() + seconds
+        deadline.end = deadline.last = time.perf_counter() + seconds
     with deadline.in_force() if _current.get() is _NEVER else nullcontext():
         yield
 

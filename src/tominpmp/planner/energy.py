@@ -26,7 +26,7 @@ from tominpmp.linear_programs.choice import make_solver
 from tominpmp.motion.measures import ENERGIES
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.planner.candidate import Candidate
-from tominpmp.planner.plan_state import RESERVE, SAVING, PlanState
+from tominpmp.planner.plan_state import REPLAYS, RESERVE, PlanState
 from tominpmp.planner.work import NUMERICAL, REPAIRS, Work, make_and_repair
 from tominpmp.solution import Solution
 from tominpmp.solvers.exchange import RowExchange
@@ -35,7 +35,7 @@ from tominpmp.solvers.objective import Objective
 from tominpmp.solvers.time_and_energy import TimeAndEnergy
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import STOPPED, Status
-from tominpmp.stopping import Stop, bounded, grace, seconds_left
+from tominpmp.stopping import Stop, bounded, grace, seconds_left, seconds_to_end
 from tominpmp.transcription.bspline import DEGREES
 from tominpmp.transcription.layout import LIFTED, QUADRATIC, Layout, on_ticks
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -80,7 +80,7 @@ def reoptimised(
         if options.control_period is not None:
             clocked = on_ticks(candidate.trajectory, options.control_period)
             candidate = replace(candidate, trajectory=clocked)
-        with grace(seconds_left() + SAVING):
+        with grace(seconds_to_end()):
             return candidate.verified(problem, options)
 
     system = ProblemFunctions.of(problem.alternative_of(motion))
@@ -88,8 +88,9 @@ def reoptimised(
 
 
 def _steps_in_time(solution: Solution) -> tuple[Step, Rule]:
-    """Steps, and a stop rule that leaves time for the last step."""
-    reserve = RESERVE * solution.options.time_limit
+    """Steps, and a stop rule that leaves time for a last step and replays."""
+    replay = 0.0 if solution.verification is None else solution.verification.seconds
+    reserve = max(RESERVE * solution.options.time_limit, REPLAYS * replay)
     step, settled = trust_regions(solution.options, make_solver("piqp"))
 
     def late(_: Loop) -> Status | None:
