@@ -76,7 +76,7 @@ def certified(state: PlanState) -> Schedule[None]:
     # A motion that the certificate accepts is nevertheless improved if the predicted
     # gain is worth it: for two of 120 motions in clutter, other orders of obstacles and
     # other solvers find the gain at once.
-    gain, enough, complete = np.inf, min(tolerance, PROMISE), state.complete
+    gain, complete = np.inf, state.complete
     for _ in range(ROUNDS):
         if settled is None or settled.examination is None:
             return
@@ -86,7 +86,7 @@ def certified(state: PlanState) -> Schedule[None]:
         state.complete = complete or certificate.ok
         spent = _is_spent_on_padding(settled.examination, tolerance)
         system = system.padded(LESS_PADDING) if spent else system
-        optimal = certificate.ok and certificate.stationarity <= enough
+        optimal = certificate.ok and certificate.stationarity <= PROMISE
         worth = PROMISE if certificate.ok else LITTLE_PROMISE
         if optimal or (gain <= worth and not spent):
             return
