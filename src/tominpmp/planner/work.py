@@ -162,6 +162,10 @@ def make_and_repair(state: PlanState, work: Work) -> Candidate:
             continue
         if not best.refuted or best.trajectory.duration > LONGEST:
             return best
+        if best.touches:
+            # Links touch on this path at any speed: only its guess is of use.
+            kept = state.kept_iterates[-1:]
+            state.kept_iterates = [item.initial for item in kept if item.initial]
         if best.touches and system is not complete:
             system = complete
             # A final configuration that is free may have drifted to where links touch.
