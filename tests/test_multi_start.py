@@ -99,7 +99,7 @@ class RankedCandidate:
 
     verification = SimpleNamespace(seconds=0.0)
     status = tm.Status.CONVERGED
-    feasible = True
+    feasible, violation = True, 0.0
     refuted = dropped = False
 
     def __init__(self, duration):
