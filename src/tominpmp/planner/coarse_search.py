@@ -155,10 +155,8 @@ def _paths_first(
 
 def _gap_rule(state: PlanState, system: ProblemFunctions, loop: Loop) -> Status | None:
     """Stop rule among obstacles: an iterate is too far above the lower bound."""
-    record = loop.history[-1]
-    bound = state.lower_bound(system.problem).T
-    above = record.duration / max(bound, 1e-12) - 1.0
-    return Status.ITERATION_LIMIT if above > LARGE_GAP else None
+    largest = (1.0 + LARGE_GAP) * state.lower_bound(system.problem).T
+    return Status.ITERATION_LIMIT if loop.history[-1].duration > largest else None
 
 
 def _further_guesses(
