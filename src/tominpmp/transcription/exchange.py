@@ -37,11 +37,9 @@ from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.program import NonlinearProgram
 
 # Continuous values are inspected in steps of this share of the duration, within these
-# least and largest steps [s], and at least this number of times in each interval. With
-# steps of 2 ms throughout, plans for the Fetch, whose motions take seconds, took a
-# fifth longer.
+# least and largest steps [s], and at least PARTS times in each interval. With steps of
+# 2 ms throughout, plans for the Fetch, whose motions take seconds, took a fifth longer.
 STEP_SHARE, STEPS = 2e-3, (2e-3, 5e-3)
-SAMPLES = 4
 # Values with a margin smaller than this are inspected more closely: the first is for
 # collision pairs, beyond the required clearance [m], the second for other values. At a
 # warm start torques with a smaller margin than the second are nearly active: their rows
@@ -51,11 +49,9 @@ CLOSE, CLOSE_VALUE = 1e-3, 1e-2
 PARTS = 8
 # Instants of the closer inspection around an instant, in shares of the step.
 CLOSER_LOOK = (np.arange(PARTS) + 0.5) / PARTS - 0.5
-# Instants closer than this share of an interval count as one. Instants of distances
-# count as one only if they are closer than this time as well [s]: a tip at 20 m/s moves
-# by 3 cm during this share of an interval.
-APART = 0.03
-APART_IN_TIME = 2e-5
+# Instants closer than this share of the duration count as one: in a second a tip at
+# 20 m/s moves by 0.4 mm during it.
+APART = 2e-5
 # The step is refined until obstacles move in it, or values rise in half of it, by no
 # more than this share of the padding, at most this number of times.
 FINE, CUTS = 0.25, 2
@@ -76,8 +72,6 @@ RATES_INSPECTED = tuple(
 )
 # Torques are inspected at this distance from a reversal, in shares of the interval.
 REVERSAL_OFFSET = 0.005
-# Rows closer than this share of the duration count as one.
-SAME_TIME = 1e-4
 
 
 def exchanged(
@@ -169,6 +163,7 @@ class Inspection:
         are left out.
         """
         h = self.motion.h
+        apart = APART * float(h.sum())
         at, excess = self._violations()
         worst = np.max(excess, axis=1, initial=-np.inf)
         found: list[tuple[int, float]] = []
@@ -180,13 +175,10 @@ class Inspection:
             values = excess[inside]
             violated = np.flatnonzero(values.max(axis=0) > 0.0)
             peaks = inside[np.argmax(values[:, violated], axis=0)]
-            apart = APART
-            if self.constraint.gradual:
-                apart = min(apart, APART_IN_TIME / float(h[k]))
             for index in sorted(set(peaks.tolist()), key=lambda i: -worst[i]):
                 share = float(at.share[index])
                 near = taken.setdefault(k, [])
-                if all(abs(share - other) > apart for other in near):
+                if all(abs(share - other) * h[k] > apart for other in near):
                     near.append(share)
                     found.append((k, share))
         return Instants.of_pairs(found)
@@ -320,7 +312,7 @@ def _worst(near: IntArray, violation: Array, parts: int, most: int) -> IntArray:
 def _samples(h: Array, most: int = MOST_SAMPLES) -> Instants:
     """Instants at which to inspect continuous values, sparser if the motion is long."""
     apart = max(np.clip(STEP_SHARE * h.sum(), *STEPS), float(h.sum()) / most)
-    counts: IntArray = np.maximum(np.ceil(h / apart).astype(np.int64), SAMPLES)
+    counts: IntArray = np.maximum(np.ceil(h / apart).astype(np.int64), PARTS)
     interval = np.repeat(np.arange(h.size), counts)
     first = np.repeat(np.cumsum(counts) - counts, counts)
     step = np.arange(interval.size) - first
@@ -361,7 +353,7 @@ def with_rows_at(
             added = times[block.name]
             away = np.abs(added[:, None] - own[block.name])
             apart = np.min(away, axis=1, initial=np.inf)
-            more = np.unique(added[apart > SAME_TIME * float(h.sum())])
+            more = np.unique(added[apart > APART * float(h.sum())])
             at = Instants.at_times(more, h, of.delays)
             at = at if block.within is None else at.within(*block.within)
             blocks[index] = replace(block, fixed=block.fixed.joined(at))
