@@ -22,15 +22,15 @@ from tominpmp.solvers.iterate import Iterate
 from tominpmp.solvers.loop import Loop, Rule, first_of
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import Status
+from tominpmp.transcription.layout import AT_LIMIT
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Least number of intervals for which a coarse search pays off, and linear accelerations
 # do: on longer intervals these lose more than constant ones where torques switch.
 MANY_INTERVALS = 24
-# Speed limits are active at a sample of a guess if a joint has the share AT_LIMIT of
-# its speed limit. They rule the guess if they are active at SPEED_SHARE of its samples;
+# Speed limits rule a guess if a joint is at its limit at this share of its samples;
 # otherwise torques rule it.
-SPEED_SHARE, AT_LIMIT = 0.6, 0.97
+SPEED_SHARE = 0.6
 # Stop rule: over the last PATIENCE iterations the violation exceeds FAR, and its
 # minimum over the later half of these is more than STILL of that over the former half.
 PATIENCE, FAR, STILL = 10, 1e-3, 0.9

@@ -49,15 +49,14 @@ HALVED_SHARE = 0.95
 # A finer grid gains nothing on an interval in which a limiting joint, one that
 # determines T, is at its speed limit throughout. A joint counts as limiting if it is at
 # its speed limit for the share LIMITING of T; other joints may reach theirs only to
-# support its motion elsewhere. Speeds above the share AT_LIMIT of their limit count as
-# being at it.
-AT_LIMIT, LIMITING = 0.999, 0.4
+# support its motion elsewhere.
+LIMITING = 0.4
+# Speeds and torques beyond this share of their limits count as being at them.
+AT_LIMIT = 0.99
 # If constant accelerations leave more than this mean share of the half range of
 # saturated torques unused, intervals are chosen by the unused torque instead of the
 # jumps.
 MUCH_MISSING = 1e-2
-# Torques beyond this share of their limits count as saturated.
-AT_TORQUE_LIMIT = 0.98
 
 
 @dataclass(frozen=True, eq=False)
@@ -311,7 +310,7 @@ def _unused_torques(of: Gridded, z: Array, h: Array) -> Array | None:
         mine = (at.interval >= first) & (at.interval < last)
         torques[mine] = part.torque(q[mine], v[mine], a[mine])
     begin, end = torques.reshape(2, h.size, -1)
-    at_limit = np.maximum(np.abs(begin), np.abs(end)) > AT_TORQUE_LIMIT
+    at_limit = np.maximum(np.abs(begin), np.abs(end)) > AT_LIMIT
     missing = np.where(at_limit, 0.5 * np.abs(end - begin), 0.0)
     # Where a torque switches inside an interval, it is between its limits on all of it.
     # The switching function is zero there: the loss is of the second order in length.
