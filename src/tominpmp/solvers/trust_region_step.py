@@ -49,10 +49,8 @@ LARGEST_WEIGHT = 1e6
 ACCURACY = 0.1
 # Number of iterations over which progress is judged.
 WINDOW = 3
-# Rows that the step violates by more than MISSED join the program, in at most this many
-# rounds.
+# Rows that the step violates join the program, in at most this many rounds.
 ADDITIONS = 3
-MISSED = 1e-4
 # Damping factors of the line search.
 LINE_SEARCH = (0.6, 0.36, 0.2, 0.1, 0.05, 0.02)
 # A step that achieves this share of the predicted reduction needs no correction.
@@ -63,9 +61,8 @@ ENOUGH = 0.8
 CORRECTIONS, CORRECTIONS_OF_EQUATIONS = 1, 4
 # Another correction follows if the last one leaves at most this share of the violation.
 CONTRACTION = 0.5
-# Largest and smallest violation that is corrected.
+# Largest violation that is corrected.
 CORRECTABLE = 1.0
-EXACT = 1e-10
 # Once the objective has settled, the second-order error of the next step may be at most
 # this share of the violation.
 SETTLED_ERROR = 0.05
@@ -218,7 +215,7 @@ class TrustRegionStep:
                     continue
             step = program.step(solution)
             reached = nlp.evaluate(z + step, slack)
-            broken = nlp.rows.violation(reached) > MISSED
+            broken = nlp.rows.violation(reached) > objective.feasibility
             broken[linearization.rows] = False
             if additions == ADDITIONS or not np.any(broken):
                 break
@@ -257,7 +254,7 @@ class TrustRegionStep:
         for _ in range(CORRECTIONS_OF_EQUATIONS if equations else CORRECTIONS):
             left = rows.largest_violation(trial.values)
             achieved = (now - trial.merit) / max(predicted, 1e-12)
-            if achieved >= ENOUGH or not EXACT < left < CORRECTABLE:
+            if achieved >= ENOUGH or not 0.0 < left < CORRECTABLE:
                 break
             linear = values[program.rows] + program.change(trial.z - z)
             error = trial.values[program.rows] - linear
