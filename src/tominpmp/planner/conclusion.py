@@ -26,8 +26,8 @@ from tominpmp.stopping import Stop
 from tominpmp.verification.diagnosis import CUT_SHORT, explain
 from tominpmp.verification.verification import verify
 
-# Shape of the accelerations on an interval, by the degree of the positions.
-ACCELERATIONS = {2: "constant", 3: "linear", 5: "cubic"}
+# Shape of the accelerations on an interval, by their degree.
+ACCELERATIONS = ("constant", "linear", "quadratic", "cubic")
 # The message names a joint as saturated if its effort is at the share SATURATED of its
 # limit for the share MOSTLY of the motion, and dry friction takes as much of it.
 MOSTLY = 0.5
@@ -212,7 +212,7 @@ def _scope(options: Options, motion: Trajectory) -> str:
         return ""
     controls = "constant torques"
     if motion.inverse_dynamics is not None:
-        controls = f"{ACCELERATIONS[motion.degree]} accelerations"
+        controls = f"{ACCELERATIONS[motion.degree - 2]} accelerations"
     return f" among piecewise {controls} on {len(motion.t) - 1} intervals"
 
 

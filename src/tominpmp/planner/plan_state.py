@@ -29,11 +29,11 @@ from tominpmp.transcription.program import NonlinearProgram
 
 # Iterates kept per candidate in addition to the newest.
 MOST_KEPT = 4
-# Time reserved for the last replay: REPLAYS times the longest replay so far, between
-# the shares RESERVE and MOST_RESERVE of the time limit. The first replay is assumed to
-# take as long as AS_ITERATIONS iterations of the descent before it, but no less than
-# END_SECONDS: on six arms it took 2 to 9 of them, with and without dry friction.
-RESERVE, MOST_RESERVE, REPLAYS, AS_ITERATIONS = 0.03, 0.25, 1.5, 5
+# Time reserved for the last replay: REPLAYS times the longest replay so far, up to the
+# share MOST_RESERVE of the time limit. The first replay is assumed to take as long as
+# AS_ITERATIONS iterations of the descent before it, but no less than END_SECONDS: on
+# six arms it took 2 to 9 of them, with and without dry friction.
+MOST_RESERVE, REPLAYS, AS_ITERATIONS = 0.25, 1.5, 5
 # Overrun allowed for one step, and for the conclusion: share of the limit, and [s].
 STEP_SHARE, STEP_SECONDS = 0.02, 0.08
 END_SHARE, END_SECONDS = 0.08, 0.15
@@ -308,7 +308,7 @@ class PlanState:
         if limit == np.inf or not (feasible or guess):
             return 0.0
         replay = REPLAYS * (self._longest_replay or self._first_replay())
-        return min(max(RESERVE * limit, replay), MOST_RESERVE * limit)
+        return min(replay, MOST_RESERVE * limit)
 
     def _first_replay(self) -> float:
         """Estimate of the time that a replay takes before one was timed [s]."""
