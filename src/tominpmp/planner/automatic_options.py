@@ -9,6 +9,7 @@ from tominpmp.linear_programs.choice import make_solver
 from tominpmp.options import Control, Options
 from tominpmp.problem.joint_limits import need_smooth
 from tominpmp.problem.problem import Problem
+from tominpmp.solvers.exchange import ITERATIONS
 from tominpmp.solvers.objective import MinimumTime
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -57,17 +58,12 @@ def resolve_options(problem: Problem, options: Options) -> Options:
     return replace(options, method=method, lp_solver=lp_solver, control=control)
 
 
-def warm_start_options(options: Options, iterations: int) -> Options:
-    """Options for a warm start near an optimum: small trust region, few iterations.
-
-    Args:
-        options: Options of the plan.
-        iterations: Upper limit of the iterations.
-    """
+def warm_start_options(options: Options) -> Options:
+    """Options for a warm start near an optimum: small trust region, few iterations."""
     return replace(
         options,
         trust_region=WARM_RADIUS * options.trust_region,
-        max_iterations=min(iterations, options.max_iterations),
+        max_iterations=min(ITERATIONS, options.max_iterations),
     )
 
 

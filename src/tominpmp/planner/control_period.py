@@ -31,7 +31,7 @@ from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import NUMERICAL, Work, make_and_repair
 from tominpmp.problem.segments import Segment, Span, arrival_window, spans_of
 from tominpmp.solution import Solution
-from tominpmp.solvers.exchange import ITERATIONS, RowExchange
+from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.loop import Loop, Rule, first_of, solve
 from tominpmp.solvers.objective import RESTORABLE
 from tominpmp.solvers.trust_region_step import ACCURACY, trust_regions
@@ -47,10 +47,9 @@ logger = logging.getLogger(__name__)
 
 # Share of the planning time for the search without a clock.
 SEARCH_SHARE = 0.7
-# Most trials. If a trial does not show how many periods are needed, the next one has
-# one period more, plus this share of its periods for each halving.
+# Most trials. If a trial does not show how many periods are needed, the next ones have
+# one period more, then two, four and so on.
 TRIALS = 12
-LONGER = 5e-3
 # The iteration continues while its last step predicts the share HOPE of the missing
 # reduction of the duration, and the duration still changes by the share MOVING of it.
 HOPE = 0.5
@@ -252,7 +251,7 @@ def _bring_to_clock(period: float, former: Candidate, state: PlanState) -> Candi
             # which is another one for every number of periods.
             more = more if len(segments) == 1 else (more + 1) // 2
         else:
-            more = 1 + int(LONGER * halvings * count)
+            more = 2**halvings
             halvings += 1
         # Each further period goes to the segment that is shortest compared with the
         # motion without a clock: the fastest segment determines the duration.
@@ -322,7 +321,7 @@ def _on_knots(
     # are left to the replay, which tolerates much more.
     feasibility = max(state.options.feasibility, LEAST)
     options = replace(state.options, objective="time", feasibility=feasibility)
-    warm = warm_start_options(options, ITERATIONS)
+    warm = warm_start_options(options)
     step, stop = trust_regions(warm, accuracy=EXACT)
     program, z = with_active_rows(*represented)
     result = solve(

@@ -35,8 +35,6 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 Descended = SlpResult[NonlinearProgram]
 
-# Largest number of iterations on a grid, as most of the gain comes with the first step.
-ITERATIONS = 6
 # Least gain that a round must predict where planning time matters less than T, and that
 # a round of improvement must have for another one to follow, as a share of T.
 LITTLE_PROMISE = 3e-4
@@ -67,7 +65,7 @@ def on_finer_grids(result: Descended, state: PlanState) -> Descended:
             return result
     usual = options.refine == "auto" and options.effort != "thorough"
     worth = PROMISE if usual else LITTLE_PROMISE
-    warm, finest = warm_start_options(options, ITERATIONS), result
+    warm, finest = warm_start_options(options), result
     coarsest = best.duration
     step, stop = trust_regions(warm)
     while True:
@@ -100,14 +98,13 @@ def on_finer_grids(result: Descended, state: PlanState) -> Descended:
 
 
 def round_ends(worth: float) -> Rule:
-    """Stop rule of a round: few iterations, or one if it predicts too small a gain.
+    """Stop rule of a round: a single iteration if it predicts too small a gain.
 
     Args:
         worth: Least gain that the first step of a round must predict [s].
     """
 
     def rule(loop: Loop) -> Status | None:
-        little = loop.history[0].predicted < worth
-        return Status.CONVERGED if len(loop.history) >= ITERATIONS or little else None
+        return Status.CONVERGED if loop.history[0].predicted < worth else None
 
     return rule

@@ -26,7 +26,6 @@ from tominpmp.planner.finer_grid import LITTLE_PROMISE
 from tominpmp.planner.first_program import with_active_rows
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import LESS_PADDING, Schedule, Work
-from tominpmp.solvers.exchange import ITERATIONS
 from tominpmp.solvers.objective import MinimumTime
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import Status
@@ -37,9 +36,6 @@ logger = logging.getLogger(__name__)
 
 # Most rounds of improvement, each of which ends with a certificate.
 ROUNDS = 4
-# If removing the padding of distances accounts for PADDING_SHARE of the predicted gain,
-# the padding is multiplied by LESS_PADDING for the next round.
-PADDING_SHARE = 0.3
 # Largest predicted gain of an optimal motion, as a share of T, for effort "thorough".
 THOROUGH = 1e-3
 
@@ -123,13 +119,13 @@ def _examined(
 
 
 def _is_spent_on_padding(findings: Examination, tolerance: float) -> bool:
-    """Whether the padding of distances causes the predicted gain."""
+    """Whether the padding of distances causes most of the predicted gain."""
     if findings.dual is None:
         return False
     multipliers = findings.dual.multipliers
     gained = float(multipliers.predicted_gain[multipliers.of("clearance")].sum())
     promised = max(findings.certificate.stationarity, tolerance)
-    return gained > PADDING_SHARE * promised
+    return 2.0 * gained > promised
 
 
 def _improved(
@@ -153,7 +149,7 @@ def _improved(
     if layout is None:
         return best
     program, z = with_active_rows(*layout.represented(system, best.trajectory))
-    warm = warm_start_options(state.options, ITERATIONS)
+    warm = warm_start_options(state.options)
     quickest = MinimumTime.of(warm, warm.smoothing or 0.0)
     # After a stop a motion with a certificate is worth more than a slightly faster one.
     keep = None if best.status is Status.CONVERGED else state.keep
