@@ -28,12 +28,9 @@ Result = TypeVar("Result")
 
 # Idle workers are kept this long for the next call [s], as starting one takes seconds.
 KEEP = 120.0
-# Workers are assumed to be available within this time after a call [s].
-READY = 0.9 * KEEP
 # Longest waits for results [s]: of workers that were requested to stop, and of workers
 # at the time limit.
-GRACE = 4.0
-LATE = 1.0
+GRACE, LATE = 4.0, 1.0
 # Period of the checks for a request to stop, and for a living parent [s].
 TICK = 0.1
 
@@ -147,7 +144,7 @@ _ending = False
 
 def ready() -> bool:
     """Whether idle workers of a former call are still available."""
-    return time.perf_counter() - _idle_since < READY
+    return time.perf_counter() - _idle_since < KEEP - GRACE
 
 
 @cache

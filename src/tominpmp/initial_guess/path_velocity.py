@@ -22,16 +22,14 @@ from tominpmp.constraints.path import PathConstraint, Window
 from tominpmp.initial_guess.constrained import CLOSE, constraints_of
 from tominpmp.initial_guess.guess import SAMPLED, VIA_POINT, Guess, GuessRequest
 from tominpmp.initial_guess.rrt import LONG, PathSearches
+from tominpmp.initial_guess.timing import POINTS
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Number of places on the path, and the shortest time step between two places [s].
-PLACES = 60
+# Shortest time step between two places on the path [s].
 SHORTEST = 5e-3
-# Most collision checks for a path.
-CHECKS = 30_000
-# Longest duration of a motion that waits: PATIENCE times the duration of the path, but
-# at least LEAST_PATIENCE [s].
-PATIENCE, LEAST_PATIENCE = 10.0, 10.0
+# Longest duration of a motion that waits, in multiples of the duration of the path, or
+# of a second if that is longer.
+PATIENCE = 10.0
 # Additional clearance of a cautious passage, as a share of the reach.
 CAUTIOUS_MARGIN = 0.02
 # Number of guesses without moving obstacles that come first, and the instants at which
@@ -111,7 +109,7 @@ def _with_waiting(
     holding = constraints_of(system, 0, timed=True)
     if watched is None and not holding:
         return guess
-    count = min(PLACES, max(int(guess.duration / SHORTEST), 2))
+    count = min(POINTS, max(int(guess.duration / SHORTEST), 2))
     step = float(guess.duration) / count
     q = guess.position(np.linspace(0.0, guess.duration, count + 1))
     windows = [_forbidden(item, q) for item in holding]
@@ -158,8 +156,8 @@ def _passage(
     """
     here = np.zeros(len(q), dtype=bool)
     here[0] = True
-    reached, time, checks = [here], 0.0, 0
-    most = int(max(PATIENCE * (len(q) - 1), LEAST_PATIENCE / step))
+    reached, time = [here], 0.0
+    most = int(PATIENCE * max(len(q) - 1, 1.0 / step))
     # From this time on the arm may remain at the end.
     over = max((window.end for window, places in windows if places[-1]), default=0.0)
     while not (here[-1] and time >= over):
@@ -173,10 +171,9 @@ def _passage(
                 ahead &= ~places
         if checker is not None:
             tried = np.flatnonzero(ahead)
-            checks += tried.size
             ahead[tried] = list(checker.each_free(q[tried], margin, time))
         here = ahead
-        if not here.any() or len(reached) > most or checks > CHECKS:
+        if not here.any() or len(reached) > most:
             return None
         reached.append(here)
     # Traced back from the end with as few waits as possible: the arm waits early.

@@ -41,6 +41,7 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 
 # Grid points of s, and table entries of x at each: a finer table takes twice as long,
 # changes the durations of guesses by less than 0.1 %, and leads to no fewer programs.
+# Paths with waits have as many places at most.
 POINTS, SPEEDS = 64, 96
 CORNER_POINTS = 9  # grid points added at each rounded corner
 # Bisections for the speed at which a constraint becomes active that is not proportional
