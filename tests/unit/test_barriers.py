@@ -35,7 +35,7 @@ def test_barrier_of_the_first_link_makes_the_problem_infeasible(arm: tm.Robot) -
     assert not solution.success
     assert solution.trajectory is None
     assert "No motion exists: joint 'joint1' has to pass 1.5" in solution.message
-    assert "link 'link1' and obstacle 'ball' lack 0.1" in solution.message
+    assert "link 'link1' and obstacle 'ball' lack 0.09" in solution.message
     assert solution.planning_time < 1.0
 
 

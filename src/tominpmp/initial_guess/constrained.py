@@ -12,12 +12,11 @@ import numpy as np
 
 from tominpmp.arrays import Array, IntArray
 from tominpmp.constraints.path import PathConstraint
+from tominpmp.initial_guess.path import PLACES
 from tominpmp.kinematics import FrameMotions
 from tominpmp.least_squares import LONGEST_STEP, least_squares
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
-# Number of intervals of a path whose inner configurations are shifted.
-PLACES = 24
 # Tolerance of configurations of a path: violations as shares of their scale, distances
 # of frames as shares of the reach.
 CLOSE = 1e-4

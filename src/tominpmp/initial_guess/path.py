@@ -22,6 +22,9 @@ from tominpmp.arrays import Array
 
 # Joint displacement between two collision checks on a path [rad or m].
 RESOLUTION = 0.05
+# Number of intervals of a path whose inner configurations are shifted into constraints,
+# and of points at which two paths, or two motions, are compared.
+PLACES = 24
 # Most halvings of a rounding that collides.
 HALVINGS = 5
 # Corners, and grid points, closer than this, as a share of the path, are merged.

@@ -27,7 +27,7 @@ import numpy as np
 from scipy.constants import golden_ratio
 
 from tominpmp.arrays import Array, IntArray
-from tominpmp.initial_guess.path import RESOLUTION
+from tominpmp.initial_guess.path import PLACES, RESOLUTION
 from tominpmp.kinematics import FrameMotions, last_joint, units_of
 from tominpmp.stopping import check
 from tominpmp.transcription.problem_functions import PADDING, ProblemFunctions
@@ -52,9 +52,7 @@ SHORTCUTS = 120
 # Weight of the displacements of all joints in the length of a path, relative to the
 # displacement of the slowest joint.
 ALL_JOINTS = 0.05
-# Number of points at which two paths are compared, and the distance below which the
-# paths are alike [rad].
-SAMPLES = 24
+# Distance at all places below which two paths, or two motions, are alike [rad].
 NEAR = 0.3
 # The search ends after TRIES consecutive tries without a new path, plus one per end. A
 # try that finds no path at all counts FAILED times: more checks in one try find more
@@ -475,8 +473,8 @@ def alike(system: ProblemFunctions, one: Array, other: Array) -> bool:
 
 
 def _resampled(corners: Array) -> Array:
-    """Points at equal shares of the length of a polyline, shape (SAMPLES, n)."""
+    """Points at equal shares of the length of a polyline, shape (PLACES, n)."""
     lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
     s = np.concatenate([[0.0], np.cumsum(lengths)])
-    at = np.linspace(0.0, s[-1], SAMPLES)
+    at = np.linspace(0.0, s[-1], PLACES)
     return np.stack([np.interp(at, s, column) for column in corners.T], axis=1)

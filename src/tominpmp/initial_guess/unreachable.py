@@ -11,9 +11,10 @@ from tominpmp.arrays import Array
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError
 from tominpmp.goals.frames import PositionGoal
-from tominpmp.initial_guess.constrained import PLACES, constraints_of
+from tominpmp.initial_guess.constrained import constraints_of
 from tominpmp.initial_guess.guess import KINEMATIC_STARTS
 from tominpmp.initial_guess.inverse_kinematics import REACHED, GoalSearch, Target
+from tominpmp.initial_guess.path import PLACES
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.state_checks import unheld
 from tominpmp.transcription.problem_functions import ProblemFunctions

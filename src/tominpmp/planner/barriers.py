@@ -13,11 +13,9 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.goals.turns import TURN
+from tominpmp.initial_guess.guess import SAMPLES
 from tominpmp.kinematics import units_of
 from tominpmp.problem.problem import Problem
-
-# Positions of a joint that are checked between start and goal.
-PLACES = 128
 
 
 def find_barrier(problem: Problem, tolerated: float) -> str:
@@ -92,12 +90,12 @@ def _between(
     pairs = np.flatnonzero((joint >= 0) & np.all(begin != ends, axis=0)[joint])
     if not pairs.size:
         return ""
-    q = np.linspace(begin, ends, PLACES, axis=1).reshape(-1, robot.n)
+    q = np.linspace(begin, ends, SAMPLES, axis=1).reshape(-1, robot.n)
     instants = np.repeat(np.arange(len(q)), pairs.size)
     each = np.tile(pairs, len(q))
     margins = problem.margins
     distances = checker.measured(q, instants, each, margins[each])
-    slack = (distances - margins[each]).reshape(len(ends), PLACES, pairs.size)
+    slack = (distances - margins[each]).reshape(len(ends), SAMPLES, pairs.size)
 
     def narrowest(j: int) -> tuple[float, int]:
         """Least slack of a joint on its widest way, and its index in ``slack``."""

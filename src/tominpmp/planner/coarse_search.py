@@ -23,6 +23,8 @@ import numpy as np
 
 from tominpmp.arrays import Array
 from tominpmp.initial_guess.guess import SAMPLED, CachedGuesses, Guess, bumps
+from tominpmp.initial_guess.path import PLACES
+from tominpmp.initial_guess.rrt import NEAR
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.planner.automatic_options import PROMISE, WARM_RADIUS
@@ -62,11 +64,8 @@ REMAINING = 3.0
 # Compared with known motions, plans of a Fetch take 0.7 of the time, and six of 40
 # motions are 5 to 26 % slower.
 TOO_SLOW = 1.4
-# Two motions count as the same if they differ by less than SAME [rad, or shares of the
-# reach] at each of SAMPLES instants.
-SAMPLES = 12
-SAME = 0.05
-# The search ends where the gap of the incumbent to the lower bound is at most this.
+# The search ends where the gap of the incumbent to the lower bound is at most this. One
+# follows a warm start unless it is faster than the first guess by more than this.
 GAP = 0.03
 # For arms of at most FEW_JOINTS joints the search continues in free space, too: they
 # may swing, or flip their elbow. For arms of more joints, up to MOST_JOINTS, it
@@ -172,8 +171,8 @@ def _further_guesses(
 
 
 def _shape_of(system: ProblemFunctions, motion: Trajectory) -> Array:
-    """Scaled configurations at evenly spaced instants, shape (SAMPLES, n)."""
-    times = np.linspace(0.0, 1.0, SAMPLES) * motion.duration
+    """Scaled configurations at evenly spaced instants, shape (PLACES, n)."""
+    times = np.linspace(0.0, 1.0, PLACES) * motion.duration
     return np.asarray(motion(times, 0) / system.step_scale)
 
 
@@ -184,7 +183,7 @@ class CoarseMotion:
     Attributes:
         candidate: The candidate.
         guess: Its guess.
-        shape: Scaled configurations for comparisons, shape (SAMPLES, n).
+        shape: Scaled configurations for comparisons, shape (PLACES, n).
     """
 
     candidate: Candidate
@@ -312,7 +311,7 @@ class CoarseSearch:
         return loop.drop() if known or self._is_slower(loop) else None
 
     def _is_known(self, shape: Array) -> bool:
-        return any(np.max(np.abs(shape - rough.shape)) < SAME for rough in self.known)
+        return any(np.max(np.abs(shape - rough.shape)) < NEAR for rough in self.known)
 
     def _is_slower(self, loop: Loop) -> bool:
         """Whether a start will end slower than the best motion on the coarse grid.
