@@ -60,15 +60,14 @@ VIA_GUESSES = 4
 # straight line by at most this share.
 NEAR = 0.2
 # Height of a bump in a single joint [rad]: smaller bumps lead back to the same optimum,
-# see benchmarks/known_optima.py.
+# see benchmarks/known_optima.py. It is the largest standard deviation of random heights
+# of bumps in all joints.
 HEIGHT = 2.0
-# Standard deviations of the heights of random bumps in all joints, in turn [rad], and
-# their factors by the number of arcs.
-SPREADS = (0.8, 1.6, 0.3, 2.4)
-ARCS = (1.0, 0.6, 0.4)
-# Detours that are too fast by a larger factor are slowed down to it: detours that are
-# far too fast take a hundred programs. Slower detours lead back to the straight line,
-# although an arm that swings is faster.
+# Most arcs of a bump.
+ARCS = 3
+# Detours that are too fast by a larger factor are slowed down to it, former motions to
+# their limits: detours that are far too fast take a hundred programs. Slower detours
+# lead back to the straight line, although an arm that swings is faster.
 TOO_FAST = 3.0
 
 
@@ -449,14 +448,14 @@ def bumps(
         Guesses, without end.
     """
     order = range(system.n) if from_base else range(system.n)[::-1]
-    every = range(len(ARCS)), order, (-HEIGHT, HEIGHT)
-    for arcs, joint, height in itertools.product(*every):
-        heights = np.zeros((len(ARCS), system.n))
+    for arcs, joint, height in itertools.product(range(ARCS), order, (-HEIGHT, HEIGHT)):
+        heights = np.zeros((ARCS, system.n))
         heights[arcs, joint] = height
         yield bumped(system, guess, heights)
-    for spread in itertools.cycle(SPREADS):
-        heights = rng.normal(size=(len(ARCS), system.n))
-        yield bumped(system, guess, spread * np.array(ARCS)[:, None] * heights)
+    shares = 1.0 / np.arange(1, ARCS + 1)[:, None]
+    while True:
+        heights = HEIGHT * rng.uniform() * rng.normal(size=(ARCS, system.n))
+        yield bumped(system, guess, shares * heights)
 
 
 def bumped(system: ProblemFunctions, guess: Guess, heights: Array) -> Guess:

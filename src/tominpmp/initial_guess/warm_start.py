@@ -17,7 +17,7 @@ from scipy.interpolate import CubicHermiteSpline
 from tominpmp.arrays import Array
 from tominpmp.checks import instance
 from tominpmp.exceptions import ProblemError, ScenarioError
-from tominpmp.initial_guess.guess import SAMPLES, Guess
+from tominpmp.initial_guess.guess import SAMPLES, TOO_FAST, Guess
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.problem.joint_limits import joint_limits
@@ -39,9 +39,6 @@ from tominpmp.verification.stages import checked_in_segments
 # The guess begins at a later state of the motion if that is closer to the new start, by
 # this factor, than both ends of the motion, and the motion leads closer to the goal.
 CLOSER = 0.5
-# A former motion that is too fast by a larger factor is slowed down: a descent from it
-# would take many iterations.
-FAR_TOO_FAST = 2.0
 # Weight of differences in velocity, as a share of the duration.
 SPEED_WEIGHT = 0.1
 # Least duration of a segment [s].
@@ -223,7 +220,7 @@ def _slowed_down(system: ProblemFunctions, motion: Trajectory) -> Trajectory:
         if item.kind.quantity in values:
             share = np.max(np.abs(values[item.kind.quantity]) / item.upper)
             factor = max(factor, float(share) ** (1.0 / item.kind.order))
-    if inverse is None or factor <= FAR_TOO_FAST:
+    if inverse is None or factor <= TOO_FAST:
         return motion
     slow = replace(
         motion,

@@ -58,8 +58,6 @@ TO_START = 5.0
 # Most guesses per process in a batch, all of which are made before its descents begin:
 # a single guess may take seconds.
 BATCH = 4
-# A search follows a warm start if its T exceeds this share of the first guess's T.
-BEATABLE = 0.95
 
 
 def _usual_starts(system: ProblemFunctions, options: Options) -> int:
@@ -376,4 +374,4 @@ def _beatable(
     guess = next(guesses.since(0), None)
     if guess is None or not guess.timed:
         return False
-    return bool(state.best_duration > BEATABLE * guess.duration)
+    return bool(state.best_duration > (1.0 - GAP) * guess.duration)

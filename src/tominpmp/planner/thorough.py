@@ -17,7 +17,7 @@ from contextlib import suppress
 import numpy as np
 
 from tominpmp.exceptions import ProblemError
-from tominpmp.initial_guess.guess import SPREADS, Guess, GuessRequest, bumped, bumps
+from tominpmp.initial_guess.guess import HEIGHT, Guess, GuessRequest, bumped, bumps
 from tominpmp.initial_guess.path_velocity import guesses_of
 from tominpmp.initial_guess.segments import segmented_guesses
 from tominpmp.planner.coarse_search import CoarseSearch, coarse_grids_apply
@@ -124,8 +124,8 @@ def _around_best(
     system: ProblemFunctions, state: PlanState, rng: np.random.Generator
 ) -> Iterator[Guess | None]:
     """Detours from the incumbent; None while there is no incumbent."""
-    for spread in itertools.cycle(SPREADS):
-        heights = spread * rng.normal(size=(2, system.n))
+    while True:
+        heights = HEIGHT * rng.uniform() * rng.normal(size=(2, system.n))
         best = state.incumbent
         guess = None if best is None else Guess.of_motion(best.trajectory)
         yield None if guess is None else bumped(system, guess, heights)
