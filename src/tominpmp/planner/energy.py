@@ -32,6 +32,7 @@ from tominpmp.solution import Solution
 from tominpmp.solvers.exchange import RowExchange
 from tominpmp.solvers.loop import Loop, Rule, Step, first_of, solve
 from tominpmp.solvers.objective import Objective
+from tominpmp.solvers.quiet_torques import SETTLED
 from tominpmp.solvers.time_and_energy import TimeAndEnergy
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import STOPPED, Status
@@ -48,9 +49,9 @@ PACES = np.geomspace(1.0, 100.0, 21).tolist()
 # Intervals of the optimal motion per interval of the fastest one: if its torques jump,
 # at other times than in the fastest motion, and if they are continuous.
 FINER = {True: 2, False: 3}
-# Relative reduction of the cost below which rough descents have settled, and the weight
-# of the energy in the descent to a slow motion, as a multiple of the requested one.
-ROUGH, HEAVIER = 1e-3, 30.0
+# Weight of the energy in the descent to a slow motion, as a multiple of the requested
+# one.
+HEAVIER = 30.0
 
 
 def reoptimised(
@@ -197,7 +198,7 @@ def _roughly_cheapest(
     system = ProblemFunctions.of(solution.problem.alternative_of(former))
     layout = _layout(solution, former)
     program, z = layout.represented(system, former, within=True)
-    rough = replace(objective, tolerance=ROUGH)
+    rough = replace(objective, tolerance=SETTLED)
     slow = replace(rough, weight=HEAVIER * rough.weight)
 
     def descent(towards: TimeAndEnergy, z: Array) -> Array:

@@ -30,7 +30,7 @@ from tominpmp.constraints.base import Partials, States
 from tominpmp.motion.measures import ENERGIES, EnergyKind
 from tominpmp.options import Options
 from tominpmp.solvers.iterate import Iterate
-from tominpmp.solvers.objective import Model, Objective
+from tominpmp.solvers.objective import PROXIMAL, Model, Objective
 from tominpmp.transcription.base import Linearization, Motion, Transcription, Variation
 from tominpmp.transcription.instants import Instants
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -44,9 +44,6 @@ SHARES = tuple((0.5 + POINTS).tolist())
 SETTLED = 1e-6
 # Relative change of a duration for the difference quotient of the curvature along it.
 STRETCH = 1e-3
-# Proximal term: cost of a step of the size of the trust region in each unknown, as a
-# share of the work.
-TRACE = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +102,7 @@ class TimeAndEnergy(Objective):
         gradient = np.asarray(jacobian.T @ np.where(near, 0.5, terms > 0.0))
         pace = self._pace_curvature(program, z, energy, sp.csr_matrix((1, z.size)))
         # A small proximal term determines the unknowns that do not affect the energy.
-        trace = np.sqrt(TRACE * energy)
+        trace = np.sqrt(2.0 * PROXIMAL * energy / z.size)
         still = np.divide(trace, box, out=np.zeros(z.size), where=box > 0.0)
         root = np.sqrt(k) * sp.vstack([pace, sp.diags(still)], format="csr")
         gradient = program.cost + k * gradient
