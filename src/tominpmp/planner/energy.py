@@ -26,7 +26,7 @@ from tominpmp.linear_programs.choice import make_solver
 from tominpmp.motion.measures import ENERGIES
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.planner.candidate import Candidate
-from tominpmp.planner.plan_state import REPLAYS, RESERVE, PlanState
+from tominpmp.planner.plan_state import END_SECONDS, REPLAYS, PlanState
 from tominpmp.planner.work import NUMERICAL, REPAIRS, Work, make_and_repair
 from tominpmp.solution import Solution
 from tominpmp.solvers.exchange import RowExchange
@@ -91,7 +91,7 @@ def reoptimised(
 def _steps_in_time(solution: Solution) -> tuple[Step, Rule]:
     """Steps, and a stop rule that leaves time for a last step and replays."""
     replay = 0.0 if solution.verification is None else solution.verification.seconds
-    reserve = max(RESERVE * solution.options.time_limit, REPLAYS * replay)
+    reserve = max(END_SECONDS, REPLAYS * replay)
     step, settled = trust_regions(solution.options, make_solver("piqp"))
 
     def late(_: Loop) -> Status | None:
