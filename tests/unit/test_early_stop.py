@@ -102,6 +102,25 @@ def test_a_plan_that_is_stopped_later_has_no_worse_motion():
     assert durations == sorted(durations, reverse=True)
 
 
+@pytest.mark.parametrize(("method", "most"), [("adjoint", 8), ("collocation", 7)])
+def test_feasible_iterate_of_states_or_torques_is_returned_as_it_is(method, most):
+    """Regression: time scaling by a factor of 1 changed it, as it recomputes torques:
+    each motion by collocation or shooting was lost once its plan was stopped.
+    """
+    seen = []
+
+    def stops(record):
+        seen.append(record)
+        return len(seen) == most
+
+    ball = tm.Sphere("ball", radius=0.4, position=(3.0, 1.0, 0.0))
+    problem = replace(planar(), goal=tm.JointGoal((2.0, -1.0, 0.5)))
+    problem = replace(problem, scene=tm.Scene([ball]))
+    solution = tm.plan(problem, method=method, callback=stops)
+    assert solution.status is tm.Status.INTERRUPTED
+    assert solution.success and solution.T == pytest.approx(seen[-1].duration, rel=1e-3)
+
+
 def with_coarse_fallback() -> PlanState:
     """A plan whose only motion is on a coarse grid, without a replay."""
     problem = planar()

@@ -261,8 +261,8 @@ class NonlinearProgram:
         return bounds._replace(lower=lower)
 
     def time_scale(self, z: Array, factor: float) -> Array:
-        """Iterate for the same path, slower by a factor."""
-        return self.transcription.time_scale(z, factor)
+        """Iterate for the same path, slower by a factor; z itself for a factor of 1."""
+        return z if factor == 1.0 else self.transcription.time_scale(z, factor)
 
     def slower(self, z: Array, factor: float, values: Array) -> tuple[Array, Array]:
         """Iterate for the same path, slower by a factor, and its row values.
