@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import tominpmp as tm
+from tominpmp.kinematics import RobotKinematics
 from tominpmp.linear_programs.highs import HighsSolver
 
 START = np.array([0.5, 1.7, -1.7])
@@ -55,6 +56,35 @@ def test_programs_of_small_motions_need_no_simplex_method(
     goal = tm.JointGoal(start + way)
     solution = tm.plan(tm.Problem(panda, start, goal), max_planning_time=np.inf)
     assert solution.status is tm.Status.CONVERGED, solution.message
+
+
+KINOVA = np.array([-1.1, 0.92, 0.43, -1.4, 0.62, 1.3])
+
+
+@pytest.mark.parametrize("direction", [(0.6, 0.0, 0.8), (-0.8, 0.6, 0.0)])
+def test_position_a_tenth_of_a_millimetre_away_needs_no_simplex_method(
+    direction: tuple[float, ...],
+) -> None:
+    """Regression: the unit of the duration was that of the control points, so that the
+    interior-point method failed: the simplex method took 17 000 pivots and more.
+    """
+    kinova = tm.load_robot("kinova")
+    frame = kinova.frame_names[-1]
+    there = RobotKinematics(kinova).placement(KINOVA, frame).translation
+    goal = tm.PositionGoal(frame, there + 1e-4 * np.array(direction))
+    solution = tm.plan(tm.Problem(kinova, KINOVA, goal), max_planning_time=np.inf)
+    assert solution.status is tm.Status.CONVERGED, solution.message
+    assert sum(record.pivots for record in solution.history) < 2000
+
+
+def test_small_motion_is_not_compared_with_detours() -> None:
+    """Regression: detours of 2 rad, of several seconds, followed a motion of 1 ms."""
+    kinova = tm.load_robot("kinova")
+    way = 1e-4 * np.array([0.4, -0.9, 0.1, -0.5, 0.8, -0.9])
+    problem = tm.Problem(kinova, KINOVA, tm.JointGoal(KINOVA + way))
+    solution = tm.plan(problem, max_planning_time=np.inf)
+    assert solution.status is tm.Status.CONVERGED, solution.message
+    assert max(record.duration for record in solution.history) < 0.1
 
 
 @pytest.mark.parametrize("method", ["collocation", "adjoint"])

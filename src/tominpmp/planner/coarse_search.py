@@ -261,10 +261,21 @@ class CoarseSearch:
         return 2 if self.state.exceeds_bound(1.0 + WIDE_GAP, self.system.problem) else 1
 
     @property
+    def decided(self) -> bool:
+        """Whether within the duration of a known motion no joint can get elsewhere.
+
+        At their speed limits, all faster motions count as the same.
+        """
+        fastest = min((rough.duration for rough in self.known), default=np.inf)
+        most = fastest * self.system.problem.robot.limits.velocity
+        return bool(np.all(most < NEAR * self.system.step_scale))
+
+    @property
     def promising(self) -> bool:
         """Whether a much faster motion than the incumbent may exist."""
         system, best = self.system, self.state.best_duration
-        if system.final_configuration is None or system.n > MOST_JOINTS:
+        several = system.final_configuration is None or system.n > MOST_JOINTS
+        if several or self.decided:
             return False
         if best == np.inf:
             # Among obstacles all guesses have been tried.
@@ -362,18 +373,17 @@ class CoarseSearch:
         for guess in itertools.islice(guesses, wanted):
             if not self._is_too_slow(guess):
                 yield from self.solve_coarse(guess)
-        tried: list[CoarseMotion] = []
+        found = sorted(self.known, key=lambda rough: rough.duration)
         while True:
-            untried = [rough for rough in self.known if rough not in tried]
-            for rough in sorted(untried, key=lambda rough: rough.duration):
-                tried.append(rough)
+            for rough in found:
                 candidate = yield from self.finish(rough)
                 if candidate is not None and candidate.confirmed:
                     return
-            further = next(guesses, None)
+            further = None if self.decided else next(guesses, None)
             if further is None:
                 return
-            yield from self.solve_coarse(further)
+            other = yield from self.solve_coarse(further)
+            found = [] if other is None else [other]
 
     def probes(
         self, guesses: Iterable[Guess], patience: float = np.inf

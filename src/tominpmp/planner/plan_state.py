@@ -87,8 +87,8 @@ class PlanState:
         searches: Success of the searches for paths around obstacles.
         reached: Configurations found for goals that leave them open, see
             :class:`~tominpmp.initial_guess.guess.GuessRequest`.
-        former: A warm start that has the ends of the problem, not replayed yet; None
-            without one.
+        former: A warm start that has the ends of the problem, not replayed before it is
+            recalled; None without one.
         tried: Keys of the starts from which descents on coarse grids and shooting
             began, see :func:`start_key`.
     """
@@ -155,7 +155,7 @@ class PlanState:
         """
         self.candidates.append(replace(candidate, **changes))
 
-    def recall_former(self, status: Status) -> bool:
+    def recall_former(self, status: Status) -> None:
         """Keep the warm start as a candidate, if its replay keeps all limits.
 
         It is left out if the incumbent is faster. It may exceed the limits by what the
@@ -165,22 +165,18 @@ class PlanState:
         Args:
             status: Status of the candidate.
 
-        Returns:
-            Whether it is kept.
-
         Raises:
             Stop: If it is time to stop.
         """
         former = self.former
         if former is None or self.best_duration < former.trajectory.duration:
-            return False
-        known = (x for x in self.candidates if x.trajectory is former.trajectory)
-        tolerance = min(self.options.limit_tolerance, USABLE)
-        strict = replace(self.options, limit_tolerance=tolerance)
-        same = next(known, None) or former.verified(self.problem, strict)
-        if same.confirmed:
-            self.amend(same, status=status)
-        return same.confirmed
+            return
+        if former.verification is None:
+            tolerance = min(self.options.limit_tolerance, USABLE)
+            strict = replace(self.options, limit_tolerance=tolerance)
+            self.former = former = former.verified(self.problem, strict)
+        if former.confirmed:
+            self.amend(former, status=status)
 
     def begin(self) -> None:
         """Begin the next candidate."""

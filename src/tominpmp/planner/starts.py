@@ -100,10 +100,8 @@ def starts(
                 # There may be no time to bring another motion to the clock.
                 state.recall_former(Status.FEASIBLE)
         candidate = yield _warm_start_work(system, former, state)
-        status = Status.FEASIBLE if candidate is None else candidate.status
-        kept = state.recall_former(status)
-        solved = kept or (candidate is not None and candidate.confirmed)
-        enough = solved and (options.starts or 1) == 1
+        state.recall_former(candidate.status if candidate else Status.FEASIBLE)
+        enough = state.incumbent is not None and (options.starts or 1) == 1
         if enough and not _beatable(system, state, guesses):
             return
     if options.method in SHOOTING:
@@ -371,7 +369,6 @@ def _beatable(
         return False
     if not state.exceeds_bound(1.0 + GAP, system.problem):
         return False
-    guess = next(guesses.since(0), None)
-    if guess is None or not guess.timed:
-        return False
-    return bool(state.best_duration > (1.0 - GAP) * guess.duration)
+    first = itertools.islice(guesses.since(0), 1)
+    least = min((guess.duration for guess in first if guess.timed), default=np.inf)
+    return bool(state.best_duration > (1.0 - GAP) * least)

@@ -330,9 +330,7 @@ def _section(motion: Trajectory, number: int, begin: float, end: float) -> Traje
     u = np.array(motion.u[rows])
     each = motion.segment_dynamics
     inverse = each[number] if each else motion.inverse_dynamics
-    a = motion.a
-    if a is not None:
-        a = a[first : last + 1 if len(a) == motion.t.size else last]
+    a = None if motion.a is None else motion.a[first : last + (motion.degree == 5)]
     if last < motion.t.size - 1 and inverse is not None:
         before = motion(np.nextafter(motion.t[last], 0.0)).a
         u[-1] = inverse(motion.q[last][None], motion.v[last][None], before[None])[0]

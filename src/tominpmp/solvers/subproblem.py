@@ -45,7 +45,7 @@ class Subproblem:
         matrix: Jacobian of the rows by the unknowns that can change, shape (r, k).
         lost: Orthonormal changes of these rows that no step makes, shape (r, d): a pose
             has more components than an arm of five joints can change.
-        unit: Unit of the steps in the program.
+        units: Units of the steps in the program, shape (k,).
     """
 
     state: Iterate
@@ -54,7 +54,7 @@ class Subproblem:
     rows: IntArray
     matrix: sp.csr_matrix
     lost: Array
-    unit: float
+    units: Array
 
     def change(self, step: Array) -> Array:
         """Change of the linearised rows in a step, shape (r,)."""
@@ -63,7 +63,7 @@ class Subproblem:
     def step(self, solution: LpSolution) -> Array:
         """Step in all unknowns, shape (size,)."""
         step = np.zeros(self.state.z.size)
-        step[self.free] = self.unit * solution.x[: self.free.size]
+        step[self.free] = self.units * solution.x[: self.free.size]
         return step
 
     def multipliers(self, solution: LpSolution) -> Array:
@@ -92,21 +92,23 @@ def build_subproblem(
             step.
         accuracy: Duality gap below which the program counts as solved [s].
     """
-    rows, steps, unit = state.rows, linearization.steps, linearization.unit
+    rows, steps = state.rows, linearization.steps
     free = np.flatnonzero(steps.upper - steps.lower > 0.0)
+    units = np.broadcast_to(linearization.units, state.z.shape)[free]
+    scale = sp.diags(units)
     near, lost = _attainable(state, linearization, free)
     chosen, body, low, high = _rows_within_reach(near, linearization, free)
     violation = rows.group_violation(state.values)
     slack_groups = np.flatnonzero(violation > NEGLIGIBLE)
     elastic = _elastic_columns(near, chosen, violation, slack_groups)
-    by_step = unit * body
+    by_step = body @ scale
     blocks: list[list[sp.spmatrix | None]] = [[by_step, elastic]]
     # Costs and bounds of the columns, and bounds of the rows, by blocks.
-    lower, upper = steps.lower[free] / unit, steps.upper[free] / unit
-    gradient = unit * model.gradient[free]
+    lower, upper = steps.lower[free] / units, steps.upper[free] / units
+    gradient = units * model.gradient[free]
     columns, bounds = [(gradient, lower, upper)], [(low, high)]
     if model.variation is not None:
-        jumps = unit * model.variation.matrix[:, free]
+        jumps = model.variation.matrix[:, free] @ scale
         differences = model.variation.at(state.z)
         weights = np.full_like(differences, model.weight)
         blocks = [[by_step, None, elastic], [jumps, -sp.identity(weights.size), None]]
@@ -117,14 +119,14 @@ def build_subproblem(
     weights = state.weights[rows.group_kind[slack_groups]]
     most = np.maximum(violation[slack_groups] * (1.0 + 1e-9), LEAST_ROOM)
     columns.append((weights, np.zeros(most.size), most))
-    matrix, of_step = sp.bmat(blocks, format="csc"), unit * model.root[:, free]
+    matrix, of_step = sp.bmat(blocks, format="csc"), model.root[:, free] @ scale
     curved = sp.csc_matrix(of_step.T @ of_step)
     # The objective is linear in all other columns.
     curved.resize(matrix.shape[1], matrix.shape[1])
     cost, lower, upper = map(np.concatenate, zip(*columns, strict=True))
     low, high = map(np.concatenate, zip(*bounds, strict=True))
     program = LinearProgram(matrix, cost, lower, upper, low, high, curved, accuracy)
-    return Subproblem(state, program, free, chosen, body, lost[chosen], unit)
+    return Subproblem(state, program, free, chosen, body, lost[chosen], units)
 
 
 def _attainable(

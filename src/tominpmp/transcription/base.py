@@ -55,13 +55,14 @@ class Linearization(NamedTuple):
         rows: Indices of the rows that can become active in the step, shape (k,).
         matrix: Their Jacobian, shape (k, size).
         steps: Box for the step.
-        unit: Unit of the step in programs, see :meth:`Transcription.unit`.
+        units: Units of the steps in programs, a number or of shape (size,), see
+            :meth:`Transcription.units`.
     """
 
     rows: IntArray
     matrix: sp.csr_matrix
     steps: StepBounds
-    unit: float = 1.0
+    units: Array | float = 1.0
 
 
 class Variation(NamedTuple):
@@ -392,8 +393,8 @@ class Transcription(ABC, Generic[M]):
         length = min(LENGTH_STEP, radius) * z[-self._m :]
         return StepBounds(np.append(lower, -length), np.append(upper, length))
 
-    def unit(self, z: Array) -> float:
-        """Unit of steps in programs: 1, as torques are shares of their limits."""
+    def units(self, z: Array) -> Array | float:
+        """Units of steps in programs: 1, as torques are shares of their limits."""
         return 1.0
 
     @abstractmethod

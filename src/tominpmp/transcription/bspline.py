@@ -289,9 +289,10 @@ class BSplineTranscription(Transcription[SplineMotion]):
         return np.concatenate([(points - self._base).ravel(), z[count:]])
 
     def steps(self, z: Array, radius: float) -> tuple[Array, Array]:
-        """Steps of the control points within position limits."""
+        """Steps of the control points within position limits, shorter for small T."""
         limits = self.system.problem.robot.limits
         points = z[: self.point_unknowns].reshape(-1, self._n) + self._base
+        radius *= self.units(z)[-1]
         box = np.broadcast_to(radius * self.system.step_scale, points.shape)
         lower = np.maximum(-box, np.minimum(limits.position_lower - points, 0.0))
         upper = np.minimum(box, np.maximum(limits.position_upper - points, 0.0))
@@ -394,13 +395,15 @@ class BSplineTranscription(Transcription[SplineMotion]):
 
         return HullRows(name, bounds, of_motion, by_unknowns)
 
-    def unit(self, z: Array) -> float:
-        """Unit of steps in programs: the displacement at 10 rad/s^2 within T.
+    def units(self, z: Array) -> Array:
+        """Units of steps in programs: the displacement at 10 rad/s^2 within T.
 
-        It is at most 1. In rad, hardly a program of a motion within 20 ms meets the
-        tolerances of the solvers.
+        Durations have its root as unit, which is T in units of 0.3 s. Both are at most
+        1. In rad and s, hardly a program of a motion within 20 ms meets the tolerances
+        of the solvers.
         """
-        return float(np.clip(10.0 * (self.cost @ z) ** 2, 1e-6, 1.0))
+        unit = np.clip(10.0 * (self.cost @ z) ** 2, 1e-6, 1.0)
+        return np.repeat([unit, np.sqrt(unit)], [self.point_unknowns, self._m])
 
     def attention(self, steps: StepBounds) -> float:
         """Clearance that a step of the control points can use up, over the reach."""

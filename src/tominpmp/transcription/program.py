@@ -167,8 +167,8 @@ class NonlinearProgram:
             block.jacobian(motion, np.flatnonzero(mine))
             for block, mine in self._by_block(chosen)
         ]
-        matrix, unit = sp.vstack(parts, format="csr"), self.transcription.unit(z)
-        return Linearization(np.flatnonzero(chosen), matrix, steps, unit)
+        matrix, units = sp.vstack(parts, format="csr"), self.transcription.units(z)
+        return Linearization(np.flatnonzero(chosen), matrix, steps, units)
 
     def curvature(self, z: Array, multipliers: Array) -> sp.csr_matrix:
         """Root of the curvature of the rows whose constraints have one.
