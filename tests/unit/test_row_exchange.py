@@ -15,9 +15,9 @@ from tominpmp.linear_programs.choice import make_solver
 from tominpmp.linear_programs.piqp import USUAL_TERMINATION, PiqpSolver, Termination
 from tominpmp.options import Options
 from tominpmp.solvers import loop as loops
-from tominpmp.solvers.exchange import ITERATIONS, LEAST_RADIUS, SETTLED, RowExchange
+from tominpmp.solvers.exchange import LEAST_RADIUS, SETTLED, RowExchange
 from tominpmp.solvers.iterate import Iterate
-from tominpmp.solvers.loop import Loop
+from tominpmp.solvers.loop import ITERATIONS, Loop
 from tominpmp.solvers.objective import MinimumTime
 from tominpmp.solvers.trust_region_step import GROWTH, trust_regions
 from tominpmp.status import Status

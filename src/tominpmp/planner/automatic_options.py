@@ -9,7 +9,7 @@ from tominpmp.linear_programs.choice import make_solver
 from tominpmp.options import Control, Options
 from tominpmp.problem.joint_limits import need_smooth
 from tominpmp.problem.problem import Problem
-from tominpmp.solvers.exchange import ITERATIONS
+from tominpmp.solvers.loop import ITERATIONS
 from tominpmp.solvers.objective import MinimumTime
 from tominpmp.transcription.problem_functions import ProblemFunctions
 

@@ -16,17 +16,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from tominpmp.arrays import Array
-from tominpmp.solvers.loop import SETTLED_RADIUS, Loop
+from tominpmp.solvers.loop import ITERATIONS, SETTLED_RADIUS, Loop
 from tominpmp.solvers.objective import RESTORABLE
 from tominpmp.status import STOPPED, Status
 from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.verification import LONGEST
 
-# Iterations that follow near an optimum: after rows have joined, even beyond the
-# iteration limit, and in a round of improvement. How often rows may join at the end of
-# an iteration.
-ITERATIONS, EXTENSIONS = 25, 12
+# How often rows may join at the end of an iteration.
+EXTENSIONS = 12
 # Least trust-region radius, as a share of the initial one, after rows have joined. If
 # the motion is nearly optimal without them, it is the largest radius instead, and
 # SETTLED_RADIUS the least: a step uses the whole trust region for unknowns that the

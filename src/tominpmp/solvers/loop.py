@@ -41,6 +41,9 @@ Callback = Callable[[IterationRecord], None]
 Keep = Callable[[NonlinearProgram, Iterate], None]
 # Stop rule: the status with which the loop ends; None to continue.
 Rule = Callable[["Loop"], Status | None]
+# Iterations that follow near an optimum: after rows have joined, even beyond the
+# iteration limit, and from a warm start.
+ITERATIONS = 25
 # Least trust-region radius of a loop that has settled, as a share of the initial one.
 SETTLED_RADIUS = 0.01
 # Radius below which a loop has stalled, as a share of the initial one.
