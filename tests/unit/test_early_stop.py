@@ -204,7 +204,7 @@ def test_feasible_fallback_is_tried_before_the_first_guess(monkeypatch):
     sound = near._replace(iterate=near.iterate.on(near.program, z), feasible=True)
     monkeypatch.setattr(KeptIterate, "clear", property(lambda item: item is not near))
     state.fallbacks, state.kept_iterates = [sound], [near]
-    _keep_fallback(state)
+    _keep_fallback(state, refuted=False)
 
     def failing(fallback, candidate, _):
         tried.append(fallback)
@@ -363,7 +363,7 @@ def test_planning_time_is_reserved_for_the_first_replay():
     program, z = first_program(system, options, guess)
     slow = Iterate.of(program, program.time_scale(z, 3.0), 1.0)
     state = PlanState(problem, options.changed({"max_planning_time": 2.0}))
-    for seconds, reserve in ((0.0, 0.225), (0.01, 0.06), (0.1, 0.15), (9.0, 0.5)):
+    for seconds, reserve in ((0.0, 0.225), (0.01, 0.015), (0.1, 0.15), (9.0, 0.5)):
         state.replayed(seconds)
         state.keep(program, slow)
         assert state.kept_iterates[-1].feasible

@@ -56,7 +56,11 @@ def test_rest_to_rest_motion_is_bang_bang_without_torques(
 
 
 def test_speed_limits_make_trapezoidal_velocities() -> None:
-    assert planned(arm(velocity=1.0)).T == pytest.approx(0.75, rel=1e-4)
+    # T of a single motion depends on where its switches are in the grid.
+    speeds = [0.9, 1.0, 1.3]
+    excess = [planned(arm(velocity=v)).T / (0.5 / v + v / 4.0) - 1.0 for v in speeds]
+    assert excess == pytest.approx(np.zeros(3), abs=2e-4)
+    assert np.mean(excess) < 1e-4
 
 
 def test_jerk_limit_takes_the_time_of_the_closed_form() -> None:

@@ -123,11 +123,11 @@ def test_interrupted_resolution_of_self_collision_leaves_a_motion() -> None:
     assert solution.success, solution.message
 
 
-def test_time_limit_before_self_collision_is_resolved_is_reported(
+def test_motion_that_touches_is_not_replayed_again_at_the_time_limit(
     monkeypatch: pytest.MonkeyPatch, clock: Clock
 ) -> None:
     """Regression: the motion without self-collision rows was replayed again, and
-    reported as refuted.
+    reported as refuted. A path around the links, slowed down, is left.
     """
     usual, replayed = Candidate.verified, []
 
@@ -142,8 +142,7 @@ def test_time_limit_before_self_collision_is_resolved_is_reported(
     problem, motion = through_itself(), {"control": "constant", "refine": None}
     solution = tm.plan(problem, effort="quick", max_planning_time=60.0, **motion)
     assert solution.status is tm.Status.TIME_LIMIT
-    assert "planning time was used up after 1 start" in solution.message
-    assert "of clearance at" in solution.message
+    assert solution.success and solution.verification.ok, solution.message
     assert replayed[0] not in replayed[1:]
 
 

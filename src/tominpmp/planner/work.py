@@ -110,7 +110,7 @@ def _kept(
 ) -> Candidate | None:
     """Keep a candidate of the plan, and its iterates as a fallback if it is none."""
     if candidate is None or not candidate.confirmed:
-        _keep_fallback(state)
+        _keep_fallback(state, refuted=candidate is not None and candidate.refuted)
     if candidate is None:
         return None
     logger.info("start %d: %s", state.start, candidate.status.value)
@@ -209,15 +209,18 @@ def _from_iterates(state: PlanState, status: Status) -> Candidate | None:
     return newest[0].candidate(status) if newest else None
 
 
-def _keep_fallback(state: PlanState) -> None:
+def _keep_fallback(state: PlanState, *, refuted: bool) -> None:
     """Keep the last iterate of work and its guess as fallbacks, the best one first.
+
+    Of a motion whose replay has broken limits, only the guess is kept.
 
     Beside an incumbent only the best one may be of use, and the programs of all
     candidates of a long search would fill the memory.
     """
     newest = state.kept_iterates if state.cut_short else state.kept_iterates[-1:]
     guess = [item.initial for item in newest[-1:] if item.initial is not None]
-    fallbacks = sorted([*state.fallbacks, *newest, *guess], key=lambda item: item.rank)
+    new = guess if refuted else [*newest, *guess]
+    fallbacks = sorted([*state.fallbacks, *new], key=lambda item: item.rank)
     state.fallbacks = fallbacks if state.incumbent is None else fallbacks[:1]
 
 
