@@ -215,6 +215,47 @@ def test_feasible_fallback_is_tried_before_the_first_guess(monkeypatch):
     assert list(map(id, tried)) == list(map(id, (sound, near)))
 
 
+def test_path_is_tried_before_a_slower_guess(monkeypatch):
+    """Regression: beside a shelf a guess was slowed down to 2.21 s, where a path took
+    1.88 s; under a table its replays left no time for the path.
+    """
+    state, tried = with_coarse_fallback(), []
+    guess = state.fallbacks[-1]._replace(feasible=False, initial=None)
+    z = guess.program.time_scale(guess.iterate.z, 1.2)
+    slow = guess._replace(iterate=guess.iterate.on(guess.program, z))
+    state.fallbacks, state.paths = [slow], {0: lambda: guess}
+
+    def failing(fallback, candidate, _):
+        tried.append(fallback)
+        return replace(candidate, feasible=False)
+
+    monkeypatch.setattr("tominpmp.planner.work._scaled", failing)
+    use_fallback(state, tm.Status.TIME_LIMIT)
+    assert list(map(id, tried)) == list(map(id, (guess, slow)))
+
+
+def test_each_motion_of_a_stopped_plan_is_replayed_once(monkeypatch):
+    """Regression: those that had failed their replay were replayed once more, which
+    left no time for the others.
+    """
+    known, seen, replays = Candidate.verified, [], []
+
+    def failing(candidate, *given):
+        found = known(candidate, *given)
+        replays.append(found.trajectory.duration)
+        touch = LimitViolation("clearance", "a and b", 0.1, 0.01, "m", 0.01, True)
+        broken = replace(found.verification, ok=False, violations=(touch,))
+        return replace(found, verification=broken)
+
+    def stops(record):
+        seen.append(record)
+        return len(seen) == 6
+
+    monkeypatch.setattr(Candidate, "verified", failing)
+    assert not tm.plan(planar(), callback=stops).success
+    assert replays and len(replays) == len(set(replays))
+
+
 def test_first_motion_of_a_stopped_plan_is_slowed_down():
     """Regression: after one iteration beside a post, torques 1.5 % beyond their limits,
     a UR5 had no motion; with objective "feasible" an arm took five times as long.

@@ -217,10 +217,14 @@ def _keep_fallback(state: PlanState, *, refuted: bool) -> None:
     Beside an incumbent only the best one may be of use, and the programs of all
     candidates of a long search would fill the memory.
     """
-    newest = state.kept_iterates if state.cut_short else state.kept_iterates[-1:]
-    guess = [item.initial for item in newest[-1:] if item.initial is not None]
-    new = guess if refuted else [*newest, *guess]
-    fallbacks = sorted([*state.fallbacks, *new], key=lambda item: item.rank)
+    stopped = state.cut_short is not None
+    kept = state.kept_iterates if stopped else state.kept_iterates[-1:]
+    # After a stop the feasible ones were replayed.
+    newest = [item for item in kept if not (refuted or (stopped and item.feasible))]
+    known = [item.iterate for item in kept]
+    begun = [item.initial for item in kept[-1:] if item.initial is not None]
+    guess = [item for item in begun if item.iterate not in known]
+    fallbacks = sorted([*state.fallbacks, *newest, *guess], key=lambda item: item.rank)
     state.fallbacks = fallbacks if state.incumbent is None else fallbacks[:1]
 
 
@@ -245,16 +249,18 @@ def use_fallback(state: PlanState, status: Status) -> None:
 def _fallbacks(state: PlanState) -> Iterator[KeptIterate]:
     """Motions to be slowed down, the most promising first.
 
-    Slowing down does not restore clearances. Paths around obstacles keep them.
+    Slowing down does not restore clearances. Paths around obstacles keep them, and
+    may be faster than a slowed-down guess.
     """
     if state.incumbent is not None:
         first, state.fallbacks = state.fallbacks[:1], []
         yield from first
         return
-    yield from (item for item in state.fallbacks if item.clear)
+    yield from (item for item in state.fallbacks if item.feasible)
+    others = [item for item in state.fallbacks if not item.feasible]
     with suppress(*NUMERICAL, TominpmpError):
-        yield from (follow() for follow in state.paths.values())
-    yield from (item for item in state.fallbacks if not item.clear)
+        others += [follow() for follow in state.paths.values()]
+    yield from sorted(others, key=lambda item: item.rank)
 
 
 def _slowed(
