@@ -200,7 +200,8 @@ def _from_iterates(state: PlanState, status: Status) -> Candidate | None:
 
     Returns:
         The newest feasible iterate whose replay keeps all limits, slowed down if need
-        be; else the newest iterate, which is a fallback; None if no iterate was kept.
+        be; else the last one tried; without feasible iterates the newest one, which is
+        a fallback; None if no iterate was kept.
     """
     newest = state.kept_iterates[::-1]
     tried = _slowed(state, (item for item in newest if item.feasible), status)
