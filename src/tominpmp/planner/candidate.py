@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -43,12 +43,13 @@ class KeptIterate(NamedTuple):
     @property
     def clear(self) -> bool:
         """Whether the motion lacks no more than the padding of clearances."""
-        return self._largest(clearances=True) * self.program.system.reach <= PADDING
+        missing = _largest(self._violations, clearances=True)
+        return missing * self.program.system.reach <= PADDING
 
     @property
     def excess(self) -> float:
         """Largest violation other than those of clearances."""
-        return self._largest(clearances=False)
+        return _largest(self._violations, clearances=False)
 
     @property
     def rank(self) -> tuple[bool, float]:
@@ -58,13 +59,9 @@ class KeptIterate(NamedTuple):
         """
         return not self.clear, self.iterate.duration * (1.0 + SLOWDOWN * self.excess)
 
-    def _largest(self, *, clearances: bool) -> float:
-        rows = self.program.rows
-        kinds = [kind.startswith("clearance") is clearances for kind in rows.kinds]
-        violation = rows.violation(self.iterate.values)
-        return float(
-            np.max(violation[np.array(kinds, dtype=bool)[rows.kind]], initial=0.0)
-        )
+    @property
+    def _violations(self) -> dict[str, float]:
+        return self.program.rows.violation_by_kind(self.iterate.values)
 
     def candidate(self, status: Status) -> Candidate:
         """The motion as a candidate, not replayed yet."""
@@ -114,12 +111,7 @@ class Candidate:
         program = result.program
         feasible = result.best is not None
         iterate = result.best or result.iterate
-        rows = program.rows
-        violation = rows.violation(iterate.values)
-        violations = {
-            kind: float(np.max(violation[rows.kind == index], initial=0.0))
-            for index, kind in enumerate(rows.kinds)
-        }
+        violations = program.rows.violation_by_kind(iterate.values)
         layout, clearance_rows = None, False
         if isinstance(program, NonlinearProgram):
             of = program.transcription
@@ -144,9 +136,7 @@ class Candidate:
     @property
     def missing_clearance(self) -> float:
         """Largest violation of clearances, as a share of the reach."""
-        found = self.violations.items()
-        clearances = [size for kind, size in found if kind.startswith("clearance")]
-        return max(clearances, default=0.0)
+        return _largest(self.violations, clearances=True)
 
     def after(self, former: Candidate) -> Candidate:
         """This candidate, with the initial motion of its predecessor."""
@@ -193,6 +183,13 @@ class Candidate:
             return self
         verification = verify(problem, self.trajectory, options.tolerances)
         return replace(self, verification=verification)
+
+
+def _largest(violations: Mapping[str, float], *, clearances: bool) -> float:
+    """Largest violation of clearances, or of all other kinds of constraints."""
+    every = violations.items()
+    sizes = (x for kind, x in every if kind.startswith("clearance") is clearances)
+    return max(sizes, default=0.0)
 
 
 def best_of(candidates: Sequence[Candidate]) -> Candidate | None:

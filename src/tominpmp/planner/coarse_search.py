@@ -274,8 +274,8 @@ class CoarseSearch:
     def promising(self) -> bool:
         """Whether a much faster motion than the incumbent may exist."""
         system, best = self.system, self.state.best_duration
-        several = system.final_configuration is None or system.n > MOST_JOINTS
-        if several or self.decided:
+        unfit = system.final_configuration is None or system.n > MOST_JOINTS
+        if unfit or self.decided:
             return False
         if best == np.inf:
             # Among obstacles all guesses have been tried.

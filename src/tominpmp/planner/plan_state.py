@@ -76,8 +76,8 @@ class PlanState:
             the best one first, which may become the solution if slowed down; beside an
             incumbent the best one only.
         paths: For each goal, by the identity of its problem, a function that returns
-            the first path around the obstacles as an iterate; they are tried before
-            fallbacks that lack clearance.
+            the first path around the obstacles as an iterate; they are ranked with the
+            fallbacks that are not feasible.
         complete: Whether all stages of a plan with less effort are done. The thorough
             search that follows is open-ended: a time limit then is its regular end.
         callback_error: Error that the callback has raised; None without one.
@@ -297,11 +297,10 @@ class PlanState:
 
     def _reserve(self) -> float:
         """Time reserved for the replay of the motions found [s]."""
-        limit = self._limit
-        # Without a feasible motion the initial guess has to be slowed down.
-        guess = self.best_duration == np.inf and bool(self.kept_iterates)
-        feasible = any(item.feasible for item in self.kept_iterates)
-        if limit == np.inf or not (feasible or guess):
+        limit, kept = self._limit, self.kept_iterates
+        # Without an incumbent a motion that breaks limits may have to be slowed down.
+        slowed = self.best_duration == np.inf
+        if limit == np.inf or not any(slowed or item.feasible for item in kept):
             return 0.0
         replay = REPLAYS * (self._longest_replay or self._first_replay())
         return min(replay, MOST_RESERVE * limit)

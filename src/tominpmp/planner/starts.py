@@ -369,6 +369,7 @@ def _beatable(
         return False
     if not state.exceeds_bound(1.0 + GAP, system.problem):
         return False
-    first = itertools.islice(guesses.since(0), 1)
-    least = min((guess.duration for guess in first if guess.timed), default=np.inf)
-    return bool(state.best_duration > (1.0 - GAP) * least)
+    first = next(guesses.since(0), None)
+    if first is None or not first.timed:
+        return False
+    return bool(state.best_duration > (1.0 - GAP) * first.duration)

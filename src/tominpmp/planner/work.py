@@ -213,10 +213,9 @@ def _from_iterates(state: PlanState, status: Status) -> Candidate | None:
 def _keep_fallback(state: PlanState, *, refuted: bool) -> None:
     """Keep the last iterate of work and its guess as fallbacks, the best one first.
 
-    Of a motion whose replay has broken limits, only the guess is kept.
-
-    Beside an incumbent only the best one may be of use, and the programs of all
-    candidates of a long search would fill the memory.
+    Of a motion whose replay has broken limits, only the guess is kept. Beside an
+    incumbent only the best one may be of use, and the programs of all candidates of a
+    long search would fill the memory.
     """
     stopped = state.cut_short is not None
     kept = state.kept_iterates if stopped else state.kept_iterates[-1:]

@@ -330,7 +330,9 @@ def _section(motion: Trajectory, number: int, begin: float, end: float) -> Traje
     u = np.array(motion.u[rows])
     each = motion.segment_dynamics
     inverse = each[number] if each else motion.inverse_dynamics
-    a = None if motion.a is None else motion.a[first : last + (motion.degree == 5)]
+    # Accelerations for each node, or for each interval.
+    behind = last + 1 if motion.degree == 5 else last
+    a = None if motion.a is None else motion.a[first:behind]
     if last < motion.t.size - 1 and inverse is not None:
         before = motion(np.nextafter(motion.t[last], 0.0)).a
         u[-1] = inverse(motion.q[last][None], motion.v[last][None], before[None])[0]

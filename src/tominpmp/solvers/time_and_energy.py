@@ -116,6 +116,8 @@ class TimeAndEnergy(Objective):
         weights of their violations are then too small.
         """
         slower = super().restored(program, state)
+        if slower is state:
+            return state
         now, then = (self.value(program, k.z, k.values) for k in (state, slower))
         costly = then > (1.0 + state.violation) * now
         return state if costly else slower

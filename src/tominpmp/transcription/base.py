@@ -131,6 +131,14 @@ class Rows:
         """Largest violation of any row; 0 without rows."""
         return float(np.max(self.violation(values), initial=0.0))
 
+    def violation_by_kind(self, values: Array) -> dict[str, float]:
+        """Largest violation of the rows of each kind, by its name."""
+        excess = self.violation(values)
+        return {
+            kind: float(np.max(excess[self.kind == index], initial=0.0))
+            for index, kind in enumerate(self.kinds)
+        }
+
     def group_violation(self, values: Array) -> Array:
         """Largest violation in each group, shape (number of groups,)."""
         excess, out = self.violation(values), np.zeros(self.group_count)

@@ -264,11 +264,11 @@ def on_ticks(motion: Trajectory, period: float) -> Trajectory:
 
     A motion with nodes between the ticks remains as it is.
     """
-    if not np.allclose(at_ticks(motion.t, period), motion.t, 0.0, ROUNDING * period):
+    t, ends = at_ticks(motion.t, period), motion.segment_ends
+    if not np.allclose(t, motion.t, 0.0, ROUNDING * period):
         return motion
-    ends = motion.segment_ends
     ends = None if ends is None else at_ticks(ends, period)
-    return replace(motion, t=at_ticks(motion.t, period), segment_ends=ends)
+    return replace(motion, t=t, segment_ends=ends)
 
 
 def intervals_to_halve(of: Gridded, z: Array) -> BoolArray:
