@@ -61,7 +61,8 @@ class KeptIterate(NamedTuple):
 
     @property
     def _violations(self) -> dict[str, float]:
-        return self.program.rows.violation_by_kind(self.iterate.values)
+        rows = self.program.rows
+        return rows.by_kind(rows.excess(self.iterate.values))
 
     def candidate(self, status: Status) -> Candidate:
         """The motion as a candidate, not replayed yet."""
@@ -111,7 +112,8 @@ class Candidate:
         program = result.program
         feasible = result.best is not None
         iterate = result.best or result.iterate
-        violations = program.rows.violation_by_kind(iterate.values)
+        rows = program.rows
+        violations = rows.by_kind(rows.violation(iterate.values))
         layout, clearance_rows = None, False
         if isinstance(program, NonlinearProgram):
             of = program.transcription

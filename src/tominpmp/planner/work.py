@@ -220,7 +220,7 @@ def _keep_fallback(state: PlanState, *, refuted: bool) -> None:
     stopped = state.cut_short is not None
     kept = state.kept_iterates if stopped else state.kept_iterates[-1:]
     # After a stop the feasible ones were replayed.
-    newest = [item for item in kept if not (refuted or (stopped and item.feasible))]
+    newest = [item for item in kept if not (item.feasible if stopped else refuted)]
     known = [item.iterate for item in kept]
     begun = [item.initial for item in kept[-1:] if item.initial is not None]
     guess = [item for item in begun if item.iterate not in known]
