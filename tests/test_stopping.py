@@ -17,6 +17,7 @@ from tominpmp.linear_programs.choice import make_solver
 from tominpmp.linear_programs.program import LinearProgram
 from tominpmp.planner import coarse_search, descent, planning
 from tominpmp.planner.candidate import Candidate
+from tominpmp.planner.plan_state import PlanState
 from tominpmp.solvers.quiet_torques import QuietTorques
 from tominpmp.solvers.trust_region_step import TrustRegionStep
 from tominpmp.stopping import Deadline, Stop
@@ -172,6 +173,27 @@ def test_interrupted_verification_or_bound_loses_no_motion(monkeypatch, stage):
     if solution.iterations:
         assert solution.success and solution.verification.ok
     assert (solution.iterations > 0) == (stage == "verify")
+
+
+def test_interrupted_replay_after_the_time_limit_loses_no_motion(monkeypatch):
+    """Regression: Ctrl-C during the only replay of the last motion lost this motion."""
+
+    def limit(state):
+        return 0.0 if any(item.feasible for item in state.kept_iterates) else np.inf
+
+    def pressed(*arguments, **named):
+        if not pressed.calls:
+            pressed.calls += 1
+            press()
+            stopping.check()
+        return tm.verify(*arguments, **named)
+
+    pressed.calls = 0
+    monkeypatch.setattr("tominpmp.planner.candidate.verify", pressed)
+    monkeypatch.setattr(PlanState, "_candidate_end", limit)
+    solution = tm.plan(reach(), effort="quick")
+    assert solution.status is tm.Status.INTERRUPTED
+    assert solution.success and solution.verification.ok
 
 
 def test_bounds_of_distances_look_at_the_clock():

@@ -412,6 +412,24 @@ def test_planning_time_is_reserved_for_the_first_replay():
         assert before == pytest.approx(0.06 * 2.0 + 0.07 + reserve)
 
 
+def test_feasible_iterates_outlive_later_ones_and_equal_ones_are_kept_once():
+    """Regression: three segments had a motion after 0.39 s, and none after 0.41 s."""
+    problem = planar()
+    system, options = ProblemFunctions.of(problem), tm.Options(**RESOLVED)
+    guess = next(GuessRequest(np.random.default_rng(0)).guesses(system))
+    program, z = first_program(system, options, guess)
+    state = PlanState(problem, options)
+    paces = (0.5, 3.0, 0.6, 0.7, 0.8, 0.85, 0.9)
+    iterates = [Iterate.of(program, program.time_scale(z, pace), 1.0) for pace in paces]
+    for iterate in iterates:
+        state.keep(program, iterate)
+        state.keep(program, replace(iterate, radius=0.5))  # of a rejected step
+    kept = [item.iterate.z for item in state.kept_iterates]
+    assert kept[-1] is iterates[-1].z
+    assert [item.feasible for item in state.kept_iterates].count(True) == 1
+    assert len(kept) == len({id(unknowns) for unknowns in kept}) == 5
+
+
 def test_slow_iterations_increase_the_reserve_for_the_first_replay(clock):
     """Regression: an xArm 7 with five segments had a motion after 2 s of 8 s.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -260,6 +261,34 @@ def test_former_motion_is_returned_if_no_plan_is_faster(planar3r, free):
     coarse = tm.plan(free.problem, tm.Options(intervals=10, **QUICK))
     assert coarse.T > fine.T
     assert warm.success and warm.T <= fine.T
+
+
+@pytest.mark.parametrize("period", [None, 0.004])
+def test_the_rest_of_several_segments_is_a_candidate(monkeypatch, period):
+    """Speeds rule the motion; its torques follow from the load, which has changed."""
+    ur5 = tm.load_robot("ur5")
+    q = np.array([0.0, -1.2, 1.2, -1.5, -1.5, 0.0])
+
+    def problem(mass, state):
+        load = tm.Payload(frame="tool0", mass=mass)
+        end = tm.JointGoal(q + np.array([0.5, 0.3, -0.3, 0.2, 0.4, 0.5]))
+        ways = [tm.Segment(end, stop=True, dwell=0.1, payload=load)]
+        ways.append(tm.Segment(tm.JointGoal(q)))
+        return tm.Problem(ur5, state.q, segments=ways, v_start=state.v)
+
+    options = tm.Options(control_period=period, **QUICK)
+    former = tm.plan(problem(1.0, SimpleNamespace(q=q, v=0.0 * q)), options)
+
+    def stopped(*given, **named):
+        raise Stop(False)
+
+    monkeypatch.setattr(plan_state, "solve", stopped)
+    for passed in (0.0, 0.1, 0.3):
+        state = former.trajectory(passed)
+        again = tm.plan(problem(0.5, state), options, start=former)
+        assert again.success, again.message
+        assert again.T == pytest.approx(former.T - passed, abs=1e-9)
+        assert np.max(np.abs(again.trajectory.u[0] - state.u)) > 0.1
 
 
 @pytest.mark.parametrize("requested", [False, True])

@@ -88,7 +88,8 @@ class WarmStart(Guess):
             return None
         if self.motion.inverse_dynamics is None:
             return self.motion
-        return self.motion.with_torques(system.motor_dynamics.inverse)
+        inverses = tuple(part.motor_dynamics.inverse for part in system.segments)
+        return self.motion.with_torques(inverses[0], inverses if system.parts else ())
 
     def iterate(
         self, system: ProblemFunctions, intervals: int, kind: str, degree: int
@@ -154,7 +155,6 @@ def warm_start(system: ProblemFunctions, motion: Trajectory | Samples) -> WarmSt
     problem, limits = system.problem, system.problem.robot.limits
     # Torques are not needed, and the inverse dynamics may be a function of the caller.
     plain = _rest(system, replace(trajectory, inverse_dynamics=None))
-    trajectory = replace(plain, inverse_dynamics=trajectory.inverse_dynamics)
     begins, arrivals, _ = np.array(spans_of(plain, problem.segments)).T
     # A segment whose goal is met from its beginning has zero duration.
     durations = np.maximum(arrivals - begins, LEAST_DURATION)
@@ -174,7 +174,7 @@ def warm_start(system: ProblemFunctions, motion: Trajectory | Samples) -> WarmSt
         False,
         inner_ends=ends[:-1],
         solved=bool(np.all(np.abs(p) <= 1e-9)),
-        motion=trajectory,
+        motion=replace(plain, inverse_dynamics=trajectory.inverse_dynamics),
         begins=begins,
         bend=None if same else CubicHermiteSpline(np.append(0.0, ends), p, s),
         limits=(limits.position_lower, limits.position_upper),

@@ -70,7 +70,8 @@ class PlanState:
         deadline: When to stop.
         start: Number of the candidate in progress, from 0.
         records: Records of the candidate in progress, one per iteration.
-        kept_iterates: Iterates of the candidate in progress, the newest last.
+        kept_iterates: Iterates of the candidate in progress, those that are feasible
+            after the others, and the newest one last.
         cut_short: How the candidate in progress was stopped; None if it was not.
         fallbacks: Last iterates and first guesses of candidates that are not confirmed,
             the best one first, which may become the solution if slowed down; beside an
@@ -190,8 +191,10 @@ class PlanState:
         last = self.kept_iterates[-1] if self.kept_iterates else None
         initial = last and (last.initial or last)
         new = KeptIterate(program, iterate, feasible, initial)
-        others = [item for item in self.kept_iterates if item.iterate is not iterate]
-        self.kept_iterates = [*others[-MOST_KEPT:], new]
+        kept = [item for item in self.kept_iterates if item.iterate.z is not iterate.z]
+        # Once rows have joined, many iterates may follow that are not feasible.
+        kept.sort(key=lambda item: item.feasible)
+        self.kept_iterates = [*kept[-MOST_KEPT:], new]
         self._set_deadline()
 
     @property

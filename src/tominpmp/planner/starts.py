@@ -91,7 +91,7 @@ def starts(
     guesses = CachedGuesses(make(system, request))
     if motion is not None:
         former = warm_start(system, motion)
-        whole = None if system.parts else former.whole(system)
+        whole = former.whole(system)
         if whole is not None:
             period = options.control_period
             whole = whole if period is None else on_ticks(whole, period)

@@ -217,10 +217,8 @@ def _keep_fallback(state: PlanState, *, refuted: bool) -> None:
     incumbent only the best one may be of use, and the programs of all candidates of a
     long search would fill the memory.
     """
-    stopped = state.cut_short is not None
-    kept = state.kept_iterates if stopped else state.kept_iterates[-1:]
-    # After a stop the feasible ones were replayed.
-    newest = [item for item in kept if not (item.feasible if stopped else refuted)]
+    kept = state.kept_iterates if state.cut_short else state.kept_iterates[-1:]
+    newest = [item for item in kept if not (refuted and item.feasible)]
     known = [item.iterate for item in kept]
     begun = [item.initial for item in kept[-1:] if item.initial is not None]
     guess = [item for item in begun if item.iterate not in known]
