@@ -65,9 +65,10 @@ NEAR = 0.2
 HEIGHT = 2.0
 # Most arcs of a bump.
 ARCS = 3
-# Detours that are too fast by a larger factor are slowed down to it, former motions to
-# their limits: detours that are far too fast take a hundred programs. Slower detours
-# lead back to the straight line, although an arm that swings is faster.
+# Largest factor by which a detour may be too fast for its limits; faster detours are
+# slowed down to it. Detours that are far too fast take a hundred programs; slower ones
+# lead back to the straight line, although an arm that swings is faster. Former motions
+# beyond it are slowed down to their limits.
 TOO_FAST = 3.0
 
 

@@ -59,8 +59,8 @@ def guesses_of(system: ProblemFunctions, request: GuessRequest) -> Iterator[Gues
         return
     for share in MOMENTS if system.problem.scene.moving else ():
         still = system.resting(share * first.duration)
-        # At that instant obstacles may leave no way, and a motion is mostly known: the
-        # search is short.
+        # Obstacles frozen at this instant may leave no path, and in most cases a motion
+        # is known already: the search for a path is short.
         brief = replace(request, searches=PathSearches(checks=LONG))
         for guess in brief.guesses(still):
             if guess.name == VIA_POINT:

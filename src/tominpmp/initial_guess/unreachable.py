@@ -142,8 +142,8 @@ def _collision(system: ProblemFunctions, blocked: Sequence[Array]) -> str:
     )
     return (
         f"all {len(blocked)} configurations found to reach it are in collision: in the "
-        f"one that is least so, {contact.pair} lack {contact.lack:.4g} m of clearance, "
-        f"at q = {np.round(q, 4).tolist()}"
+        f"one that overlaps least, {contact.pair} lack {contact.lack:.4g} m of "
+        f"clearance, at q = {np.round(q, 4).tolist()}"
     )
 
 

@@ -236,7 +236,7 @@ def _rest(system: ProblemFunctions, motion: Trajectory) -> Trajectory:
     """A motion from the state on that is closest to the new start.
 
     It is the whole motion unless the motion is much closer there than at its beginning
-    and at its first goal, and is much closer to this goal than the new start.
+    and at its first goal, and meets this goal much better than the new start does.
     """
     problem, part = system.problem, system.segments[0]
     T, entry = spans_of(motion, problem.segments)[0].arrival, 0.0

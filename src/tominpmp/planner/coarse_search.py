@@ -64,14 +64,15 @@ REMAINING = 3.0
 # Compared with known motions, plans of a Fetch take 0.7 of the time, and six of 40
 # motions are 5 to 26 % slower.
 TOO_SLOW = 1.4
-# The search ends where the gap of the incumbent to the lower bound is at most this. One
-# follows a warm start unless it is faster than the first guess by more than this.
+# The search ends where the gap of the incumbent to the lower bound is at most this. A
+# warm start is followed by a search unless its motion is faster than the first guess by
+# more than this.
 GAP = 0.03
 # For arms of at most FEW_JOINTS joints the search continues in free space, too: they
 # may swing, or flip their elbow. For arms of more joints, up to MOST_JOINTS, it
 # continues there if T is over FAR_ABOVE times the lower bound: of 70 random goals
 # (speeds times four) this held for five, and three of these were 1 to 4 % longer than
-# necessary. A start of a whole robot takes seconds.
+# necessary. With more joints, as of a humanoid, each start takes seconds.
 FAR_ABOVE, MOST_JOINTS = 2.0, 10
 # A descent among obstacles on the requested grid is stopped at any iteration where the
 # gap to the lower bound exceeds this. Coarse grids follow.
@@ -262,9 +263,9 @@ class CoarseSearch:
 
     @property
     def decided(self) -> bool:
-        """Whether within the duration of a known motion no joint can get elsewhere.
+        """Whether every faster motion counts as the same as a known motion.
 
-        At their speed limits, all faster motions count as the same.
+        At its speed limit no joint gets further than NEAR within the known duration.
         """
         fastest = min((rough.duration for rough in self.known), default=np.inf)
         most = fastest * self.system.problem.robot.limits.velocity

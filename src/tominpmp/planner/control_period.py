@@ -169,10 +169,11 @@ def status_on_clock(
 ) -> tuple[Status, str]:
     """The status of a motion on the clock, and a remark.
 
-    A motion that was locally optimal without a clock remains so if T has grown by less
-    than a period plus a share of the tolerance of the certificate. Otherwise it is
-    certified again, where a predicted gain below one period does not count. A motion of
-    the fewest possible periods is optimal.
+    A motion that was locally optimal without a clock remains so if T has grown by no
+    more than a period for each segment, or if the lower bound shows that the rest is
+    within the tolerance of the certificate. Otherwise it is certified again, where a
+    predicted gain below one period for each segment does not count. A motion of the
+    fewest possible periods is optimal.
 
     Args:
         solution: The solution without a clock.
@@ -335,7 +336,7 @@ def _on_knots(
     )
     best = result.best
     if best is not None:
-        # With slack in its rows T may exceed the tick by more than a trace: it is set
+        # With slack in its rows T may exceed the tick by more than rounding: it is set
         # to the tick, and the rows are evaluated again.
         z = np.append(best.z[:-1], T)
         best = replace(best, z=z, values=result.program.evaluate(z))

@@ -5,10 +5,10 @@ objective gains from it, and is improved for this objective. If its replay break
 limits, it is repaired: by rows against self-collision if links touch, otherwise by a
 finer grid. If the repair fails, the solution keeps its former motion.
 
-One such objective is time against energy: it begins with the fastest motion, or, for
-squared torques, with the better of two motions that are optimised roughly, one of them
-on a way back from a slow motion. Another one is quiet torques, see
-:mod:`~tominpmp.planner.smoothing`.
+One such objective is time against energy. The warm start is the fastest motion, or, for
+squared torques, the better of two rough optima: one is reached from the fastest motion,
+the other one from a slow motion of little energy. Another objective is quiet torques,
+see :mod:`~tominpmp.planner.smoothing`.
 """
 
 from __future__ import annotations

@@ -66,7 +66,7 @@ def on_finer_grids(result: Descended, state: PlanState) -> Descended:
     usual = options.refine == "auto" and options.effort != "thorough"
     worth = PROMISE if usual else LITTLE_PROMISE
     warm, finest = warm_start_options(options), result
-    coarsest = best.duration
+    initial_duration = best.duration
     step, stop = trust_regions(warm)
     while True:
         transcription, z = program.transcription, best.z
@@ -92,7 +92,7 @@ def on_finer_grids(result: Descended, state: PlanState) -> Descended:
         finest, best, program = finer, finer.best, finer.program
         if promise < worth:
             break
-    if best.duration > (1.0 - GAINED * worth) * coarsest:
+    if best.duration > (1.0 - GAINED * worth) * initial_duration:
         return result
     return replace(finest, status=result.status)
 

@@ -65,8 +65,8 @@ def certified(state: PlanState) -> Schedule[None]:
 
     system = ProblemFunctions.of(problem.alternative_of(best.trajectory))
     examine = partial(_examined, best, tolerance)
-    settled = yield Work(system, examine, self_collision_rows=best.clearance_rows)
-    if converged and (settled is None or settled.duration > best.duration):
+    examined = yield Work(system, examine, self_collision_rows=best.clearance_rows)
+    if converged and (examined is None or examined.duration > best.duration):
         # A certificate that was cut short, or failed, does not certify the motion.
         state.amend(best, status=state.cut_short or Status.STALLED)
     # A motion that the certificate accepts is nevertheless improved if the predicted
@@ -74,22 +74,22 @@ def certified(state: PlanState) -> Schedule[None]:
     # other solvers find the gain at once.
     gain, complete = np.inf, state.complete
     for _ in range(ROUNDS):
-        if settled is None or settled.examination is None:
+        if examined is None or examined.examination is None:
             return
-        certificate = settled.examination.certificate
+        certificate = examined.examination.certificate
         # The result of a plan with less time would be the same: the time limit is the
         # regular end of an improvement of a motion that is accepted.
         state.complete = complete or certificate.ok
-        spent = _is_spent_on_padding(settled.examination, tolerance)
+        spent = _is_spent_on_padding(examined.examination, tolerance)
         system = system.padded(LESS_PADDING) if spent else system
         optimal = certificate.ok and certificate.stationarity <= PROMISE
         worth = PROMISE if certificate.ok else LITTLE_PROMISE
         if optimal or (gain <= worth and not spent):
             return
-        improve = partial(_improved, settled, best.remark, state, tolerance)
+        improve = partial(_improved, examined, best.remark, state, tolerance)
         further = yield Work(system, improve, self_collision_rows=best.clearance_rows)
-        gain = 0.0 if further is None else 1.0 - further.duration / settled.duration
-        settled = further if gain > 0.0 else settled
+        gain = 0.0 if further is None else 1.0 - further.duration / examined.duration
+        examined = further if gain > 0.0 else examined
 
 
 def tolerance_of(options: Options) -> float:
@@ -150,10 +150,10 @@ def _improved(
         return best
     program, z = with_active_rows(*layout.represented(system, best.trajectory))
     warm = warm_start_options(state.options)
-    quickest = MinimumTime.of(warm, warm.smoothing or 0.0)
+    objective = MinimumTime.of(warm, warm.smoothing or 0.0)
     # After a stop a motion with a certificate is worth more than a slightly faster one.
     keep = None if best.status is Status.CONVERGED else state.keep
-    result = state.solve(program, quickest, z, *trust_regions(warm), keep=keep)
+    result = state.solve(program, objective, z, *trust_regions(warm), keep=keep)
     if result.best is None or result.best.duration >= best.duration:
         return best
     faster = replace(Candidate.of(best.initial, result), remark=remark)

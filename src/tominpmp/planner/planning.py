@@ -22,8 +22,8 @@ every iteration. A plan passes through these modules:
   locally optimal motion;
 - :mod:`~tominpmp.planner.first_program`: the convex programs begin on a grid that fits
   the guess;
-- :mod:`~tominpmp.planner.finer_grid`: in the end, intervals are halved where the
-  controls bend;
+- :mod:`~tominpmp.planner.finer_grid`: at the end of a descent, intervals are halved
+  where the controls bend;
 - :mod:`~tominpmp.planner.improvements`: a table of stages that improve the incumbent;
 - :mod:`~tominpmp.planner.optimality`: one of these stages, the certificate;
 - :mod:`~tominpmp.planner.thorough`: further starts while planning time remains;

@@ -87,7 +87,8 @@ def torques_may_lead(system: ProblemFunctions) -> bool:
     """Whether random torques may lead to a motion where no path does.
 
     In free space a guess of a path fails only for lack of torque: a small arm may have
-    to swing. Torques that jump keep no limits beyond those of the torques themselves.
+    to swing. Random torques are piecewise constant, and cannot keep motion limits, as
+    of jerk or torque rate.
     """
     limited = bool(system.motion_limits._bounded)
     return system.in_free_space and system.n <= FEW_JOINTS and not limited

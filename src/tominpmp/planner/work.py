@@ -108,7 +108,7 @@ def single(work: Work) -> Schedule[None]:
 def _kept(
     state: PlanState, work: Work, candidate: Candidate | None
 ) -> Candidate | None:
-    """Keep a candidate of the plan, and its iterates as a fallback if it is none."""
+    """Add a candidate to the plan; keep fallbacks unless it is confirmed."""
     if candidate is None or not candidate.confirmed:
         _keep_fallback(state, refuted=candidate is not None and candidate.refuted)
     if candidate is None:
@@ -177,7 +177,10 @@ def make_and_repair(state: PlanState, work: Work) -> Candidate:
 
 
 def _lacks_padding(candidate: Candidate, reach: float, padding: float) -> bool:
-    """Whether an infeasible candidate violates the padding [m] most."""
+    """Whether an infeasible candidate lacks no more than a padding of clearances [m].
+
+    Other constraints are violated less.
+    """
     missing = candidate.missing_clearance
     return candidate.violation == missing and LEAST < reach * missing <= padding
 
@@ -220,8 +223,8 @@ def _keep_fallback(state: PlanState, *, refuted: bool) -> None:
     kept = state.kept_iterates if state.cut_short else state.kept_iterates[-1:]
     newest = [item for item in kept if not (refuted and item.feasible)]
     known = [item.iterate for item in kept]
-    begun = [item.initial for item in kept[-1:] if item.initial is not None]
-    guess = [item for item in begun if item.iterate not in known]
+    initial = [item.initial for item in kept[-1:] if item.initial is not None]
+    guess = [item for item in initial if item.iterate not in known]
     fallbacks = sorted([*state.fallbacks, *newest, *guess], key=lambda item: item.rank)
     state.fallbacks = fallbacks if state.incumbent is None else fallbacks[:1]
 

@@ -119,7 +119,7 @@ P_co = TypeVar("P_co", bound=ProgramInterface, covariant=True)
 
 @dataclass(frozen=True, eq=False)
 class SlpResult(Generic[P_co]):
-    """Result of an iteration on programs of one class.
+    """Result of a loop, whose programs have one class.
 
     Attributes:
         status: How it ended.

@@ -276,8 +276,9 @@ class Transcription(ABC, Generic[M]):
         by_component: Whether one elastic variable relaxes one component of a constraint
             at all instants (the paper's maximum over time); otherwise it relaxes all
             components at one instant.
-        inspected: Shares of an interval at which values that may jump at the nodes are
-            inspected between their rows; one tuple for each part of the interval.
+        inspected: Shares of an interval at which values that may jump at the nodes, as
+            torques do, are inspected between their rows; one tuple for each part of
+            the interval, in which the largest violation becomes a row.
         highest_order: Highest order of constraints that motions can keep: 3 where
             accelerations are continuous.
         degree: Degree of the positions on an interval, as far as they are splines.

@@ -262,7 +262,7 @@ def split_intervals(of: Gridded, z: Array, split: BoolArray) -> tuple[Gridded, A
 def on_ticks(motion: Trajectory, period: float) -> Trajectory:
     """A motion with its nodes rounded to ticks, exact to the last bit.
 
-    A motion with nodes between the ticks remains as it is.
+    A motion with nodes between the ticks is returned unchanged.
     """
     t, ends = at_ticks(motion.t, period), motion.segment_ends
     if not np.allclose(t, motion.t, 0.0, ROUNDING * period):

@@ -294,8 +294,8 @@ class ProblemFunctions:
     def held(self) -> HeldAtRest | None:
         """Constraint that the motors hold the arm where the segment ends.
 
-        None if the arm moves on, without gravity or torques, and if the problem has
-        checked the final configuration, as it is given.
+        None if the arm moves on, if there is no gravity, if the robot has no torques,
+        and if the final configuration is given: the problem has checked it.
         """
         robot, v = self.problem.robot, self.final_velocity
         given = self.final_configuration is not None or robot.kinematic
