@@ -86,7 +86,7 @@ class DrawnOutcomes:
 
         return Work(system, make)
 
-    def torque_starts(self, system, state):
+    def torque_starts(self, system, state, least):
         def make(*_):
             self.tried.append("shot")
             return RankedCandidate(self.shot)

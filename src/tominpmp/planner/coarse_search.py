@@ -90,8 +90,6 @@ WIDE_GAP = 0.5
 # problems of a planar arm 7 ended 0.2 to 45 % faster by the 7th to 14th path, two 0.1
 # and 0.2 % slower, in 1.1 times the time; 28 found nothing more.
 MOST_PATHS = 14
-# Number of random torque starts if a motion may have to swing.
-TORQUE_STARTS = 3
 
 
 def coarse_grids_apply(system: ProblemFunctions, options: Options) -> bool:
@@ -135,7 +133,7 @@ def search(
     yield from coarse.probes(further, coarse.patience)
     if torques_may_lead(system) and not first.timed:
         # An arm that is too weak to hold its weight along the path may have to swing.
-        yield from torque_starts(system, state, TORQUE_STARTS)
+        yield from torque_starts(system, state)
 
 
 def _paths_first(

@@ -105,7 +105,7 @@ def starts(
         if enough and not _beatable(system, state, guesses):
             return
     if options.method in SHOOTING:
-        yield from torque_starts(system, state)
+        yield from torque_starts(system, state, 1)
         return
     first = next(guesses.since(0), None)
     if first is None:
@@ -184,7 +184,7 @@ def _descents(
             if number == rescues and swings and state.best_duration == np.inf:
                 # A plan with fewer starts would try torques at this point, too.
                 swings = False
-                yield from torque_starts(system, state)
+                yield from torque_starts(system, state, 1)
             if number >= wanted and state.best_duration < np.inf:
                 return
             # A guess may take a path search: it is made only once it is needed.
@@ -201,7 +201,7 @@ def _descents(
             stop = stop_if_hopeless if droppable else None
             yield descent_work(system, options, guess, state, stop)
         if swings and state.best_duration == np.inf:
-            yield from torque_starts(system, state)
+            yield from torque_starts(system, state, 1)
     finally:
         if ahead is not None and state.cut_short:
             state.candidates += ahead.unclaimed()

@@ -33,8 +33,9 @@ from tominpmp.transcription.program import NonlinearProgram
 
 # Initial duration for shooting: the paper's T^0 [s].
 FIRST_DURATION = 1.5
-# Most starts while there is no incumbent.
-RESCUE_TORQUE_STARTS = 4
+# Number of starts if a motion may have to swing, and most starts while there is no
+# incumbent.
+TORQUE_STARTS = 4
 # Arms of at most this number of joints may have to swing.
 FEW_JOINTS = 3
 # Random torques are constant on PIECES pieces; their duration is the initial one times
@@ -44,7 +45,7 @@ LONGER = 2.0
 
 
 def torque_starts(
-    system: ProblemFunctions, state: PlanState, least: int = 1
+    system: ProblemFunctions, state: PlanState, least: int = TORQUE_STARTS
 ) -> Schedule[None]:
     """Descend from given torques, or those of a guess, then from random torques.
 
@@ -55,7 +56,7 @@ def torque_starts(
         state: The plan. If its method is no shooting method, the adjoint method is
             used.
         least: Number of starts unless options set it for a shooting method. The adjoint
-            method makes up to RESCUE_TORQUE_STARTS while there is no incumbent.
+            method makes up to TORQUE_STARTS while there is no incumbent.
     """
     options, tracked = state.options, None
     if options.method in SHOOTING:
@@ -72,7 +73,7 @@ def torque_starts(
     rng = np.random.default_rng(options.seed)
     wanted = most = options.starts or least
     if options.method == "adjoint":
-        most = max(wanted, RESCUE_TORQUE_STARTS)
+        most = max(wanted, TORQUE_STARTS)
     for number in range(most):
         if number >= wanted and state.best_duration < np.inf:
             return
