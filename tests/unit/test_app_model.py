@@ -306,7 +306,7 @@ def test_headline_shows_duration_verification_and_lower_bound() -> None:
     text = pictures.headline(outcome(shown()), busy=False)
     assert "2.000 s" in text
     assert "verified" in text
-    assert "25.0 % above the lower bound, 1.600 s" in text
+    assert "25.0 % above the lower bound, 1.600\N{NO-BREAK SPACE}s" in text
     assert "planning" in pictures.headline(outcome(shown()), busy=True)
     for bound in (None, LowerBound(0.99, "speed")):
         text = pictures.headline(outcome(shown(bound=bound)), busy=False)

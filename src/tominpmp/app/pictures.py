@@ -46,7 +46,7 @@ def headline(outcome: Outcome | None, busy: bool, goes_on: bool = False) -> str:
     figures = _span(large, f"{shown.T:.3f} s", ' id="tominpmp-T"')
     near = "" if shown.bound is None else shown.bound.comparison(shown.T)
     if shown.bound is not None and near:
-        near += f", {shown.bound.T:.3f} s"
+        near += f", {shown.bound.T:.3f}\N{NO-BREAK SPACE}s"
     return _box(
         _div(
             "display:flex;flex-wrap:wrap;align-items:baseline;gap:0 10px", figures, tag

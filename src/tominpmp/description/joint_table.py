@@ -473,10 +473,10 @@ class JointTable:
         if complaints:
             self.linkage.description.fail("; ".join(complaints))
         friction, effort = self["friction"], np.abs(self["effort"]).max(axis=1)
-        for i in np.flatnonzero((0.0 < effort) & (effort < friction)).tolist():
+        for i in np.flatnonzero((0.0 < effort) & (effort <= friction)).tolist():
             warn_caller(
                 f"the motor of joint {self.linkage.free[i]} cannot move it: its dry "
-                f"friction of {friction[i]:g} exceeds its effort limit of "
+                f"friction of {friction[i]:g} takes all of its effort limit of "
                 f"{effort[i]:g} [N m or N]"
             )
 
