@@ -57,7 +57,7 @@ def main() -> int:
     if solution.trajectory is None:
         return 1
     print(solution.prove_clearance().message)
-    print(f"Without the crate T is {tm.plan(problem(None), options).T:.4f} s.")
+    print(f"Without the crate: {tm.plan(problem(None), options).message}")
     arguments.out.mkdir(parents=True, exist_ok=True)
     page, table = (arguments.out / f"conveyor.{ending}" for ending in ("html", "csv"))
     solution.play(path=page, ghosts=6)

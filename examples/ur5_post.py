@@ -52,7 +52,7 @@ def main() -> int:
     assert certificate is not None
     print(certificate.message)
     free = tm.plan(tm.Problem(task.robot, task.q_start, task.goal))
-    print(f"Without the post T would be {free.T:.4f} s.")
+    print(f"Without the post: {free.message}")
     arguments.out.mkdir(parents=True, exist_ok=True)
     solution.plot(arguments.out / "ur5_post.png")
     solution.play(arguments.out / "ur5_post.html", ghosts=5)

@@ -84,7 +84,7 @@ class Guess:
         timed: Whether the duration follows from the limits along the path; otherwise
             from an estimate.
         delay: Time that the arm waits at the start [s], within the duration.
-        keeps: Whether the guess satisfies the constraints on positions, as far as they
+        feasible: Whether the guess satisfies the constraints on positions, where they
             were checked.
         blocked: Whether all configurations found for the goal are in collision.
         inner_ends: Times at which the segments before the last one end [s], without
@@ -98,7 +98,7 @@ class Guess:
     q: Array
     timed: bool
     delay: float = 0.0
-    keeps: bool = True
+    feasible: bool = True
     blocked: bool = False
     inner_ends: Array = field(default_factory=lambda: np.zeros(0))
     solved: bool = False
@@ -159,7 +159,7 @@ class GuessRequest:
         onward: Estimates the time that the motion takes after the goal [s] from the
             configuration there, shape (n,); None if the motion ends at the goal.
         searches: Success of the searches for paths, which further searches update.
-        place: Number of the segment and identity of its goal; None for a problem
+        goal_key: Number of the segment and identity of its goal; None for a problem
             without segments.
         reached: Final configurations by segment, goal, start, rest at the goal, and
             scene, see :meth:`final_configurations`; combinations of goals share them,
@@ -172,7 +172,7 @@ class GuessRequest:
     passes: bool = False
     onward: Callable[[Array], float] | None = None
     searches: PathSearches = field(default_factory=PathSearches)
-    place: Hashable = None
+    goal_key: Hashable = None
     reached: dict[Hashable, tuple[list[Array], bool]] = field(default_factory=dict)
 
     def guesses(self, system: ProblemFunctions) -> Iterator[Guess]:
@@ -211,7 +211,7 @@ class GuessRequest:
             return [goal.configuration], False
         target = Target(system, goal, beyond=self.beyond)
         begin = problem.q_start.tobytes()  # the nearest configurations come first
-        key = self.place or id(goal), begin, target.rests, problem.scene
+        key = self.goal_key or id(goal), begin, target.rests, problem.scene
         if key in self.reached:
             return self.reached[key]
         found, lost = list[Array](), False
@@ -253,15 +253,15 @@ def _line_guess(system: ProblemFunctions, q_end: Array) -> Guess:
     If the straight line satisfies the constraints on positions, the faster of both is
     taken.
     """
-    (keeps, path), guesses = feasible_path(system, q_end), list[Guess]()
-    if keeps or path is None:
-        guesses.append(replace(straight_guess(system, q_end), keeps=keeps))
+    (feasible, path), guesses = feasible_path(system, q_end), list[Guess]()
+    if feasible or path is None:
+        guesses.append(replace(straight_guess(system, q_end), feasible=feasible))
     if path is not None:
         guesses.append(along(system, path, "within constraints"))
-    return min(guesses, key=_pace)
+    return min(guesses, key=_timed_duration)
 
 
-def _pace(guess: Guess) -> float:
+def _timed_duration(guess: Guess) -> float:
     return guess.duration if guess.timed else np.inf
 
 
@@ -361,15 +361,15 @@ def _guesses(
     problem, rng = system.problem, request.rng
     final = problem.goal.configuration
     lines = [(_line_guess(system, q), q) for q in ends]
-    lines.sort(key=lambda line: (not line[0].keeps, _pace(line[0])))
+    lines.sort(key=lambda line: (not line[0].feasible, _timed_duration(line[0])))
     if request.onward is not None:
         # Only the first guess looks ahead, so that further ones differ from it.
-        onward = [_pace(line) + request.onward(q) for line, q in lines]
-        best = min(range(len(lines)), key=lambda i: (not lines[i][0].keeps, onward[i]))
+        T = [_timed_duration(line) + request.onward(q) for line, q in lines]
+        best = min(range(len(lines)), key=lambda i: (not lines[i][0].feasible, T[i]))
         lines.insert(0, lines.pop(best))
     straight, ends = zip(*lines, strict=True)
     moving = filter(None, (_moving_guess(system, q) for q in ends))
-    direct = (*sorted(moving, key=_pace), *straight)
+    direct = (*sorted(moving, key=_timed_duration), *straight)
     # A guess at rest at the start, with the given duration or that of the fastest line.
     times = np.array([0.0, request.duration or straight[0].duration])
     rest = Guess(REST_GUESS, times, np.tile(problem.q_start, (2, 1)), False)

@@ -42,7 +42,7 @@ def segmented_guesses(
         replace(
             request,
             # Alternatives share the goals of their segments, which are copied later.
-            place=(place, id(part.problem.goal)),
+            goal_key=(place, id(part.problem.goal)),
             duration=request.duration and request.duration / count,
             beyond=beyond[place],
             passes=part.problem.goal.stopped is not part.problem.goal,

@@ -78,8 +78,8 @@ class AdjointTranscription(TorqueTranscription):
     def tracking(self, x: Array, eta: Array) -> Array:
         """Iterate whose torques, within their limits, keep the motion near states.
 
-        The torque of each interval accelerates the arm as the states ask, and takes up
-        the deviation at its beginning (computed torque, with a double pole).
+        The torque of each interval gives the arm the acceleration of the states, and
+        corrects the deviation at its beginning (computed torque, with a double pole).
 
         Args:
             x: States (q, v) at the nodes, shape (N + 1, 2n).
