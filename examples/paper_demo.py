@@ -277,7 +277,7 @@ def plot_convergence(
             below.plot([max(r.violation, LEAST_VIOLATION) for r in records], **look)
         above.set_ylabel("T [s]")
         below.set(ylabel="largest violation (scaled)", xlabel="iteration", yscale="log")
-        below.yaxis.set_major_formatter("{x:g}")
+        below.yaxis.set_major_formatter("{x:.0e}")
         # Linear to 10, then logarithmic: methods differ by hundreds of iterations.
         below.set_xscale("symlog", linthresh=10.0)
         longest = max(map(len, histories.values()))
