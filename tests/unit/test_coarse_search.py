@@ -99,7 +99,7 @@ def test_start_ends_if_it_will_not_beat_an_earlier_one(monkeypatch):
         records = [record(search, duration=duration) for duration in durations]
         return search._drop_early(loop(search, records))
 
-    assert stop_reason(1.3, 1.2) is None  # the duration still decreases fast enough
+    assert stop_reason(1.3, 1.1) is None  # the duration still decreases fast enough
     assert stop_reason(1.21, 1.2) is Status.STALLED
     assert stop_reason(1.0, 0.99) is None
     assert stop_reason(1.0, 1.0) is Status.STALLED

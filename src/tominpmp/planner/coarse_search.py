@@ -57,8 +57,6 @@ TORQUE_INTERVALS = 80
 # Discretisation loss of a coarse grid, as a share of T: for motions that torque limits
 # rule, and for motions that speed limits rule.
 TORQUE_LOSS, SPEED_LOSS = 0.06, 0.01
-# Extrapolated gain of all remaining iterations, in multiples of the last gain.
-REMAINING = 3.0
 # A guess is too slow if it is slower by this factor than the guess of a known motion:
 # where obstacles move, descents from all guesses take half as many programs more.
 # Compared with known motions, plans of a Fetch take 0.7 of the time, and six of 40
@@ -326,8 +324,8 @@ class CoarseSearch:
     def _is_slower(self, loop: Loop) -> bool:
         """Whether a start will end slower than the best motion on the coarse grid.
 
-        As iterations gain less and less, the gain of all remaining iterations is at
-        most REMAINING times the last one.
+        As iterations gain less and less, all remaining ones are taken to gain as much
+        as the last one.
         """
         if self.system.final_configuration is not None or not self.system.in_free_space:
             return False
@@ -335,8 +333,7 @@ class CoarseSearch:
             return False
         best = min(rough.duration for rough in self.known)
         before, now = (record.duration for record in loop.history[-2:])
-        gain = REMAINING * max(before - now, 0.0)
-        return now - gain > (1.0 - PROMISE) * best
+        return now - max(before - now, 0.0) > (1.0 - PROMISE) * best
 
     # -- on the requested grid ---------------------------------------------------------
 
