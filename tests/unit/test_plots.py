@@ -185,9 +185,12 @@ def test_sliding_joints_have_their_units(tmp_path: Path) -> None:
 
 
 def test_long_joint_names_stay_beside_the_labels_of_the_axis(tmp_path: Path) -> None:
-    """Regression: the lines of a name were centred, and met the units and numbers."""
+    """Regression: the lines of a name were centred, and met the units and numbers.
+
+    A name of 960 letters left an eighth of the figure for a panel.
+    """
     robot = simple_arm(tmp_path, ["1 0 0", "0 0 1"], ["prismatic", "revolute"])
-    name = "a_joint_of_the_linear_axis_with_a_very_long_name"
+    name = 20 * "a_joint_of_the_linear_axis_with_a_very_long_name"
     text = robot.urdf_path.read_text(encoding="utf-8")
     first = robot.joint_names[0]
     robot.urdf_path.write_text(text.replace(f'"{first}"', f'"{name}"'))
@@ -200,6 +203,7 @@ def test_long_joint_names_stay_beside_the_labels_of_the_axis(tmp_path: Path) -> 
     (shown,) = (t for t in panel.texts if "limit" not in t.get_text())
     assert shown.get_text().count("\n") >= 3
     assert shown.get_window_extent().x1 < panel.yaxis.label.get_window_extent().x0
+    assert panel.get_window_extent().width > 0.2 * figure.bbox.width
 
 
 def test_long_names_leave_room_for_the_bars(tmp_path: Path) -> None:

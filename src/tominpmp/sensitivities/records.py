@@ -175,7 +175,7 @@ class Sensitivities(Record):
         torque axis and S for their speed axis) if no other parameter depends on time:
         with speed limits twice as large, and torque limits and gravity four times as
         large, the same path takes half the time. Moving obstacles, velocities at the
-        ends and constraints of other kinds add to the residual.
+        ends, dwells and constraints of other kinds add to the residual.
         """
         powers = {kind.name: kind.order for kind in joint_kinds().values()} | POWERS
         return 1.0 + math.fsum(

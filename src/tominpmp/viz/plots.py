@@ -272,9 +272,9 @@ def _time_axes(panels: Any, duration: float) -> None:
 
 
 def _in_lines(name: str) -> str:
-    """The name of a joint in lines that fit next to its row."""
+    """The name of a joint in a few lines that fit next to its row."""
     ends = r"[ /_-]|(?<=[a-z])(?=[A-Z])|$"
-    return "\n".join(re.findall(rf".{{1,13}}(?:{ends})|.{{1,13}}", name))
+    return "\n".join(re.findall(rf".{{1,13}}(?:{ends})|.{{1,13}}", _short(name, 80)))
 
 
 def _short(name: str, most: int = 40) -> str:

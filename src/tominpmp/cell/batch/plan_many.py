@@ -289,7 +289,7 @@ def _task(index: int, item: Any, seed: int, **fixed: Any) -> BatchTask:
     name, source = item if named else (None, item)
     if name is None and isinstance(source, str | Path):
         name = Path(source).stem
-    key = index if name is None else zlib.crc32(name.encode())
+    key = index if name is None else zlib.crc32(name.encode(errors="surrogatepass"))
     numbers = np.random.SeedSequence([seed, key]).generate_state(1)
     name = name or f"problem {index}"
     return BatchTask(index, name, int(numbers[0]), source, **fixed)
