@@ -42,11 +42,14 @@ LITTLE_PROMISE = 3e-4
 GAINED = 0.2
 
 
-def on_finer_grids(result: Descended, state: PlanState) -> Descended:
+def on_finer_grids(
+    result: Descended, smoothing: float | None, state: PlanState
+) -> Descended:
     """Improve the motion of a descent on finer grids, as long as the gain is worth it.
 
     Args:
         result: The result of the descent.
+        smoothing: Weight of the jumps in the descent, as in its options.
         state: The plan.
 
     Returns:
@@ -65,8 +68,8 @@ def on_finer_grids(result: Descended, state: PlanState) -> Descended:
             return result
     usual = options.refine == "auto" and options.effort != "thorough"
     worth = PROMISE if usual else LITTLE_PROMISE
-    warm, finest = warm_start_options(options), result
-    initial_duration = best.duration
+    warm = replace(warm_start_options(options), smoothing=smoothing)
+    finest, initial_duration = result, best.duration
     step, stop = trust_regions(warm)
     while True:
         transcription, z = program.transcription, best.z

@@ -430,21 +430,28 @@ class BSplineTranscription(Transcription[SplineMotion]):
     def variation(self, z: Array) -> Variation:
         """Jumps of the highest derivative, up to jerks, in full torque ranges.
 
-        Jumps between control points of the jerk are multiplied by the mean interval,
-        and so count as accelerations.
+        Jumps between control points of the jerk are multiplied by the mean interval
+        beside them, and so count as accelerations: with the mean of all intervals,
+        jumps on short intervals at both ends would weigh more than the duration.
         """
         motion, order = self.motion(z), min(self.degree, 3)
         scale = self.acceleration_range
 
+        def lasting(of: SplineMotion) -> Array:
+            if order < 3:
+                return np.ones((1, 1))
+            slopes = of.knots.slopes(order)
+            steps = np.divide(of.unit, slopes, np.zeros_like(slopes), where=slopes != 0)
+            return 0.5 * (steps[1:, None] + steps[:-1, None])
+
         def jumps(of: SplineMotion) -> Array:
-            lasting = np.mean(of.h) if order == 3 else 1.0
-            return np.asarray(lasting * np.diff(of.derivative(order), axis=0) / scale)
+            changes = np.diff(of.derivative(order), axis=0)
+            return np.asarray(lasting(of) * changes / scale)
 
         rows = motion.knots.bands(order) / motion.unit**order
         after = np.pad(rows[1:], ((0, 0), (1, 0)))
         between = after - np.pad(rows[:-1], ((0, 0), (0, 1)))
-        if order == 3:
-            between *= np.mean(motion.h)
+        between *= lasting(motion)
         joints, first = np.arange(self._n), np.arange(len(between))
         by_eta = np.zeros((first.size, joints.size, self.near.shape[1]))
         if self._m > 1:
