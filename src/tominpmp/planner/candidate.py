@@ -112,8 +112,7 @@ class Candidate:
         program = result.program
         feasible = result.best is not None
         iterate = result.best or result.iterate
-        rows = program.rows
-        violations = rows.by_kind(rows.violation(iterate.values))
+        violations = program.rows.by_kind(program.rows.violation(iterate.values))
         layout, clearance_rows = None, False
         if isinstance(program, NonlinearProgram):
             of = program.transcription

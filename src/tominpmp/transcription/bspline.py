@@ -438,7 +438,7 @@ class BSplineTranscription(Transcription[SplineMotion]):
         motion, order = self.motion(z), min(self.degree, 3)
         scale = self.acceleration_range
 
-        def lasting(of: SplineMotion) -> Array:
+        def spans(of: SplineMotion) -> Array:
             if order < 3:
                 return np.ones((1, 1))
             slopes = of.knots.slopes(order)
@@ -446,13 +446,12 @@ class BSplineTranscription(Transcription[SplineMotion]):
             return 0.5 * (steps[1:, None] + steps[:-1, None])
 
         def jumps(of: SplineMotion) -> Array:
-            changes = np.diff(of.derivative(order), axis=0)
-            return np.asarray(lasting(of) * changes / scale)
+            return np.asarray(spans(of) * np.diff(of.derivative(order), axis=0) / scale)
 
         rows = motion.knots.bands(order) / motion.unit**order
         after = np.pad(rows[1:], ((0, 0), (1, 0)))
         between = after - np.pad(rows[:-1], ((0, 0), (0, 1)))
-        between *= lasting(motion)
+        between *= spans(motion)
         joints, first = np.arange(self._n), np.arange(len(between))
         by_eta = np.zeros((first.size, joints.size, self.near.shape[1]))
         if self._m > 1:
