@@ -134,11 +134,6 @@ class Candidate:
         """Largest constraint violation."""
         return max(self.violations.values(), default=0.0)
 
-    @property
-    def missing_clearance(self) -> float:
-        """Largest violation of clearances, as a share of the reach."""
-        return _largest(self.violations, clearances=True)
-
     def after(self, former: Candidate) -> Candidate:
         """This candidate, with the initial motion of its predecessor."""
         return replace(self, initial=former.initial)

@@ -181,8 +181,9 @@ def _lacks_padding(candidate: Candidate, reach: float, padding: float) -> bool:
 
     Other constraints are violated less.
     """
-    missing = candidate.missing_clearance
-    return candidate.violation == missing and LEAST < reach * missing <= padding
+    violations, missing = candidate.violations, reach * candidate.violation
+    worst = max(violations, key=violations.__getitem__, default="")
+    return worst.startswith("clearance") and LEAST < missing <= padding
 
 
 def _after_failure(state: PlanState, error: Exception) -> Candidate | None:
