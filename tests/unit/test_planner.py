@@ -32,24 +32,22 @@ def around(planar3r):
 
 
 @pytest.mark.parametrize(
-    ("scene", "refined", "changes", "expected"),
+    ("scene", "changes", "expected"),
     [
-        (OBSTACLE, False, {}, (2e-4, True)),
-        (OBSTACLE, True, {}, (2e-4, True)),
-        (OBSTACLE, False, {"lp_solver": "highs"}, (2e-4, False)),
-        (OBSTACLE, False, {"smoothing": 0.01}, (0.01, False)),
-        (tm.Scene(), False, {}, (2e-4, False)),
-        (tm.Scene(), True, {}, (0.0, False)),
+        (OBSTACLE, {}, (2e-4, True)),
+        (OBSTACLE, {"lp_solver": "highs"}, (2e-4, False)),
+        (OBSTACLE, {"smoothing": 0.01}, (0.01, False)),
+        (tm.Scene(), {}, (2e-4, False)),
     ],
 )
 def test_weight_of_control_jumps_depends_on_obstacles_and_options(
-    planar3r, scene, refined, changes, expected
+    planar3r, scene, changes, expected
 ):
     """Squared jumps among obstacles; in free space torques jump between limits."""
     problem = tm.Problem(planar3r, START, REACH, scene=scene)
     options = resolve_options(problem, tm.Options(**changes))
     system = ProblemFunctions.of(problem)
-    least = minimum_time(system, options, 2.0, refined=refined)
+    least = minimum_time(system, options, 2.0)
     assert (least.jump_weight, least.squared) == expected
 
 

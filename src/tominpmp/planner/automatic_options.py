@@ -68,11 +68,7 @@ def warm_start_options(options: Options) -> Options:
 
 
 def minimum_time(
-    system: ProblemFunctions,
-    options: Options,
-    duration: float,
-    *,
-    refined: bool = False,
+    system: ProblemFunctions, options: Options, duration: float
 ) -> MinimumTime:
     """The objective of minimum time, with a weight on the jumps of the controls.
 
@@ -87,13 +83,10 @@ def minimum_time(
         system: Functions of the problem.
         options: Options of the plan, which may set the weight of the total variation.
         duration: Duration of the motion [s].
-        refined: Whether the grid is finer than the grid of the search. In free space
-            the proximal term then suffices to keep controls quiet.
     """
-    free = system.in_free_space
-    if options.smoothing is not None or (free and refined):
-        return MinimumTime.of(options, options.smoothing or 0.0)
-    squared = not free and make_solver(options.lp_solver).curved
+    if options.smoothing is not None:
+        return MinimumTime.of(options, options.smoothing)
+    squared = not system.in_free_space and make_solver(options.lp_solver).curved
     return MinimumTime.of(options, JUMPS_SHARE * duration, squared=squared)
 
 

@@ -152,7 +152,7 @@ def descend(
     candidate = Candidate.of(initial, result)
     if options.refine not in ("auto", "grid") or state.options.objective != "time":
         return candidate
-    finer = on_finer_grids(result, options.smoothing, state)
+    finer = on_finer_grids(result, objective, state)
     if finer is result:
         return candidate
     return replace(Candidate.of(initial, finer), coarser=candidate)

@@ -16,13 +16,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tominpmp.planner.automatic_options import (
-    PROMISE,
-    minimum_time,
-    warm_start_options,
-)
+from tominpmp.planner.automatic_options import PROMISE, warm_start_options
 from tominpmp.solvers.iterate import SlpResult
 from tominpmp.solvers.loop import Loop, Rule, first_of
+from tominpmp.solvers.objective import MinimumTime
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import Status
 from tominpmp.transcription.exchange import times_of_rows, with_rows_at
@@ -43,13 +40,13 @@ GAINED = 0.2
 
 
 def on_finer_grids(
-    result: Descended, smoothing: float | None, state: PlanState
+    result: Descended, objective: MinimumTime, state: PlanState
 ) -> Descended:
     """Improve the motion of a descent on finer grids, as long as the gain is worth it.
 
     Args:
         result: The result of the descent.
-        smoothing: Weight of the jumps in the descent, as in its options.
+        objective: The objective of the descent.
         state: The plan.
 
     Returns:
@@ -68,9 +65,11 @@ def on_finer_grids(
             return result
     usual = options.refine == "auto" and options.effort != "thorough"
     worth = PROMISE if usual else LITTLE_PROMISE
-    warm = replace(warm_start_options(options), smoothing=smoothing)
+    if program.system.in_free_space:
+        # The proximal term then suffices to keep controls quiet.
+        objective = replace(objective, jump_weight=options.smoothing or 0.0)
     finest, initial_duration = result, best.duration
-    step, stop = trust_regions(warm)
+    step, stop = trust_regions(warm_start_options(options))
     while True:
         transcription, z = program.transcription, best.z
         if not isinstance(transcription, Gridded):
@@ -83,7 +82,7 @@ def on_finer_grids(
         # The distance rows of the former grid are kept on the new one.
         finer = state.solve(
             with_rows_at(NonlinearProgram.of(transcription).at(z), z, rows),
-            minimum_time(transcription.system, warm, best.duration, refined=True),
+            objective,
             z,
             step,
             first_of(round_ends(worth * best.duration), stop),
