@@ -121,8 +121,8 @@ class Objective(ABC):
 
         Until the iteration converges, equations may be violated within their tolerance:
         after most steps the error of their linearisation is far from costing as much as
-        an older iterate. Iterates without such violations have the tolerance of the
-        objective in their favour.
+        an older iterate. They cost their penalty, which exceeds the gain from them, and
+        the tolerance of the objective.
 
         Args:
             program: The program.
@@ -135,7 +135,8 @@ class Objective(ABC):
         def merit(iterate: Iterate) -> float:
             value = self.value(program, iterate.z, iterate.values)
             inexact = iterate.violation > self.feasibility
-            return value * (1.0 + self.tolerance * inexact)
+            value *= 1.0 + self.tolerance * inexact
+            return value + state.penalty(iterate.values)
 
         return state if best is None or merit(state) < merit(best) else best
 
