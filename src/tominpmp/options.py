@@ -189,9 +189,7 @@ class Options(Record):
             three iterations together reduced T by less than this share.
         feasibility: Largest constraint violation that counts as feasible: relative for
             torques and velocities, in m and rad for goals and clearances. A start
-            within this distance of its goal takes no time. Motions of iterations that
-            end before they converge may miss goals on a frame by 1e-4, see
-            ``transcription.base.EQUATION_TOLERANCE``.
+            within this distance of its goal takes no time.
         goal_tolerance: Distance from the goal [rad or m] at which the independent
             replay of a motion may end, see :class:`Tolerances`.
         speed_tolerance: Deviation from the velocity of the goal [rad/s or m/s] with

@@ -492,22 +492,3 @@ def test_repair_of_a_self_collision_starts_from_the_guess(monkeypatch, free):
     make_and_repair(state, replace(work, make=make))
     assert len(given) == 2
     assert (given[1] is None) is free
-
-
-def test_goal_missed_by_rounding_does_not_cost_the_motion_of_a_stopped_plan(
-    ur5: tm.Robot,
-) -> None:
-    """Regression: until the sixth iteration no iterate reached a position to 1e-6 m,
-    and a plan that was stopped before returned a slow guess.
-    """
-    goal = tm.PositionGoal("tool0", [0.3, 0.4, 0.5])
-    problem = tm.Problem(ur5, np.full(6, 0.3), goal, self_collision=False)
-    seen: list[tm.IterationRecord] = []
-
-    def stops(record: tm.IterationRecord) -> bool:
-        seen.append(record)
-        return len(seen) == 3
-
-    stopped, whole = tm.plan(problem, callback=stops), tm.plan(problem)
-    assert stopped.success and stopped.T < 1.02 * whole.T
-    assert whole.violations["goal"] < tm.Options().feasibility

@@ -61,8 +61,7 @@ class KeptIterate(NamedTuple):
 
     @property
     def _violations(self) -> dict[str, float]:
-        rows = self.program.rows
-        return rows.by_kind(rows.excess(self.iterate.values))
+        return self.program.rows.violation_by_kind(self.iterate.values)
 
     def candidate(self, status: Status) -> Candidate:
         """The motion as a candidate, not replayed yet."""
@@ -112,7 +111,7 @@ class Candidate:
         program = result.program
         feasible = result.best is not None
         iterate = result.best or result.iterate
-        violations = program.rows.by_kind(program.rows.violation(iterate.values))
+        violations = program.rows.violation_by_kind(iterate.values)
         layout, clearance_rows = None, False
         if isinstance(program, NonlinearProgram):
             of = program.transcription

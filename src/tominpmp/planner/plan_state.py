@@ -187,7 +187,7 @@ class PlanState:
 
     def keep(self, program: ProgramInterface, iterate: Iterate) -> None:
         """Keep an iterate of the candidate in progress, in case it is cut short."""
-        feasible = iterate.excess <= self.options.feasibility
+        feasible = iterate.violation <= self.options.feasibility
         last = self.kept_iterates[-1] if self.kept_iterates else None
         initial = last and (last.initial or last)
         new = KeptIterate(program, iterate, feasible, initial)

@@ -78,11 +78,6 @@ class Iterate:
         """Largest violation of all rows."""
         return self.rows.largest_violation(self.values)
 
-    @property
-    def excess(self) -> float:
-        """Largest violation, without those of equations within their tolerance."""
-        return float(np.max(self.rows.excess(self.values), initial=0.0))
-
     def penalty(self, values: Array) -> float:
         """Weighted violations of row values [s]."""
         violation = self.rows.group_violation(values)

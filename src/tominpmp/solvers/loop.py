@@ -109,14 +109,10 @@ def solve(
         status = loop.first_feasible() or stop(loop)
         if exchange is not None and exchange.due(loop, status):
             exchange, status = exchange.join(loop, status)
-    best = loop.best
-    if best is None:
-        status = Status.INFEASIBLE if status is Status.CONVERGED else status
-    elif status is Status.CONVERGED and best.violation > objective.feasibility:
-        # An iterate that violates equations may be faster than any motion.
-        best = objective.restored(loop.program, loop.state)
+    if status is Status.CONVERGED and loop.best is None:
+        status = Status.INFEASIBLE
     history = tuple(loop.history)
-    return SlpResult(status, loop.state, best, history, loop.program, loop.dropped)
+    return SlpResult(status, loop.state, loop.best, history, loop.program, loop.dropped)
 
 
 @dataclass(eq=False)

@@ -119,26 +119,17 @@ class Objective(ABC):
     ) -> Iterate | None:
         """The better of two iterates: the new one must be feasible and have less cost.
 
-        Until the iteration converges, equations may be violated within their tolerance:
-        after most steps the error of their linearisation is far from costing as much as
-        an older iterate. They cost their penalty, which exceeds the gain from them, and
-        the tolerance of the objective.
-
         Args:
             program: The program.
             state: The new iterate.
             best: The best iterate so far; None if none is feasible.
         """
-        if state.excess > self.feasibility:
+        if state.violation > self.feasibility:
             return best
-
-        def merit(iterate: Iterate) -> float:
-            value = self.value(program, iterate.z, iterate.values)
-            inexact = iterate.violation > self.feasibility
-            value *= 1.0 + self.tolerance * inexact
-            return value + state.penalty(iterate.values)
-
-        return state if best is None or merit(state) < merit(best) else best
+        now = self.value(program, state.z, state.values)
+        if best is None or now < self.value(program, best.z, best.values):
+            return state
+        return best
 
     def restorable(self, program: NonlinearProgram, state: Iterate) -> bool:
         """Whether slowing down can remove the remaining violations.
@@ -146,8 +137,10 @@ class Objective(ABC):
         It cannot remove violations of equations.
         """
         rows = program.rows
-        unsolved = rows.excess(state.values)[rows.lower == rows.upper]
-        return not np.any(unsolved) and state.violation <= RESTORABLE
+        violation = rows.violation(state.values)
+        equations = violation[rows.lower == rows.upper]
+        small = np.max(violation, initial=0.0) <= RESTORABLE
+        return bool(small and np.max(equations, initial=0.0) <= self.feasibility)
 
     def restored(self, program: NonlinearProgram, state: Iterate) -> Iterate:
         """Restore feasibility by slowing a motion down; unchanged if that fails.
@@ -156,17 +149,17 @@ class Objective(ABC):
         second-order errors are removed. Slowing down by half of such an error removes
         it, at that cost in T. For small errors another program would do no better.
         """
-        if state.excess <= self.feasibility or not self.restorable(program, state):
+        if state.violation <= self.feasibility or not self.restorable(program, state):
             return state
-        former, violation = 1.0, state.excess
+        former, violation = 1.0, state.violation
         factor = 1.0 + SLOWDOWN * violation
         for _ in range(RESTORATIONS):
             z, values = program.slower(state.z, factor, state.values)
             trial = replace(state, z=z, values=values)
-            if trial.excess <= self.feasibility:
+            if trial.violation <= self.feasibility:
                 return trial
-            rate = (violation - trial.excess) / (factor - former)
-            former, violation = factor, trial.excess
+            rate = (violation - trial.violation) / (factor - former)
+            former, violation = factor, trial.violation
             # If the violation keeps falling at this rate, it vanishes at this factor.
             beyond = factor + violation / rate if rate > 0.0 else np.inf
             factor = min(beyond, 1.0 + 2.0 * (factor - 1.0))

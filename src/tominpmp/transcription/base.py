@@ -32,9 +32,6 @@ if TYPE_CHECKING:
 # Value of all rows of a motion that could not be integrated to its end, and of the
 # defects of an interval whose inner stage could not be solved for.
 NOT_INTEGRATED = 1e3
-# Violation up to which equations count as satisfied until the iteration converges: of
-# goals [rad or m], and of the dynamics by collocation, whose replays held with 4e-4.
-EQUATION_TOLERANCE = 1e-4
 # Largest relative change of the lengths of intervals in one step.
 LENGTH_STEP = 0.3
 
@@ -134,16 +131,11 @@ class Rows:
         """Largest violation of any row; 0 without rows."""
         return float(np.max(self.violation(values), initial=0.0))
 
-    def excess(self, values: Array) -> Array:
-        """Violations, without those of equations within their tolerance, shape (m,)."""
-        violation = self.violation(values)
-        solved = (self.lower == self.upper) & (violation <= EQUATION_TOLERANCE)
-        return np.where(solved, 0.0, violation)
-
-    def by_kind(self, violation: Array) -> dict[str, float]:
+    def violation_by_kind(self, values: Array) -> dict[str, float]:
         """Largest violation of the rows of each kind, by its name."""
+        excess = self.violation(values)
         return {
-            kind: float(np.max(violation[self.kind == index], initial=0.0))
+            kind: float(np.max(excess[self.kind == index], initial=0.0))
             for index, kind in enumerate(self.kinds)
         }
 
