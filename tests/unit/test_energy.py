@@ -157,7 +157,9 @@ def _programs():
 def test_energy_gradient_matches_differences(number, kind):
     transcription, z = list(_programs())[number]
     rng = np.random.default_rng(0)
-    z = z + 1e-2 * rng.standard_normal(z.size)
+    # Larger changes of states that follow each other closely need torques for which the
+    # inner stages of collocation have no solution nearby.
+    z = z + 2e-3 * rng.standard_normal(z.size)
     program = NonlinearProgram.of(transcription).at(z)
     check_gradient(program, kind, z, rng, step=1e-6, rel=1e-5)
 
