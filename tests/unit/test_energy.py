@@ -135,7 +135,8 @@ def test_sensitivities_are_rejected_with_an_energy_weight(trades):
 
 def _programs():
     system = ProblemFunctions.of(two_links())
-    shares = interval_shares("cosine", 8)
+    # On fewer intervals an inner stage of collocation has several solutions.
+    shares = interval_shares("cosine", 16)
     whole = np.sum(shares, axis=1, keepdims=True)
 
     def path(t):
@@ -157,9 +158,7 @@ def _programs():
 def test_energy_gradient_matches_differences(number, kind):
     transcription, z = list(_programs())[number]
     rng = np.random.default_rng(0)
-    # Larger changes of states that follow each other closely need torques for which the
-    # inner stages of collocation have no solution nearby.
-    z = z + 2e-3 * rng.standard_normal(z.size)
+    z = z + 1e-2 * rng.standard_normal(z.size)
     program = NonlinearProgram.of(transcription).at(z)
     check_gradient(program, kind, z, rng, step=1e-6, rel=1e-5)
 
