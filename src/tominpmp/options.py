@@ -37,6 +37,9 @@ CHOICES = {
 # tenth of the quick plans, and one of 37 standard ones (``python -m
 # benchmarks.latency``).
 TIME_LIMITS = {"quick": 2.0, "standard": 10.0, "thorough": 60.0}
+# Least number of periods of a motion on a controller's clock, or of a segment of it;
+# the shortest motions last longer than they need.
+FEWEST_PERIODS = 4
 # Largest value of numbers without a smaller one: beyond any use, while its square is
 # still finite.
 LARGEST = 1e9

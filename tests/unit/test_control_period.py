@@ -516,14 +516,3 @@ def test_self_collision_on_the_clock_adds_rows_of_links(ur5, monkeypatch):
     solution = tm.plan(ur5_problem(ur5), control_period=0.008)
     check(solution, 0.008)
     assert seen[0] is False and seen[-1] is True
-
-
-@pytest.mark.parametrize("period", [0.01, 0.02])
-def test_short_motion_takes_no_more_periods_than_it_needs(period):
-    """Regression: each motion from rest took at least four periods."""
-    ur5 = tm.load_robot("ur5")
-    start = np.array([0.1, 0.5, -0.1, -1.3, 0.1, -1.4])
-    problem = tm.Problem(ur5, start, tm.JointGoal(start + 5e-4))
-    solution = tm.plan(problem, effort="quick", control_period=period)
-    assert solution.status is tm.Status.CONVERGED, solution.message
-    assert solution.T < 3.5 * period

@@ -184,7 +184,7 @@ def test_replanning_with_constant_accelerations_uses_the_rest(share):
 @pytest.mark.parametrize("ticks", [1, 2, 5])
 def test_replanning_on_a_clock_takes_no_longer_than_the_rest(ur5, ticks):
     """Regression: the rest of a former motion was no candidate, as the time at which it
-    begins was rounded.
+    begins was rounded. A motion from rest takes four periods or more.
     """
     period, goal = 0.004, tm.JointGoal([0.9, -1.2, 1.3, 0.5, 0.5, 0.0])
     problem = tm.Problem(ur5, [0.0, -1.5, 1.0, 0.0, 0.5, 0.0], goal)

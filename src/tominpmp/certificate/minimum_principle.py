@@ -54,6 +54,7 @@ from tominpmp.certificate.optimality_report import (
 from tominpmp.checks import instance, number
 from tominpmp.motion.samples import Samples
 from tominpmp.motion.trajectory import Trajectory
+from tominpmp.options import FEWEST_PERIODS
 from tominpmp.problem.joint_limits import need_smooth
 from tominpmp.problem.problem import Problem
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -70,6 +71,9 @@ SINGULAR = 0.02
 ON_LIMIT = 0.01
 # Multiplier, as a density over time, above which a limit counts as active.
 LEAST_MULTIPLIER = 0.01
+# Rounding error of the number of periods of a segment, and largest speed of a joint at
+# rest [rad/s or m/s].
+SAME = 1e-6
 
 
 @on_one_thread
@@ -282,7 +286,9 @@ def _active(motion: GridMotion, dual: DualSolution) -> Iterator[ActiveLimit]:
 def clock_share(trajectory: Trajectory, period: float) -> float:
     """Share of the duration of a motion that rounding to whole periods may have cost.
 
-    The duration of each segment is rounded up separately, by less than a period.
+    The duration of each segment is rounded up separately, by less than a period. A part
+    of the motion from rest to rest that takes no more periods than the fewest of any
+    motion on a clock may be due to rounding as a whole.
 
     Args:
         trajectory: The motion.
@@ -291,7 +297,11 @@ def clock_share(trajectory: Trajectory, period: float) -> float:
     if not trajectory.duration:
         return 0.0
     durations = np.diff(trajectory._ends, prepend=0.0)
-    rounding = np.minimum(durations, period)
+    speeds = np.abs(trajectory.v[np.searchsorted(trajectory.t, trajectory._ends)])
+    rests = np.all(speeds <= SAME, axis=1)
+    part = np.cumsum(rests) - rests
+    shortest = np.bincount(part, durations) <= (FEWEST_PERIODS + SAME) * period
+    rounding = np.where(shortest[part], durations, np.minimum(durations, period))
     return float(rounding.sum() / trajectory.duration)
 
 

@@ -23,6 +23,7 @@ from tominpmp.certificate.dwells import no_certificate, with_dwells
 from tominpmp.certificate.minimum_principle import TOLERANCE, certify, clock_share
 from tominpmp.exceptions import OptionsError
 from tominpmp.motion.trajectory import MAX_SAMPLES, Trajectory
+from tominpmp.options import FEWEST_PERIODS
 from tominpmp.planner.automatic_options import minimum_time, warm_start_options
 from tominpmp.planner.candidate import Candidate, best_of
 from tominpmp.planner.first_program import with_active_rows
@@ -271,13 +272,18 @@ def _within_windows(
         period: The period [s].
     """
     counts: list[int] = []
-    now = 0
+    now = since = 0
     for count, segment in zip(wanted, segments, strict=True):
+        rests = segment is segments[-1] or segment.stop
         earliest, latest = arrival_window(segment)
         tick = max(now + count, ticks_of(earliest, period))
         if latest < np.inf:
             tick = min(tick, -ticks_of(-latest, period))
-        counts.append(max(tick - now, 1))
+        # A segment whose goal is passed may take a single period, but a motion from
+        # rest to rest takes FEWEST_PERIODS.
+        fewest = max(FEWEST_PERIODS - since, 1) if rests else 1
+        counts.append(max(tick - now, fewest))
+        since = 0 if rests else since + counts[-1]
         now += counts[-1] + ticks_of(segment.dwell, period)
     return counts
 
