@@ -409,7 +409,7 @@ def test_planning_time_is_reserved_for_the_first_replay():
         state.keep(program, slow)
         assert state.kept_iterates[-1].feasible
         before = state.deadline.last - state.deadline.end
-        assert before == pytest.approx(0.5 * (0.08 * 2.0 + 0.15) + reserve)
+        assert before == pytest.approx(0.06 * 2.0 + 0.07 + reserve)
 
 
 def test_feasible_iterates_outlive_later_ones_and_equal_ones_are_kept_once():

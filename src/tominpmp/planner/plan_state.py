@@ -34,8 +34,8 @@ MOST_KEPT = 4
 # AS_ITERATIONS iterations of the descent before it, but no less than END_SECONDS: on
 # six arms it took 2 to 9 of them, with and without dry friction.
 MOST_RESERVE, REPLAYS, AS_ITERATIONS = 0.25, 1.5, 5
-# Overrun allowed for the conclusion: share of the limit, and [s]. The last step may use
-# half of it.
+# Overrun allowed for one step, and for the conclusion: share of the limit, and [s].
+STEP_SHARE, STEP_SECONDS = 0.02, 0.08
 END_SHARE, END_SECONDS = 0.08, 0.15
 # Grace period to save the best motion once planning was interrupted, in total [s].
 SAVING = 3.0
@@ -322,7 +322,7 @@ class PlanState:
         return min(self._until, self._limit - self._reserve())
 
     def _set_deadline(self) -> None:
-        more = 0.5 * (END_SHARE * self._limit + END_SECONDS)
+        more = STEP_SHARE * self._limit + STEP_SECONDS
         self.deadline.end = self._begin + self._candidate_end() + more
         self.deadline.last = self._end()
 

@@ -31,7 +31,7 @@ from tominpmp.planner.candidate import Candidate, best_of
 from tominpmp.planner.coarse_search import GAP, MOST_PATHS, coarse_grids_apply, search
 from tominpmp.planner.descent import descent_work, stop_if_hopeless
 from tominpmp.planner.improvements import improvements
-from tominpmp.planner.plan_state import END_SECONDS, END_SHARE, PlanState
+from tominpmp.planner.plan_state import STEP_SECONDS, STEP_SHARE, PlanState
 from tominpmp.planner.segment_by_segment import can_be_joined, segments_joined
 from tominpmp.planner.torque_starts import (
     shooting_work,
@@ -246,7 +246,7 @@ class ParallelDescents:
             seconds = self.state.remaining_time
             serial = replace(self.state.options, callback=None, processes=1)
             # Processes hand over their candidates in time, even if a step overruns.
-            end = time.time() + (1.0 - 0.5 * END_SHARE) * seconds - 0.5 * END_SECONDS
+            end = time.time() + (1.0 - STEP_SHARE) * seconds - STEP_SECONDS
             task = partial(descend_in_process, self.system, serial, end)
             done = run_parallel(task, [*self.batch], self.processes, seconds)
             self.done = ((first + place, result) for place, result in done)
