@@ -121,7 +121,7 @@ def test_motion_of_less_work_is_kept_when_the_time_ends(swing, clock, monkeypatc
     steps = itertools.count()
 
     def left():
-        clock.advance(53.0 if next(steps) == 15 else 0.0)
+        clock.advance(51.0 if next(steps) == 15 else 0.0)
         return stopping.seconds_left()
 
     monkeypatch.setattr(energy, "seconds_left", left)
