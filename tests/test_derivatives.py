@@ -168,8 +168,7 @@ def on_spline(system, shares, rng):
     of = InverseTranscription(system, shares, 0.6)
     points = near(system, of.intervals, rng)
     end = points[-1] + 0.02 * rng.normal(size=system.n)
-    start = system.problem.q_start
-    points = np.vstack([start, points, end]) - start
+    points = np.vstack([system.problem.q_start, points, end])
     return of, of.unknowns(points, lengths(shares, 0.6, rng))
 
 
@@ -189,7 +188,7 @@ def smooth(degree):
     def build(system, shares, rng):
         of = BSplineTranscription(system, shares, degree)
         points = near(system, of.intervals + degree, rng)
-        return of, of.unknowns(points - system.problem.q_start, np.array([0.6]))
+        return of, of.unknowns(points, np.array([0.6]))
 
     return build
 

@@ -10,10 +10,6 @@ import pytest
 import tominpmp as tm
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.linear_programs.highs import HighsSolver
-from tominpmp.transcription.bspline import BSplineTranscription
-from tominpmp.transcription.grid import interval_shares
-from tominpmp.transcription.layout import split_intervals
-from tominpmp.transcription.problem_functions import ProblemFunctions
 
 START = np.array([0.5, 1.7, -1.7])
 WAY = np.array([1.0, -0.6, 0.3])
@@ -47,57 +43,19 @@ def test_slow_motion_over_micrometres_fails() -> None:
     assert certificate.stationarity > 0.01
 
 
-@pytest.fixture
-def no_simplex(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_programs_of_small_motions_need_no_simplex_method(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def refuse(*_: object) -> None:
         raise AssertionError("the interior-point method has failed")
 
     monkeypatch.setattr(HighsSolver, "solve", refuse)
-
-
-@pytest.mark.usefixtures("no_simplex")
-def test_programs_of_small_motions_need_no_simplex_method() -> None:
     panda = tm.load_robot("panda")
     start = np.array([0.3, -0.4, 0.2, -1.5, 0.1, 1.6, 0.4, 0.02])
     way = 1e-4 * np.array([0.6, 0.6, 0.0, -0.4, -0.9, -0.9, 0.8, -0.2])
     goal = tm.JointGoal(start + way)
     solution = tm.plan(tm.Problem(panda, start, goal), max_planning_time=np.inf)
     assert solution.status is tm.Status.CONVERGED, solution.message
-
-
-@pytest.mark.usefixtures("no_simplex")
-@pytest.mark.parametrize(
-    ("name", "start", "direction"),
-    [
-        ("panda", (0.3, -0.4, 0.2, -1.5, 0.1, 1.6, 0.4, 0.02), (-0.8, 0.6, 0.0)),
-    ],
-)
-def test_programs_of_small_motions_to_a_point_need_no_simplex_method(
-    name: str, start: tuple[float, ...], direction: tuple[float, ...]
-) -> None:
-    """Regression: goals had coefficients of 1e-6, and multipliers of the certificate
-    were of the order of 100.
-    """
-    robot, q = tm.load_robot(name), np.array(start)
-    frame = robot.frame_names[-1]
-    there = RobotKinematics(robot).placement(q, frame).translation
-    goal = tm.PositionGoal(frame, there + 1e-4 * np.array(direction))
-    solution = tm.plan(tm.Problem(robot, q, goal), max_planning_time=np.inf)
-    assert solution.status is tm.Status.CONVERGED, solution.message
-
-
-def test_motion_over_micrometres_is_the_same_on_a_finer_grid() -> None:
-    """Regression: rounding of absolute positions added 1.5 % to accelerations."""
-    system = ProblemFunctions.of(goal_at(1e-5))
-    of = BSplineTranscription(system, interval_shares("cosine", 40), 3)
-    way = 1e-5 * WAY
-    z = of.start(lambda t: START + np.outer(t**2, way), 1.0, np.array([2e-3]))
-    finer, same = split_intervals(of, z, np.ones(40, dtype=bool))
-    peaks = [
-        np.max(np.abs(x.derivative(2)), axis=0)
-        for x in (of.motion(z), finer.motion(same))
-    ]
-    assert peaks[1] == pytest.approx(peaks[0], rel=1e-6)
 
 
 KINOVA = np.array([-1.1, 0.92, 0.43, -1.4, 0.62, 1.3])

@@ -42,7 +42,7 @@ def build(problem, rng, *, intervals=7, free=False):
     points = np.array(START) + 0.3 * rng.normal(size=(intervals, 3))
     end = points[-1] + 0.02 * rng.normal(size=3)
     eta = rng.uniform(0.1, 0.3, intervals) if free else np.array([1.3])
-    z = nlp.unknowns(np.vstack([START, points, end]) - START, eta)
+    z = nlp.unknowns(np.vstack([START, points, end]), eta)
     return NonlinearProgram.of(nlp).at(z), z
 
 
@@ -121,7 +121,7 @@ def test_row_exchange_finds_small_clearances_between_rows():
     nlp, z = build(problem, np.random.default_rng(8), intervals=6)
     system = nlp.system
     q = np.linspace(START, (1.5, 0.5, 0.5), 6)
-    z = nlp.transcription.unknowns(np.vstack([q[:1], q, q[-1:]]) - START, z[-1:])
+    z = nlp.transcription.unknowns(np.vstack([q[:1], q, q[-1:]]), z[-1:])
     # With an infinite tolerance the exchange adds no torque rows.
     more = exchanged(nlp, z, np.inf)
     at = added(more, nlp, "clearance")

@@ -319,8 +319,7 @@ def build(kind: str, problem: tm.Problem, seed: int):
         nlp = InverseTranscription(system, lengths, 1.1)
         eta = rng.uniform(0.1, 0.2, INTERVALS) if free else T
         program = with_clearances(NonlinearProgram.of(nlp), more)
-        points = np.vstack([q[:1], q[:-1], q[-2:-1]]) - problem.q_start
-        return program, nlp.unknowns(points, eta)
+        return program, nlp.unknowns(np.vstack([q[:1], q[:-1], q[-2:-1]]), eta)
     if kind == "collocation":
         nlp = CollocationTranscription(system, shares, 1.1)
         v = 0.3 * rng.normal(size=q.shape)
@@ -330,7 +329,7 @@ def build(kind: str, problem: tm.Problem, seed: int):
         return NonlinearProgram.of(nlp), nlp.pack(u, np.array([0.3]))
     nlp = BSplineTranscription(system, shares, 5)
     points = np.pad(q, ((2, 2), (0, 0)), mode="edge")
-    return NonlinearProgram.of(nlp), nlp.unknowns(points - problem.q_start, T)
+    return NonlinearProgram.of(nlp), nlp.unknowns(points, T)
 
 
 KINDS = ("inverse", "free lengths", "collocation", "adjoint", "bspline")

@@ -83,9 +83,9 @@ def test_stored_zeros_of_equations_do_not_change_the_solution() -> None:
     np.testing.assert_array_equal(found.x, PiqpSolver().solve(plain).x)
 
 
-def test_equation_scale_makes_the_largest_coefficients_one() -> None:
-    matrix = sp.csr_matrix(np.array([[1e10, -2.0], [0.0, 0.0], [5e-7, 1e-7]]))
-    assert equation_scale(matrix) == pytest.approx([1e-10, 1.0, 2e6])
+def test_equation_scale_makes_coefficients_one_at_most() -> None:
+    matrix = sp.csr_matrix(np.array([[1e10, -2.0], [0.5, 0.1]]))
+    assert equation_scale(matrix) == pytest.approx([1e-10, 1.0])
     assert equation_scale(matrix[:0]).shape == (0,)
 
 

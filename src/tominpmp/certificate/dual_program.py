@@ -23,11 +23,13 @@ from tominpmp.linear_programs.program import LinearProgram
 from tominpmp.problem.joint_limits import control_kind
 from tominpmp.transcription.instants import Instants
 
-# Radii of the trust region: of positions in rad or shares of the reach, but at most the
-# displacement, so that the same motion on another scale has the same predicted gain; of
-# velocities in these units over the duration; and of the duration of each segment as a
-# share of itself.
+# Radii of the trust region: of positions in rad or shares of the reach, of velocities
+# in these units over the duration, and of the duration of each segment as a share of
+# itself.
 RADIUS, SPEED_RADIUS, LENGTH_RADIUS = 1.0, 10.0, 0.5
+# Radius of the trust region of a small motion, in units of its displacement: the same
+# motion on another scale has the same predicted gain.
+DISPLACEMENTS = 100.0
 # Share by which each interval may be longer or shorter in addition. Of several optimal
 # sets of multipliers this selects a set whose Hamiltonian is constant.
 SHIFT = 1e-3
@@ -104,7 +106,7 @@ class _Program:
         self.n, self.N = changes.n, changes.N
         self.T = float(changes.t[-1])
         extent = float((np.ptp(changes.q, axis=0) / system.step_scale).max())
-        self.share = float(np.clip(extent, np.finfo(float).eps, 1.0))
+        self.share = min(1.0, DISPLACEMENTS * max(extent, np.finfo(float).eps))
         position = self.share * system.step_scale
         self.state_scale = np.concatenate([position, SPEED_RADIUS * position / self.T])
         mass, drag = motion.inertia
@@ -117,14 +119,14 @@ class _Program:
 
         The unknowns are the states at all nodes except the first; the accelerations of
         intervals or at nodes, which are unbounded except for zero accelerations at ends
-        and dwells; the lengths of intervals in shares SHIFT of themselves; and the
-        lengths of segments in shares of themselves.
+        and dwells; the lengths of intervals in shares of the duration; and the lengths
+        of segments in shares of themselves.
         """
         N, n, motion, changes = self.N, self.n, self.motion, self.motion.changes
         free = np.full((changes.controls, n), np.inf)
         free[rest_nodes(motion)] = 0.0
         firsts = [part.span[0] for part in motion.segments]
-        lengths = np.ones(N), np.full(len(firsts), LENGTH_RADIUS)
+        lengths = SHIFT * changes.h / self.T, np.full(len(firsts), LENGTH_RADIUS)
         radius = np.concatenate([np.full(2 * n * N, RADIUS), free.ravel(), *lengths])
         each = np.arange(N)
         states = np.repeat(each, 2 * n)
@@ -149,7 +151,7 @@ class _Program:
         every = sp.vstack([changes.defects(), limits.change], format="csc")
         scale = [np.tile(self.state_scale, self.N)]
         scale.append(np.tile(self.acceleration_scale, changes.controls))
-        scale.append(SHIFT * changes.h)
+        scale.append(np.full(self.N, self.T))
         lengths = every[:, -self.N :]
         # The duration of each segment is a separate column.
         spans = [slice(*part.span) for part in self.motion.segments]
@@ -158,10 +160,10 @@ class _Program:
         matrix = every @ sp.diags(np.concatenate(scale))
         rows = sp.hstack([matrix, durations], format="csc")
         rows.eliminate_zeros()
-        # The objective is a share of the duration.
+        # The objective and the lengths are shares of the duration.
         shares = [float(changes.h[span].sum()) / self.T for span in spans]
         cost = np.concatenate(
-            [np.zeros(changes.size - self.N), SHIFT * changes.h / self.T, shares]
+            [np.zeros(changes.size - self.N), np.ones(self.N), shares]
         )
         # Rows that depend on states only have the scale of the states.
         of_states = limits.of_state & np.any(limits.slopes != 0.0, axis=1)

@@ -124,9 +124,7 @@ class WarmStart(Guess):
             shares = interval_shares(kind, intervals, sudden=system.sudden)
         of = Layout(degree, shares, eta, ()).transcription(system)
         if isinstance(of, BSplineTranscription):
-            start = system.problem.q_start
-            z = of.interpolated(eta, lambda times: self.position(times) - start)
-            return of, of.within_limits(z)
+            return of, of.within_limits(of.interpolated(eta, self.position))
         if self.bend is not None:
             return of, of.start(self.position, T, eta)
         times = T * nodes_of(of.shares[:, 0])

@@ -90,14 +90,13 @@ def factorisation(program: LinearProgram, fragile: bool) -> Any:
 def equation_scale(equations: sp.csc_matrix) -> Array:
     """Factors that scale the largest coefficient of each equation to 1, shape (m,).
 
-    Second differences over short intervals have coefficients of 1e10, the positions of
-    a tool in units of a motion within milliseconds coefficients of 1e-6.
+    Equations with smaller coefficients are not scaled. Second differences over short
+    intervals have coefficients of 1e10.
 
     Args:
         equations: The equations.
     """
-    largest = abs(equations).max(axis=1).toarray()[:, 0]
-    return np.asarray(1.0 / np.where(largest > 0.0, largest, 1.0))
+    return np.asarray(1.0 / np.maximum(1.0, abs(equations).max(axis=1).toarray()[:, 0]))
 
 
 @cache

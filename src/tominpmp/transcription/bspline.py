@@ -247,11 +247,12 @@ class BSplineTranscription(Transcription[SplineMotion]):
         Coordinates that share an unknown get the mean of their given values.
 
         Args:
-            points: Control points relative to the start, shape (M, n).
+            points: Control points, shape (M, n).
             eta: Durations, shape (m,).
         """
         mapping, moved = self.point_map, self.point_map.column >= 0
-        target = (points.ravel() - mapping.fixed(eta))[moved]
+        target = (points - self._base).ravel() - mapping.fixed(eta)
+        target = target[moved]
         column, size = mapping.column[moved], self.point_unknowns
         sums = np.bincount(column, target, minlength=size)
         return np.concatenate([sums / np.bincount(column, minlength=size), eta])
@@ -265,22 +266,20 @@ class BSplineTranscription(Transcription[SplineMotion]):
             eta: Durations of the iterate, shape (m,).
         """
         knots = self._knots_for(np.ones(self._m))
-        positions = position(guessed * knots.greville / knots.knots[-1])
-        return self.unknowns(positions - self._base, eta)
+        return self.unknowns(position(guessed * knots.greville / knots.knots[-1]), eta)
 
-    def interpolated(self, eta: Array, displacement: PositionFunction) -> Array:
+    def interpolated(self, eta: Array, position: PositionFunction) -> Array:
         """Iterate that goes through positions at the Greville abscissae.
 
         Args:
             eta: Durations, shape (m,).
-            displacement: Configurations relative to the start at times [s], shape (k,)
-                to (k, n); a spline on this grid is reproduced exactly. Within
-                milliseconds, accelerations from absolute ones suffer from rounding.
+            position: Configurations at times [s], shape (k,) to (k, n); a spline on
+                this grid is reproduced exactly.
         """
         knots = self._knots_for(eta)
         sites = knots.greville
-        points = spsolve(knots.design(sites).tocsc(), displacement(sites * eta[-1]))
-        return self.unknowns(points, eta)
+        points = spsolve(knots.design(sites).tocsc(), position(sites * eta[-1]))
+        return self.unknowns(np.reshape(points, (knots.count, -1)), eta)
 
     def within_limits(self, z: Array) -> Array:
         """An iterate with its free control points brought within position limits."""
@@ -592,7 +591,7 @@ class InverseTranscription(BSplineTranscription):
         v_end = self.system.final_velocity
         v_end = np.zeros(self.system.n) if v_end is None else v_end
         points[-1] = q[-1] - 0.5 * (self.shares[-1] @ eta) * v_end
-        points = np.concatenate([self._base[None], points, q[-1:]]) - self._base
+        points = np.concatenate([self._base[None], points, q[-1:]])
         return self.unknowns(points, eta)
 
     @cached_property

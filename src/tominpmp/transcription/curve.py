@@ -203,9 +203,9 @@ class SplineMotion:
         points = self.derivative(order)[places(first, functions.shape[1])]
         return np.asarray(np.einsum("mk,mkn->mn", functions, points))
 
-    def displacements(self, times: Array) -> Array:
-        """Positions relative to the base at times [s], shape (k, n)."""
-        return np.asarray(self.knots.design(times / self.unit) @ self.points)
+    def positions(self, times: Array) -> Array:
+        """Positions at times [s], shape (k, n)."""
+        return np.asarray(self.knots.design(times / self.unit) @ self.derivative(0))
 
     def by_durations(
         self, quantity: Callable[[SplineMotion], Array], order: int, near: IntArray

@@ -223,12 +223,11 @@ class Layout:
             ends, moving = t[[0, *self.segment_ends]], nodes_of(arrivals - begins)
             dwelt = begins - moving[:-1]
 
-            def displacement(times: Array) -> Array:
+            def position(times: Array) -> Array:
                 before = dwelt[np.searchsorted(ends[1:-1], times)]
-                positions = motion(np.interp(times, ends, moving) + before, 0)
-                return np.asarray(positions - system.problem.q_start)
+                return motion(np.interp(times, ends, moving) + before, 0)
 
-            z = of.interpolated(eta, displacement)
+            z = of.interpolated(eta, position)
             z = of.within_limits(z) if within else z
         else:
             end = motion.duration
@@ -251,7 +250,7 @@ def split_intervals(of: Gridded, z: Array, split: BoolArray) -> tuple[Gridded, A
     finer = layout.halved(split).transcription(of.system)
     if isinstance(of, BSplineTranscription):
         assert isinstance(finer, BSplineTranscription)  # noqa: S101
-        return finer, finer.interpolated(layout.eta, of.motion(z).displacements)
+        return finer, finer.interpolated(layout.eta, of.motion(z).positions)
     assert isinstance(finer, CollocationTranscription)  # noqa: S101
     x, u, h = of.split(z)
     t, halved = nodes_of(h), np.flatnonzero(split)
