@@ -256,8 +256,8 @@ def test_time_derivatives_are_pulled_back_to_the_duration(degree):
 @pytest.mark.parametrize("degree", [3, 5])
 def test_jumps_of_the_jerk_count_as_accelerations_on_intervals_of_any_length(degree):
     """Regression: on the short intervals at both ends they counted a hundred times, and
-    outweighed the duration of motions among obstacles (a Fetch in a cage 2.81 s for
-    2.74 s, after 193 programs in place of 76).
+    outweighed the duration of motions among obstacles (a Fetch in a cage 3.34 s for
+    2.86 s).
     """
     system = ProblemFunctions.of(planar())
     shares = interval_shares("cosine", 40)
