@@ -273,7 +273,7 @@ def test_jerk_between_exact_samples_is_checked(planar3r: Robot, tmp_path: Path) 
     strong = replace(planar3r.limits, effort_lower=-most, effort_upper=most)
     robot = replace(planar3r, limits=strong)
     problem = Problem(robot, np.array(START), goal, motion_limits=limits)
-    solution = plan(problem, intervals=20)
+    solution = plan(problem, intervals=24)
     path = solution.export(tmp_path / "m.csv", dt=0.002, verify=False)
     found = check_export(solution, path, dt=0.002)
     assert [item.kind for item in found.violations] == ["jerk"]
