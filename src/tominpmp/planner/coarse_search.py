@@ -47,7 +47,7 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 
 logger = logging.getLogger(__name__)
 
-# Intervals of a coarse grid.
+# Intervals of a coarse grid, whose nodes are nodes of the default grid of 40 intervals.
 INTERVALS = 16
 # Tolerance of descents on a coarse grid.
 TOLERANCE = 2e-3
