@@ -293,7 +293,7 @@ def largest_summed_power(solution: tm.Solution) -> float:
 def test_custom_constraint_of_torques_is_used_by_every_part(
     free: tm.Solution, method: str, tmp_path: Path
 ) -> None:
-    most = 0.7 * largest_summed_power(free)
+    most = 0.6 * largest_summed_power(free)
     with_limit = problem(SummedPower(most))
     limited = tm.plan(with_limit, method=method)
     assert limited.success, limited.message

@@ -137,7 +137,7 @@ def test_plan_in_two_processes_keeps_its_time_limit(
         return candidate
 
     monkeypatch.setattr(ParallelDescents, "result", result)
-    options = tm.Options(processes=2, starts=starts, intervals=20, tolerance=1e-9)
+    options = tm.Options(processes=2, starts=starts, intervals=24, tolerance=1e-9)
     begin = time.monotonic()
     solution = tm.plan(reach(), options, max_planning_time=limit)
     # The second result may arrive with the first, and more on a busy machine.
