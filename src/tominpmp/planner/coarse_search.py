@@ -34,13 +34,12 @@ from tominpmp.planner.descent import (
     descend,
     descent_work,
     guess_of,
-    stop_if_hopeless,
     torques_rule,
 )
 from tominpmp.planner.plan_state import PlanState, start_key
 from tominpmp.planner.torque_starts import FEW_JOINTS, torque_starts, torques_may_lead
 from tominpmp.planner.work import Schedule, Work
-from tominpmp.solvers.loop import Loop, first_of
+from tominpmp.solvers.loop import Loop
 from tominpmp.solvers.objective import RESTORABLE
 from tominpmp.status import Status
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -294,8 +293,7 @@ class CoarseSearch:
         then known itself.
         """
         self.state.tried.add(start_key(self.system.problem, guess.t, guess.q))
-        stop = first_of(self._drop_early, stop_if_hopeless)
-        make = partial(descend, self.coarse, guess, self.state, stop)
+        make = partial(descend, self.coarse, guess, self.state, self._drop_early)
         # Links that touch on one motion mostly touch on others.
         touch = any(item.clearance_rows for item in self.state.candidates)
         candidate = yield Work(

@@ -19,9 +19,8 @@ from tominpmp.planner.first_program import first_program
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import LESS_PADDING, REPAIRS, Work
 from tominpmp.solvers.iterate import Iterate
-from tominpmp.solvers.loop import Loop, Rule, first_of
+from tominpmp.solvers.loop import Rule, first_of
 from tominpmp.solvers.trust_region_step import trust_regions
-from tominpmp.status import Status
 from tominpmp.transcription.layout import AT_LIMIT
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -31,17 +30,6 @@ MANY_INTERVALS = 24
 # Speed limits rule a guess if a joint is at its limit at this share of its samples;
 # otherwise torques rule it.
 SPEED_SHARE = 0.6
-# Stop rule: over the last PATIENCE iterations the violation exceeds FAR, and its
-# minimum over the later half of these is more than STILL of that over the former half.
-PATIENCE, FAR, STILL = 10, 1e-3, 0.9
-
-
-def stop_if_hopeless(loop: Loop) -> Status | None:
-    """Stop rule that drops a descent whose violation stagnates."""
-    excess, half = [record.violation for record in loop.history], PATIENCE // 2
-    late = len(excess) >= PATIENCE and min(excess[-PATIENCE:]) > FAR
-    stagnates = late and min(excess[-half:]) > STILL * min(excess[-PATIENCE:-half])
-    return loop.drop() if stagnates else None
 
 
 def _with_control(system: ProblemFunctions, options: Options, guess: Guess) -> Options:
@@ -133,9 +121,6 @@ def descend(
     """
     if former is not None:
         guess, stop = guess_of(system, former), None
-    if system.clearance is not None:
-        # The goal may be out of reach, or links may touch on all motions nearby.
-        stop = first_of(stop, stop_if_hopeless)
     if doublings:
         # Objective "feasible" would return the refuted motion unchanged, as that keeps
         # the rows of the finer grid.

@@ -29,7 +29,7 @@ from tominpmp.options import Options
 from tominpmp.planner.automatic_options import JUMPS_SHARE, SHOOTING, WARM_RADIUS
 from tominpmp.planner.candidate import Candidate, best_of
 from tominpmp.planner.coarse_search import GAP, MOST_PATHS, coarse_grids_apply, search
-from tominpmp.planner.descent import descent_work, stop_if_hopeless
+from tominpmp.planner.descent import descent_work
 from tominpmp.planner.improvements import improvements
 from tominpmp.planner.plan_state import STEP_SECONDS, STEP_SHARE, PlanState
 from tominpmp.planner.segment_by_segment import can_be_joined, segments_joined
@@ -40,7 +40,7 @@ from tominpmp.planner.torque_starts import (
 )
 from tominpmp.planner.work import NUMERICAL, Schedule, Work, run, single, use_fallback
 from tominpmp.problem.problem import Problem
-from tominpmp.solvers.loop import Loop, first_of
+from tominpmp.solvers.loop import Loop
 from tominpmp.status import STOPPED, IterationRecord, Status
 from tominpmp.stopping import Stop
 from tominpmp.transcription.grid import interval_shares
@@ -146,8 +146,7 @@ def _first_of_segments(
     """
     free = any(part.final_configuration is None for part in system.parts)
     if free or system.in_free_space:
-        stop = stop_if_hopeless
-        candidate = yield descent_work(system, state.options, guess, state, stop)
+        candidate = yield descent_work(system, state.options, guess, state)
         if candidate is not None and candidate.confirmed:
             return
     yield segments_joined(system, guess, state, _of_one_segment)
@@ -195,11 +194,7 @@ def _descents(
             if ahead is not None:
                 yield Work(system, partial(ahead.result, number), None)
                 continue
-            # The last guess is not dropped early: no other one would follow. Nor is the
-            # first one: with times of arrival it may stagnate, and is still the best.
-            droppable = system.parts and 0 < number < rescues - 1
-            stop = stop_if_hopeless if droppable else None
-            yield descent_work(system, options, guess, state, stop)
+            yield descent_work(system, options, guess, state)
         if swings and state.best_duration == np.inf:
             yield from torque_starts(system, state, 1)
     finally:
@@ -351,8 +346,7 @@ def _warm_start_work(
         found = any(item.feasible for item in state.kept_iterates)
         return None if found or state.seconds < late else loop.drop()
 
-    stop = first_of(stop_if_hopeless, stop_if_late)
-    return descent_work(system, warm, former, state, stop)
+    return descent_work(system, warm, former, state, stop_if_late)
 
 
 def _beatable(

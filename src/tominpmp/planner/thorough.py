@@ -21,7 +21,7 @@ from tominpmp.initial_guess.guess import HEIGHT, Guess, GuessRequest, bumped, bu
 from tominpmp.initial_guess.path_velocity import guesses_of
 from tominpmp.initial_guess.segments import segmented_guesses
 from tominpmp.planner.coarse_search import CoarseSearch, coarse_grids_apply
-from tominpmp.planner.descent import descent_work, stop_if_hopeless, torques_rule
+from tominpmp.planner.descent import descent_work, torques_rule
 from tominpmp.planner.improvements import improvements
 from tominpmp.planner.optimality import tolerance_of
 from tominpmp.planner.plan_state import PlanState
@@ -117,7 +117,7 @@ def _descents(system: ProblemFunctions, state: PlanState) -> Iterator[Schedule[N
     guesses = segmented_guesses(system, GuessRequest(rng, options.initial_duration))
     with suppress(ProblemError):  # no configuration reaches a goal
         for guess in itertools.islice(guesses, 1, None):
-            yield single(descent_work(system, options, guess, state, stop_if_hopeless))
+            yield single(descent_work(system, options, guess, state))
 
 
 def _around_best(
