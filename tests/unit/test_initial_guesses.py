@@ -16,9 +16,10 @@ from tominpmp.initial_guess.guess import REST_GUESS, GuessRequest, sampled_guess
 from tominpmp.initial_guess.inverse_kinematics import (
     MOST_TRIED,
     REACHED,
+    SPREAD,
     Target,
 )
-from tominpmp.initial_guess.rrt import NEAR, is_free
+from tominpmp.initial_guess.rrt import is_free
 from tominpmp.initial_guess.segments import segmented_guesses
 from tominpmp.kinematics import RobotKinematics
 from tominpmp.transcription.problem_functions import ProblemFunctions
@@ -214,10 +215,10 @@ def test_configurations_far_apart_come_before_close_configurations():
     q = np.array(search.free)
     apart = np.abs(q[:, None] - q).max(axis=2) + np.eye(len(q)) * 10
     few = 1
-    while few < len(q) and apart[few, :few].min() > NEAR:
+    while few < len(q) and apart[few, :few].min() > SPREAD:
         few += 1
     assert 2 <= few < len(q)
-    assert all(apart[i, :few].min() <= NEAR for i in range(few, len(q)))
+    assert all(apart[i, :few].min() <= SPREAD for i in range(few, len(q)))
 
 
 def test_search_for_an_unreachable_goal_returns_the_nearest_configuration():

@@ -19,7 +19,7 @@ from tominpmp.goals.joints import nearest_turns
 from tominpmp.goals.place import Scales
 from tominpmp.goals.turns import TURN
 from tominpmp.initial_guess.path import speed_weights
-from tominpmp.initial_guess.rrt import NEAR, is_free
+from tominpmp.initial_guess.rrt import is_free
 from tominpmp.kinematics import units_of
 from tominpmp.least_squares import LONGEST_STEP, damped_step, least_squares, padded
 from tominpmp.problem.state_checks import unheld
@@ -29,9 +29,9 @@ from tominpmp.transcription.problem_functions import ProblemFunctions
 # Residual that ends the least-squares steps, and residual up to which the goal counts
 # as reached [m, rad]; for arms shorter than a metre, shares of their length.
 TOLERANCE, REACHED = 1e-8, 1e-6
-# Two solutions closer than this count as one; solutions within NEAR of a former one
-# come last [rad, or shares of the length that counts as 1 rad].
-DISTINCT = 1e-2
+# Two solutions closer than DISTINCT count as one; solutions within SPREAD of a former
+# solution come last [rad, or shares of the length that counts as 1 rad].
+DISTINCT, SPREAD = 1e-2, 0.5
 # Starts are drawn from a box of this half width around the start of the motion, shifted
 # into the position limits [rad, or shares of the length that counts as 1 rad].
 AROUND = np.pi
@@ -429,5 +429,5 @@ def _spread(target: Target, solutions: Iterable[Array]) -> list[Array]:
     """Move configurations that are close to a former one to the end."""
     first, last = list[Array](), list[Array]()
     for q in solutions:
-        (last if _near(target, q, first, NEAR) else first).append(q)
+        (last if _near(target, q, first, SPREAD) else first).append(q)
     return first + last
