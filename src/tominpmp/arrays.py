@@ -205,8 +205,9 @@ class Record:
     abbreviated.
 
     A field is checked and converted if its annotation names an ``Annotated`` type with
-    a :data:`Check`, as ``Direction`` is. The checks of a base class hold in subclasses
-    as well, even if they declare the field again.
+    a :data:`Check`, as ``Direction`` is, or such a type or None (``Direction | None``).
+    The checks of a base class hold in subclasses as well, even if they declare the
+    field again. None is not checked where it is the default.
     """
 
     # Prefix of the field names in messages.
@@ -224,9 +225,12 @@ class Record:
 
     def __post_init__(self) -> None:
         """Check and convert the fields, in their order."""
-        for name in (item.name for item in fields(self)):  # type: ignore[arg-type]
-            for check in self._field_checks.get(name, ()):
-                self._keep(**{name: check(getattr(self, name), self._owner + name)})
+        for item in fields(self):  # type: ignore[arg-type]
+            name, value = item.name, getattr(self, item.name)
+            if value is not None or item.default is not None:
+                for check in self._field_checks.get(name, ()):
+                    value = check(value, self._owner + name)
+                    self._keep(**{name: value})
 
     def __repr__(self) -> str:
         """Name of the class, and the arguments that differ from their defaults."""
@@ -272,11 +276,16 @@ class Record:
 
 
 def field_type(kind: type, name: str) -> Any:
-    """Type of a field; the text of its annotation if that is more than a name."""
+    """Type of a field, without None if that is the other type it may have.
+
+    Returns:
+        The type; the text of its annotation if that is more than a name.
+    """
     for base in kind.__mro__:
         declared = inspect.get_annotations(base).get(name)
         if declared is not None:
             known = vars(sys.modules[base.__module__])
-            named = isinstance(declared, str)
-            return known.get(declared, declared) if named else declared
+            if isinstance(declared, str):
+                return known.get(declared.removesuffix(" | None"), declared)
+            return declared
     return None

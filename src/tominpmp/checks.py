@@ -437,21 +437,15 @@ def of_type(kinds: type | tuple[type, ...], expected: str) -> Check:
     return lambda value, name: instance(value, kinds, name, expected)
 
 
-def optional(check: Check) -> Check:
-    """Check of a value that may be None."""
-    return lambda value, name: None if value is None else check(value, name)
-
-
 # Field types that a Record checks.
 FrameName: TypeAlias = Annotated[str, partial(text, expected="the name of a frame")]
 Metres: TypeAlias = Annotated[float, partial(positive, unit="m")]
+Amount: TypeAlias = Annotated[float, non_negative]
 Seconds: TypeAlias = Annotated[float, partial(non_negative, unit="s")]
 Direction: TypeAlias = Annotated[Converted[VectorLike, Array], direction]
 _point = partial(vector, expected="three coordinates [m]", size=3)
 Point: TypeAlias = Annotated[Converted[VectorLike, Array], _point]
-PointOrNone: TypeAlias = Annotated[
-    Converted[VectorLike | None, Array | None], optional(_point)
-]
+PointOrNone: TypeAlias = Annotated[Converted[VectorLike | None, Array | None], _point]
 #: A centre of mass, whose squares are finite.
 Centre: TypeAlias = Annotated[Converted[VectorLike, Array], partial(_point, most=HUGE)]
 #: A corner of a box, whose coordinates may be infinite.

@@ -73,11 +73,9 @@ def _torques(value: Any, name: str) -> Array:
 
 _positive = partial(_number, expected="a positive number", above=0.0)
 _share = partial(_number, expected="a number >= 0, or None")
-_slack = partial(_share, most=10.0)
 _weight = partial(_number, expected="a number >= 0 [1/(N^2 m^2) or s/J]")
 _solver = partial(checks.text, expected="the name of a solver")
 _period = partial(_positive, expected="a positive number [s]", most=LONGEST_PERIOD)
-_starts = partial(checks.whole, least=1, most=10_000)
 _tolerance = partial(
     checks.number, expected="a tolerance >= 0", least=0.0, infinite=True
 )
@@ -87,20 +85,18 @@ Intervals: TypeAlias = Annotated[int, partial(checks.whole, least=4, most=10_000
 Iterations: TypeAlias = Annotated[int, partial(checks.whole, least=1, most=1_000_000)]
 Processes: TypeAlias = Annotated[int, partial(checks.whole, least=1, most=256)]
 Seed: TypeAlias = Annotated[int, partial(checks.whole, most=2**63 - 1)]
-StartsOrNone: TypeAlias = Annotated[int | None, checks.optional(_starts)]
+Starts: TypeAlias = Annotated[int, partial(checks.whole, least=1, most=10_000)]
 Positive: TypeAlias = Annotated[float, _positive]
-PositiveOrNone: TypeAlias = Annotated[float | None, checks.optional(_positive)]
-TimeOrNone: TypeAlias = Annotated[float | None, checks.optional(_time_limit)]
-PeriodOrNone: TypeAlias = Annotated[float | None, checks.optional(_period)]
-ShareOrNone: TypeAlias = Annotated[float | None, checks.optional(_share)]
-SlackOrNone: TypeAlias = Annotated[float | None, checks.optional(_slack)]
+TimeLimit: TypeAlias = Annotated[float, _time_limit]
+Period: TypeAlias = Annotated[float, _period]
+Share: TypeAlias = Annotated[float, _share]
+Slack: TypeAlias = Annotated[float, partial(_share, most=10.0)]
 Weight: TypeAlias = Annotated[float, _weight]
 Tolerance: TypeAlias = Annotated[float, _tolerance]
 SolverName: TypeAlias = Annotated[str, _solver]
-TorquesOrNone: TypeAlias = Annotated[Array | None, checks.optional(_torques)]
-CallbackOrNone: TypeAlias = Annotated[
-    "Callable[[IterationRecord], bool | None] | None",
-    checks.optional(checks.of_type(Callable, "a function")),
+Torques: TypeAlias = Annotated[Array, _torques]
+Callback: TypeAlias = Annotated[
+    "Callable[[IterationRecord], bool | None]", checks.of_type(Callable, "a function")
 ]
 
 
@@ -235,12 +231,12 @@ class Options(Record):
     effort: Effort = "standard"
     energy_weight: Weight = 0.0
     energy: Energy = "torque_squared"
-    slack: SlackOrNone = None
+    slack: Slack | None = None
     refine: Refinement | None = "auto"
-    smoothing: ShareOrNone = None
-    starts: StartsOrNone = None
+    smoothing: Share | None = None
+    starts: Starts | None = None
     seed: Seed = 0
-    max_planning_time: TimeOrNone = None
+    max_planning_time: TimeLimit | None = None
     max_iterations: Iterations = 100
     tolerance: Positive = 2e-4
     feasibility: Positive = 1e-6
@@ -252,12 +248,12 @@ class Options(Record):
     step_rule: StepRule = "adaptive"
     control_step: Positive = 0.05
     time_step: Positive = 0.01
-    initial_duration: PositiveOrNone = None
-    initial_control: TorquesOrNone = None
+    initial_duration: Positive | None = None
+    initial_control: Torques | None = None
     lp_solver: SolverName = "auto"
-    control_period: PeriodOrNone = None
+    control_period: Period | None = None
     processes: Processes = 1
-    callback: CallbackOrNone = None
+    callback: Callback | None = None
 
     def __post_init__(self) -> None:
         """Check every option."""

@@ -19,7 +19,7 @@ from typing import Annotated, Any, ClassVar, TypeAlias, TypeVar
 import numpy as np
 
 from tominpmp.arrays import Array, BoolArray, IntArray, Record, pair_or_nan, record
-from tominpmp.checks import JOINTS, FrameName, array, instance, number, optional, wrong
+from tominpmp.checks import JOINTS, FrameName, array, instance, number, wrong
 from tominpmp.constraints.base import NO_TIMES, USABLE, Constraint, Partials, States
 from tominpmp.exceptions import ProblemError, brief, naming
 from tominpmp.kinematics import FrameMotions, RobotKinematics
@@ -86,9 +86,7 @@ def _checked_during(given: object, name: str) -> tuple[float, float]:
     return begin, end
 
 
-WindowOrNone: TypeAlias = Annotated[
-    tuple[float, float] | None, optional(_checked_during)
-]
+During: TypeAlias = Annotated[tuple[float, float], _checked_during]
 
 
 @record
@@ -115,7 +113,7 @@ class PathConstraint(Record, Constraint):
     """
 
     _owner = "constraint."
-    during: WindowOrNone = field(default=None, kw_only=True)
+    during: During | None = field(default=None, kw_only=True)
 
     @property
     @abstractmethod

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tominpmp.arrays import Array, Converted, array_or_nan, default, is_single, record
-from tominpmp.checks import Point, non_negative, optional, positive, wrong
+from tominpmp.checks import Point, non_negative, positive, wrong
 from tominpmp.constraints.held_load import Coefficient, HeldLoad, Kilograms
 from tominpmp.constraints.path import Linear, curvature_root
 from tominpmp.robot.payload import InertiaOrNone
@@ -43,7 +43,7 @@ def _checked_support(given: ArrayLike, name: str) -> float | Array:
 
 SupportOrNone: TypeAlias = Annotated[
     Converted[ArrayLike | float | None, Array | float | None],
-    optional(_checked_support),
+    _checked_support,
 ]
 Pull: TypeAlias = Annotated[float, partial(non_negative, unit="N")]
 

@@ -23,7 +23,6 @@ from tominpmp.checks import (
     array,
     instance,
     non_negative,
-    optional,
     text,
     vector,
     wrong,
@@ -40,7 +39,7 @@ Distance: TypeAlias = Annotated[float, partial(non_negative, unit="m")]
 Angle: TypeAlias = Annotated[float, partial(non_negative, unit="rad", below=np.pi)]
 VelocityOrNone: TypeAlias = Annotated[
     Converted[VectorLike | None, Array | None],
-    optional(partial(vector, expected="three components [m/s]", size=3)),
+    partial(vector, expected="three components [m/s]", size=3),
 ]
 
 ANGLES = "an angle >= 0 or three angles [rad]"
@@ -50,7 +49,7 @@ SAME_PLACE = 1e-6
 
 Pose: TypeAlias = Annotated[Converted[PoseLike, pin.SE3], checked_pose]
 PoseOrNone: TypeAlias = Annotated[
-    Converted[PoseLike | None, pin.SE3 | None], optional(checked_pose)
+    Converted[PoseLike | None, pin.SE3 | None], checked_pose
 ]
 
 

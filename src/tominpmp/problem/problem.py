@@ -12,7 +12,7 @@ from typing import Annotated, TypeAlias
 import numpy as np
 
 from tominpmp.arrays import Array, Converted, Record, default, frozen_array, record
-from tominpmp.checks import JointsLike, instance, non_negative, of_type, optional
+from tominpmp.checks import JointsLike, instance, non_negative, of_type
 from tominpmp.collision.checker import CollisionChecker, Contact, enclosure
 from tominpmp.collision.query import ROUNDING
 from tominpmp.constraints.base import USABLE
@@ -42,7 +42,7 @@ from tominpmp.problem.joint_limits import control_bounds, durations_alone
 from tominpmp.problem.segments import (
     SOME_GOAL,
     Constraints,
-    LimitsOrNone,
+    Limits,
     Pairs,
     Segment,
     check_names,
@@ -64,9 +64,7 @@ FARTHEST = 1e4
 
 LoadedRobot: TypeAlias = Annotated[Robot, of_type(Robot, "a Robot (see load_robot)")]
 Margin: TypeAlias = Annotated[float, partial(non_negative, unit="m")]
-FlagOrNone: TypeAlias = Annotated[
-    bool | None, optional(of_type(bool, "True, False or None"))
-]
+Choice: TypeAlias = Annotated[bool, of_type(bool, "True, False or None")]
 Segments: TypeAlias = Annotated[Sequence[Segment], checked_segments]
 
 
@@ -116,8 +114,8 @@ class Problem(Record):
     scene: SceneLike = field(default_factory=lambda: default(Scene()))
     margin: Margin = 0.0
     v_start: Converted[JointsLike | None, Array] = default(None)
-    motion_limits: LimitsOrNone = None
-    self_collision: FlagOrNone = None
+    motion_limits: Limits | None = None
+    self_collision: Choice | None = None
     constraints: Constraints = default(())
     segments: Segments = ()
     may_touch: Pairs = ()

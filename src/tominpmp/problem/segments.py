@@ -14,7 +14,7 @@ from typing import Annotated, Any, NamedTuple, TypeAlias
 import numpy as np
 
 from tominpmp.arrays import Array, Converted, Record, default, pair_or_nan, record
-from tominpmp.checks import Seconds, flag, instance, of_type, optional, wrong
+from tominpmp.checks import Seconds, flag, instance, of_type, wrong
 from tominpmp.constraints.path import PathConstraint
 from tominpmp.exceptions import ProblemError, brief, closest, shortened
 from tominpmp.goals.base import Goal
@@ -67,17 +67,13 @@ def checked_pairs(
 
 SomeGoal: TypeAlias = Annotated[Goal, of_type(Goal, SOME_GOAL)]
 Constraints: TypeAlias = Converted[Sequence[PathConstraint], tuple[PathConstraint, ...]]
-LimitsOrNone: TypeAlias = Annotated[
-    MotionLimits | None, optional(of_type(MotionLimits, "MotionLimits or None"))
+Limits: TypeAlias = Annotated[
+    MotionLimits, of_type(MotionLimits, "MotionLimits or None")
 ]
-PayloadOrNone: TypeAlias = Annotated[
-    Payload | None, optional(of_type(Payload, "Payload or None"))
-]
+Load: TypeAlias = Annotated[Payload, of_type(Payload, "Payload or None")]
 Pairs: TypeAlias = Annotated[Sequence[tuple[str, str]], checked_pairs]
 Flag: TypeAlias = Annotated[bool, flag]
-ArrivalOrNone: TypeAlias = Annotated[
-    tuple[float, float] | None, optional(_checked_arrival)
-]
+Arrival: TypeAlias = Annotated[tuple[float, float], _checked_arrival]
 
 
 @record
@@ -111,13 +107,13 @@ class Segment(Record):
 
     goal: SomeGoal
     constraints: Constraints = default(())
-    motion_limits: LimitsOrNone = None
-    payload: PayloadOrNone = None
+    motion_limits: Limits | None = None
+    payload: Load | None = None
     scene: SceneOrNone = default(None)
     may_touch: Pairs = ()
     stop: Flag = False
     dwell: Seconds = 0.0
-    arrival: ArrivalOrNone = None
+    arrival: Arrival | None = None
 
     _owner = "segment."
 

@@ -24,7 +24,7 @@ from tominpmp.arrays import (
     frozen_array,
     record,
 )
-from tominpmp.checks import HUGE, Centre, instance, non_negative, optional, text, wrong
+from tominpmp.checks import HUGE, Centre, instance, non_negative, text, wrong
 from tominpmp.description.inertials import impossible_moments
 from tominpmp.description.tree import SIZES, LinkDescription, Shape
 from tominpmp.exceptions import ProblemError, brief, warn_caller
@@ -58,7 +58,7 @@ def _checked_inertia(value: object, name: str) -> Array:
 
 
 InertiaOrNone: TypeAlias = Annotated[
-    Converted[ArrayLike | None, Array | None], optional(_checked_inertia)
+    Converted[ArrayLike | None, Array | None], _checked_inertia
 ]
 
 

@@ -17,7 +17,7 @@ from tominpmp.arrays import (
     default,
     frozen_array,
 )
-from tominpmp.checks import FARTHEST, HUGE, TINY, array, choice, optional, wrong
+from tominpmp.checks import FARTHEST, HUGE, TINY, array, choice, wrong
 from tominpmp.description.paths import checked_path
 from tominpmp.exceptions import ProblemError, SceneError, naming
 from tominpmp.scene.mesh_files import read_mesh
@@ -35,7 +35,7 @@ def _scale(value: Any, name: str) -> Array:
 Scale: TypeAlias = Annotated[Converted[ArrayLike, Array], _scale]
 MeshPathOrNone: TypeAlias = Annotated[
     Converted[str | Path | None, Path | None],
-    optional(partial(checked_path, error=SceneError)),
+    partial(checked_path, error=SceneError),
 ]
 
 

@@ -27,16 +27,15 @@ from tominpmp.arrays import (
 )
 from tominpmp.checks import (
     HUGE,
+    Amount,
     PointOrNone,
     RotationLike,
     Seconds,
     VectorLike,
     array,
     instance,
-    non_negative,
     number,
     of_type,
-    optional,
     plain_rotation,
     raised_as,
     vector,
@@ -330,11 +329,11 @@ def _matrices(given: Array) -> Array:
 
 Times: TypeAlias = Annotated[Converted[ArrayLike, Array], _waypoint_times]
 NumbersOrNone: TypeAlias = Annotated[
-    Converted[ArrayLike | None, Array | None], optional(finite_numbers)
+    Converted[ArrayLike | None, Array | None], finite_numbers
 ]
 RotationsOrNone: TypeAlias = Annotated[
     Converted[RotationLike | None, Array | None],
-    optional(lambda value, name: finite_numbers(plain_rotation(value), name)),
+    lambda value, name: finite_numbers(plain_rotation(value), name),
 ]
 
 
@@ -455,7 +454,6 @@ def _turns(rotations: Array) -> Array:
 
 
 Function: TypeAlias = Annotated[Callable[[float], Any], of_type(Callable, "one")]
-BoundOrNone: TypeAlias = Annotated[float | None, optional(non_negative)]
 
 
 @record
@@ -481,8 +479,8 @@ class PoseFunction(Motion):
     """
 
     function: Function
-    speed: BoundOrNone = None
-    angular_speed: BoundOrNone = None
+    speed: Amount | None = None
+    angular_speed: Amount | None = None
 
     def _pose(self, time: float) -> Placement:
         """Placement at a time [s], checked."""

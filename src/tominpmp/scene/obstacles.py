@@ -28,7 +28,6 @@ from tominpmp.checks import (
     RotationLike,
     VectorLike,
     number,
-    optional,
     plain_rotation,
     raised_as,
     split_pose,
@@ -83,7 +82,7 @@ Position: TypeAlias = Annotated[
 Turn: TypeAlias = Annotated[Converted[RotationLike | None, Array], rotation_matrix]
 MotionOrNone: TypeAlias = Annotated[
     Converted[Motion | Callable[[float], Any] | None, Motion | None],
-    optional(lambda value, _: as_motion(value)),
+    lambda value, _: as_motion(value),
 ]
 Length: TypeAlias = Annotated[float, _length]
 Edges: TypeAlias = Annotated[Converted[VectorLike, Array], _edges]

@@ -9,7 +9,7 @@ from typing import Annotated, Any, TypeAlias
 import numpy as np
 
 from tominpmp.arrays import Array, Converted, Record
-from tominpmp.checks import instance, optional
+from tominpmp.checks import instance
 from tominpmp.exceptions import SceneError, brief, counted, unknown, warn_caller
 from tominpmp.scene.meshes import Mesh
 from tominpmp.scene.obstacles import Box, Obstacle
@@ -118,7 +118,7 @@ SceneLike: TypeAlias = Annotated[
 ]
 SceneOrNone: TypeAlias = Annotated[
     Converted[Scene | Sequence[Obstacle] | Obstacle | None, Scene | None],
-    optional(as_scene),
+    as_scene,
 ]
 
 

@@ -6,12 +6,12 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tominpmp.arrays import Array, FrozenArray, Record, frozen_array, number_or_nan
-from tominpmp.checks import instance, optional, whole, wrong
+from tominpmp.arrays import FrozenArray, Record, number_or_nan
+from tominpmp.checks import instance, whole, wrong
 from tominpmp.motion_limits import joint_kinds
 from tominpmp.notebook import text_table
 
@@ -28,8 +28,6 @@ SHOWN = {"payload": "mass", "obstacle": "position"}
 # Effect, as a share of T, from which a record appears in tables and pictures.
 LEAST = 1e-6
 SMALL_NAMES = {"1/m": "1 mm", "1/rad": "1 mrad", "1/kg": "1 g"}
-# A vector, of which a record stores a read-only copy; or None.
-Vector: TypeAlias = Annotated[Array | None, optional(lambda x, _: frozen_array(x))]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +61,7 @@ class Sensitivity(Record):
     unit: str = ""
     limit: float | None = None
     limit_unit: str = ""
-    vector: Vector = None
+    vector: FrozenArray | None = None
 
     @property
     def step(self) -> float:

@@ -16,7 +16,7 @@ from tominpmp.checks import Seconds, instance, of_type, wrong
 from tominpmp.exceptions import ProblemError, brief, naming, unknown
 from tominpmp.goals.base import Goal
 from tominpmp.problem.problem import Problem
-from tominpmp.problem.segments import Flag, Pairs, PayloadOrNone, checked_pairs
+from tominpmp.problem.segments import Flag, Load, Pairs, checked_pairs
 from tominpmp.robot.robot import Robot
 
 # Larger numbers of stations are rejected as a mistake.
@@ -64,7 +64,7 @@ class Station(Record):
     dwell: Seconds = 0.0
     after: Names = ()
     then: Names = ()
-    payload: PayloadOrNone = None
+    payload: Load | None = None
     stop: Flag = True
     may_touch: Pairs = ()
 
