@@ -55,6 +55,24 @@ def test_invalid_arguments_of_replay_are_reported(run: Run, files: None) -> None
     assert "step is -1" in result.stderr
 
 
+@pytest.mark.parametrize("plans", [True, False])
+def test_invalid_numbers_are_named_by_their_flags(run: Run, plans: bool) -> None:
+    # Regression: the tolerance was called by its name in the library, and an option
+    # of the replay was accepted unchecked beside --robustness, and the reverse.
+    source = ["planar3r", "--robustness"] if plans else ["planar3r", "m.csv"]
+    for flag, value in (
+        ("--step", "nan"),
+        ("--goal-tolerance", "inf"),
+        ("--random-payload", "-1"),
+        ("--tracking-tolerance", "0"),
+        ("--bandwidth", "nan"),
+    ):
+        result = run("replay", *source, flag, value)
+        assert result.exit_code == 2
+        expected = f"error: {flag} is {float(value)}, expected a"
+        assert expected in result.stderr, result.stderr
+
+
 def test_robustness_reports_sorted_durations_of_its_trials(
     run: Run, files: None
 ) -> None:

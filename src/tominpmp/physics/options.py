@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from functools import partial
+from typing import Annotated, TypeAlias
+
+from tominpmp.arrays import Record
+from tominpmp.checks import Amount, positive
 from tominpmp.cli.option_fields import options
 from tominpmp.cli.options import ReportOptions
 
+Step: TypeAlias = Annotated[float, partial(positive, unit="s")]
+Deviation: TypeAlias = Annotated[float, partial(positive, unit="rad or m")]
+Bandwidth: TypeAlias = Annotated[float, positive]
+
 
 @options("Planning")
-class ReplayOptions(ReportOptions):
+class ReplayOptions(ReportOptions, Record):
     """Options of the replay of a motion in MuJoCo.
 
     Attributes:
@@ -30,14 +39,14 @@ class ReplayOptions(ReportOptions):
         bandwidth (NUMBER): Bandwidth of the feedback in a trial (1/s).
     """
 
-    step: float = 2e-4
-    goal_tolerance: float = 0.01
+    step: Step = 2e-4
+    goal_tolerance: Deviation = 0.01
     robustness: bool = False
     samples: int = 100
     seed: int = 0
-    random_payload: float = 0.2
-    random_friction: float = 0.01
-    random_delay: float = 0.002
-    random_noise: float = 1e-5
-    tracking_tolerance: float = 0.02
-    bandwidth: float = 100.0
+    random_payload: Amount = 0.2
+    random_friction: Amount = 0.01
+    random_delay: Amount = 0.002
+    random_noise: Amount = 1e-5
+    tracking_tolerance: Deviation = 0.02
+    bandwidth: Bandwidth = 100.0

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from tominpmp.arrays import Array, FrozenArray, Record, array_or_nan
-from tominpmp.checks import instance, non_negative, positive, whole, wrong
+from tominpmp.checks import Amount, instance, positive, whole, wrong
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import MotionLimits
 from tominpmp.options import Options
@@ -29,9 +29,6 @@ RESERVES = (0.0, 0.05, 0.1, 0.2, 0.3)
 # Required share of the trials within the tolerance.
 REQUIRED = 0.99
 MOST_SAMPLES = 100_000
-
-
-Amount: TypeAlias = Annotated[float, non_negative]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -229,18 +226,16 @@ def _with_reserve(problem: Problem, reserve: float) -> Problem:
     if reserve == 0.0:
         return problem
 
-    def reduced(limits: MotionLimits | None) -> MotionLimits:
-        known = limits or MotionLimits()
-        return replace(known, effort_scale=(1.0 - reserve) * known.effort_scale)
+    def reduced(item: Any, **changes: Any) -> Any:
+        """A problem or a segment with its allowed torques reduced."""
+        limits = item.motion_limits or MotionLimits()
+        limits = replace(limits, effort_scale=(1.0 - reserve) * limits.effort_scale)
+        return replace(item, motion_limits=limits, **changes)
 
-    changes: dict[str, Any] = {"motion_limits": reduced(problem.motion_limits)}
-    if problem.segments:
-        changes["goal"] = None  # the last segment has the goal
-        changes["segments"] = tuple(
-            replace(item, motion_limits=reduced(item.motion_limits))
-            for item in problem.segments
-        )
-    return replace(problem, **changes)
+    segments = tuple(map(reduced, problem.segments))
+    goal = None if segments else problem.goal  # the last segment has the goal
+    changed: Problem = reduced(problem, goal=goal, segments=segments)
+    return changed
 
 
 def _carrier(problem: Problem, frame: str | None) -> tuple[int, Array]:
