@@ -79,7 +79,7 @@ class DrawnOutcomes:
             q = np.array([START, END])
             yield Guess(str(number), t, q, bool(number % 2))
 
-    def descent(self, system, options, guess, state, stop):
+    def descent(self, system, options, guess, state, stop=None):
         def make(*_):
             self.tried.append(guess.name)
             return RankedCandidate(float(self.outcomes[int(guess.name)]))

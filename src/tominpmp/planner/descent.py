@@ -12,7 +12,7 @@ from tominpmp.initial_guess.rrt import is_free
 from tominpmp.initial_guess.timing import speed_used
 from tominpmp.initial_guess.warm_start import FINEST, WarmStart, warm_start
 from tominpmp.options import Options
-from tominpmp.planner.automatic_options import minimum_time
+from tominpmp.planner.automatic_options import PROMISE, minimum_time
 from tominpmp.planner.candidate import Candidate, KeptIterate
 from tominpmp.planner.finer_grid import on_finer_grids
 from tominpmp.planner.first_program import first_program
@@ -20,7 +20,6 @@ from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.work import LESS_PADDING, REPAIRS, Work
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.solvers.loop import Loop, Rule, first_of
-from tominpmp.solvers.objective import RESTORABLE
 from tominpmp.solvers.trust_region_step import trust_regions
 from tominpmp.status import Status
 from tominpmp.transcription.layout import AT_LIMIT
@@ -32,24 +31,24 @@ MANY_INTERVALS = 24
 # Speed limits rule a guess if a joint is at its limit at this share of its samples;
 # otherwise torques rule it.
 SPEED_SHARE = 0.6
-# Stop rule: over the last PATIENCE iterations no violation can be removed by slowing
-# down, and their minimum over the later half of these iterations is more than STILL of
-# that over the former half.
+# Stop rule: over the last PATIENCE iterations the violation exceeds PROMISE, as removing
+# it costs T about as much, and its minimum over the later half of these is more than
+# STILL of that over the former half.
 PATIENCE, STILL = 10, 0.9
 
 
 def _stop_if_hopeless(state: PlanState, loop: Loop) -> Status | None:
-    """Stop rule that drops a slow descent whose violation stagnates.
+    """Stop rule that drops a descent whose violation stagnates.
 
-    Removing a violation costs time: a descent is slow if the incumbent is faster even
-    now. Others continue: on 63 problems of a Fetch and a Panda 12 of 17 descents whose
-    violation stagnated ended feasible, two of them 9 and 22 % faster than any other.
+    A descent that is still faster than the incumbent continues: on 63 problems of a
+    Fetch and a Panda 12 of 17 descents whose violation stagnated ended feasible, two of
+    them 9 and 22 % faster than any other.
     """
     excess, half = [record.violation for record in loop.history], PATIENCE // 2
-    late = len(excess) >= PATIENCE and min(excess[-PATIENCE:]) > RESTORABLE
+    late = len(excess) >= PATIENCE and min(excess[-PATIENCE:]) > PROMISE
     stagnates = late and min(excess[-half:]) > STILL * min(excess[-PATIENCE:-half])
-    slow = loop.history[-1].duration > state.best_duration
-    return loop.drop() if stagnates and slow else None
+    faster = loop.history[-1].duration < state.best_duration < np.inf
+    return loop.drop() if stagnates and not faster else None
 
 
 def _with_control(system: ProblemFunctions, options: Options, guess: Guess) -> Options:
@@ -142,7 +141,7 @@ def descend(
     if former is not None:
         guess, stop = guess_of(system, former), None
     if system.clearance is not None:
-        # Links may touch on all motions nearby.
+        # The goal may be out of reach, or links may touch on all motions nearby.
         stop = first_of(stop, partial(_stop_if_hopeless, state))
     if doublings:
         # Objective "feasible" would return the refuted motion unchanged, as that keeps
