@@ -99,7 +99,7 @@ def test_warm_start_at_speed_limits_is_as_fast_as_a_cold_start() -> None:
     ],
 )
 def test_hopeless_starts_are_stopped(violations: list[float], over: bool) -> None:
-    """Unless they are faster than the incumbent: T of a Fetch was 3.91, now 3.07 s."""
+    """Unless they are faster than the incumbent (a Fetch: 3.91 s, now 3.07 s)."""
     records = [SimpleNamespace(violation=value, duration=1.0) for value in violations]
     for best, stops in ((0.9, over), (1.1, False), (np.inf, over)):
         rule = partial(_stop_if_hopeless, SimpleNamespace(best_duration=best))
