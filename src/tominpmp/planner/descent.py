@@ -31,9 +31,8 @@ MANY_INTERVALS = 24
 # Speed limits rule a guess if a joint is at its limit at this share of its samples;
 # otherwise torques rule it.
 SPEED_SHARE = 0.6
-# Stop rule: over the last PATIENCE iterations the violation exceeds PROMISE, which costs
-# T about as much, and its minimum over the later half of these is more than STILL of
-# that over the former half.
+# Stop rule: over the last PATIENCE iterations the violation exceeds PROMISE, and its
+# minimum over the later half of these is more than STILL of that over the former half.
 PATIENCE, STILL = 10, 0.9
 
 
