@@ -624,7 +624,7 @@ def test_hamiltonian_may_vary_among_moving_obstacles():
         "lift",
         radius=0.3,
         position=(4.5 * np.cos(0.9), 4.5 * np.sin(0.9), 0.0),
-        motion=ConstantVelocity(velocity=(0.0, 0.0, 0.12)),
+        motion=ConstantVelocity(velocity=(0.0, 0.0, 0.1)),
     )
     goal = JointGoal([1.6, 0.0, 0.0])
     problem = Problem(robot, [0.2, 0, 0], goal, Scene([ball]))

@@ -12,7 +12,7 @@ from tominpmp.initial_guess.rrt import is_free
 from tominpmp.initial_guess.timing import speed_used
 from tominpmp.initial_guess.warm_start import FINEST, WarmStart, warm_start
 from tominpmp.options import Options
-from tominpmp.planner.automatic_options import PROMISE, minimum_time
+from tominpmp.planner.automatic_options import minimum_time
 from tominpmp.planner.candidate import Candidate, KeptIterate
 from tominpmp.planner.finer_grid import on_finer_grids
 from tominpmp.planner.first_program import first_program
@@ -31,9 +31,9 @@ MANY_INTERVALS = 24
 # Speed limits rule a guess if a joint is at its limit at this share of its samples;
 # otherwise torques rule it.
 SPEED_SHARE = 0.6
-# Stop rule: over the last PATIENCE iterations the violation exceeds PROMISE, and its
+# Stop rule: over the last PATIENCE iterations the violation exceeds FAR, and its
 # minimum over the later half of these is more than STILL of that over the former half.
-PATIENCE, STILL = 10, 0.9
+PATIENCE, FAR, STILL = 10, 1e-3, 0.9
 
 
 def _stop_if_hopeless(state: PlanState, loop: Loop) -> Status | None:
@@ -44,7 +44,7 @@ def _stop_if_hopeless(state: PlanState, loop: Loop) -> Status | None:
     them 9 and 22 % faster than any other.
     """
     excess, half = [record.violation for record in loop.history], PATIENCE // 2
-    late = len(excess) >= PATIENCE and min(excess[-PATIENCE:]) > PROMISE
+    late = len(excess) >= PATIENCE and min(excess[-PATIENCE:]) > FAR
     stagnates = late and min(excess[-half:]) > STILL * min(excess[-PATIENCE:-half])
     faster = loop.history[-1].duration < state.best_duration < np.inf
     return loop.drop() if stagnates and not faster else None
