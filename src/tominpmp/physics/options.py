@@ -9,10 +9,10 @@ from tominpmp.arrays import Record
 from tominpmp.checks import Amount, positive
 from tominpmp.cli.option_fields import options
 from tominpmp.cli.options import ReportOptions
+from tominpmp.options import Positive
 
 Step: TypeAlias = Annotated[float, partial(positive, unit="s")]
 Deviation: TypeAlias = Annotated[float, partial(positive, unit="rad or m")]
-Bandwidth: TypeAlias = Annotated[float, positive]
 
 
 @options("Planning")
@@ -49,4 +49,4 @@ class ReplayOptions(ReportOptions, Record):
     random_delay: Amount = 0.002
     random_noise: Amount = 1e-5
     tracking_tolerance: Deviation = 0.02
-    bandwidth: Bandwidth = 100.0
+    bandwidth: Positive = 100.0
