@@ -133,8 +133,10 @@ def test_tube_keeps_its_distance_from_the_line(rng: np.random.Generator) -> None
     line = np.cumsum(rng.normal(size=(30, 3)), axis=0)
     found = path_tube(line, 0.001, 10.0)
     assert found is not None
-    rings = found.vertices.reshape(30, 8, 3)
-    np.testing.assert_allclose(np.linalg.norm(rings - line[:, None], axis=2), 0.01)
+    assert found.volume > 0.0
+    rings = found.vertices.reshape(29, 2, -1, 3)[:, ::-1]
+    ends = np.stack([line[:-1], line[1:]], axis=1)[:, :, None]
+    np.testing.assert_allclose(np.linalg.norm(rings - ends, axis=3), 0.01)
     there_and_back = np.array([[0.0, 0, 0], [1, 0, 0], [0, 0, 0], [0, 0, 1]])
     found = path_tube(there_and_back, 0.1, 1.0)
     assert found is not None and np.isfinite(found.vertices).all()

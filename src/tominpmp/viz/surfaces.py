@@ -33,7 +33,7 @@ from tominpmp.scene.obstacles import Obstacle
 
 # Facets around an axis: an inscribed 40-gon is 0.3 % of the radius off a circle; and
 # around the path of a frame.
-AROUND, FACETS = 40, 8
+AROUND, FACETS = 40, 5
 
 # Colour of uncoloured parts of coloured meshes.
 LIGHT = (230, 230, 230, 255)
@@ -87,39 +87,25 @@ def cylinder(radius: float, length: float) -> Trimesh:
 def path_tube(points: Array, radius: float, size: float) -> Trimesh | None:
     """A tube along the path of a frame; None if the frame does not move.
 
+    Each chord of the path is a prism: gaps at bends are smaller than the radius.
+
     Args:
         points: Points of the path, which may rest, shape (m, 3) [m].
         radius: Radius as a share of the size.
         size: Size of the scene [m].
     """
-    apart = np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-6 * size
-    points = points[np.concatenate([[True], apart])]
-    if len(points) < 2:
-        return None
     chords = np.diff(points, axis=0)
-    chords /= np.linalg.norm(chords, axis=1, keepdims=True)
-    before, after = np.vstack([chords[:1], chords]), np.vstack([chords, chords[-1:]])
-    # Where the line turns back on itself the mean of both directions would vanish.
-    along = 0.999 * before + after
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
-    side = np.zeros(3)
-    frames = np.empty((len(points), 2, 3))
-    for i, direction in enumerate(along):
-        # The side vector is transported along the line without twist.
-        rest = side - direction * (side @ direction)
-        if np.linalg.norm(rest) < 1e-9:
-            rest = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
-        side = rest / np.linalg.norm(rest)
-        frames[i] = side, np.cross(direction, side)
+    moved = np.linalg.norm(chords, axis=1) > 1e-6 * size
+    begins, chords = points[:-1][moved], chords[moved]
+    if not len(chords):
+        return None
+    side = np.cross(chords, np.eye(3)[np.argmin(np.abs(chords), axis=1)])
+    across = np.stack([side, np.cross(chords, side)], axis=1)
+    across /= np.linalg.norm(across, axis=2, keepdims=True)
     angle = np.linspace(0.0, 2.0 * np.pi, FACETS, endpoint=False)
     circle = radius * size * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    rings = points[:, None] + circle @ frames
-    index = np.arange(rings[..., 0].size).reshape(-1, FACETS)
-    after = np.roll(index, -1, axis=1)
-    # Two triangles for each facet between a ring and the next one.
-    a, b, c, d = index[:-1], after[:-1], after[1:], index[1:]
-    faces = np.stack([a, b, c, a, c, d], axis=-1)
-    return Trimesh(rings.reshape(-1, 3), faces.reshape(-1, 3), process=False)
+    rings = begins[:, None] + circle @ across
+    return _prisms(np.concatenate([rings + chords[:, None], rings], axis=1))
 
 
 def obstacle_surface(obstacle: Obstacle) -> Trimesh:
@@ -140,11 +126,13 @@ def obstacle_surface(obstacle: Obstacle) -> Trimesh:
 
 
 def _prisms(corners: Array) -> Trimesh:
-    """Prisms, each from four corners around the top and the four below: (k, 8, 3)."""
-    faces = [[0, 1, 2], [0, 2, 3], [4, 6, 5], [4, 7, 6]]
-    for here, there in ((0, 1), (1, 2), (2, 3), (3, 0)):
-        faces += [[here, here + 4, there + 4], [here, there + 4, there]]
-    every = 8 * np.arange(len(corners))[:, None, None] + faces
+    """Prisms, each from n corners around the top and the n below: (k, 2 n, 3)."""
+    n = corners.shape[1] // 2
+    around = [(i, (i + 1) % n) for i in range(n)]
+    faces = [face for i, j in around for face in ([i, i + n, j + n], [i, j + n, j])]
+    for i, j in around[1:-1]:
+        faces += [[0, i, j], [n, n + j, n + i]]
+    every = 2 * n * np.arange(len(corners))[:, None, None] + faces
     return Trimesh(corners.reshape(-1, 3), every.reshape(-1, 3), process=False)
 
 
