@@ -66,12 +66,6 @@ MARGIN = 1.06  # factor of the least distance at which the camera sees all point
 
 Command = dict[str, Any]
 
-# Typed arrays by NumPy type: name in JavaScript, extension code in MessagePack.
-ARRAY_CODES = {
-    "int8": ("Int8Array", 0x11),
-    "uint32": ("Uint32Array", 0x16),
-    "float32": ("Float32Array", 0x17),
-}
 # Properties that every JavaScript object has, which names of nodes must not hide.
 RESERVED = frozenset(
     "constructor hasOwnProperty isPrototypeOf propertyIsEnumerable toLocaleString "
@@ -364,14 +358,13 @@ def _packed(values: np.ndarray[Any, Any]) -> Command:
     """Pack a buffer as a typed array, one row for each vertex or triangle."""
     import umsgpack
 
-    kind, code = ARRAY_CODES[values.dtype.name]
-    return {
-        "itemSize": int(values.shape[1]),
-        "type": kind,
-        "array": umsgpack.Ext(code, np.ascontiguousarray(values).tobytes()),
-        # Bytes are shares of their largest value.
-        "normalized": values.itemsize == 1,
-    }
+    if values.itemsize > 1:
+        packed: Command = import_meshcat().geometry.pack_numpy_array(values.T)
+        return packed
+    # Bytes, which Meshcat does not pack, are shares of their largest value.
+    array = umsgpack.Ext(0x11, np.ascontiguousarray(values).tobytes())
+    size = int(values.shape[1])
+    return {"itemSize": size, "type": "Int8Array", "array": array, "normalized": True}
 
 
 def put_body(
