@@ -129,10 +129,11 @@ class Session:
 
         Args:
             request: The request.
-            superseded: Whether a newer request has come, which ends the planning.
+            superseded: Whether a newer request has come, which ends a plan; between
+                outcomes the caller ends the planning.
         """
 
-        def check(_: IterationRecord | None = None) -> None:
+        def check(_: IterationRecord) -> None:
             if superseded():
                 raise _Superseded
 
@@ -145,12 +146,12 @@ class Session:
                 yield Outcome(request, str(error))
 
     def _solutions(
-        self, request: Request, check: Callable[..., None]
+        self, request: Request, check: Callable[[IterationRecord], None]
     ) -> Iterator[tuple[Solution, bool, bool]]:
         """Solutions, whether to certify each, and whether it is the last one.
 
         Raises:
-            _Superseded: As soon as a newer request has come.
+            _Superseded: If a newer request comes during a plan.
             TominpmpError: If the request is wrong, or no motion was found.
         """
         problem = request.problem()
@@ -163,11 +164,9 @@ class Session:
             raise TominpmpError(solution.message)
         self.solution = solution
         yield solution, False, False
-        check()
         yield solution, True, former is None
         if former is None:
             return
-        check()
         again = plan(problem, options)
         if again.success and again.T < (1.0 - BETTER) * solution.T:
             self.solution = solution = again
