@@ -658,17 +658,19 @@ class Handles:
                 stage.put_surface(self._scene, f"{path}/body", surface, *look)
             node.on_update(partial(self._moved, key, dragged))
             self._known[key] = kind, node
-        if self._free(key):
+        if self._held.get(key, 0.0) <= time.monotonic():
             position, (x, y, z, w) = pose
             node = self._known[key][1]
             node.position, node.wxyz = np.asarray(position), np.array([w, x, y, z])
 
     def _moved(self, key: str, dragged: Callable[[Any], None], event: Any) -> None:
-        """Process a drag event; the program does not move a handle while it is held."""
-        if event.phase == "end":
-            self._held.pop(key, None)
-        else:
-            self._held[key] = time.monotonic()
+        """Process a drag event; the program does not move a handle while it is held.
+
+        Events may arrive out of order, with the end of a drag not the last one, so that
+        a handle is also free some time after its last movement.
+        """
+        held = 0.0 if event.phase == "end" else HOLD
+        self._held[key] = time.monotonic() + held
         dragged(event.target)
 
     def _drag_end(self, end: str, node: Any) -> None:
@@ -683,11 +685,3 @@ class Handles:
     def _drag_item(self, name: str, node: Any) -> None:
         pose = {"position": node.position, "quaternion": node.wxyz[[1, 2, 3, 0]]}
         self._page.alter(name, partial(placed, **pose))
-
-    def _free(self, key: str) -> bool:
-        """Whether no user drags a handle.
-
-        Events may arrive out of order, with the end of a drag not the last one, so that
-        a handle is also free some time after its last movement.
-        """
-        return self._held.get(key, -HOLD) + HOLD <= time.monotonic()
