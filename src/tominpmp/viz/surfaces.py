@@ -18,7 +18,6 @@ import trimesh
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from trimesh import Trimesh
-from trimesh.triangles import to_kwargs
 from trimesh.util import append_faces, concatenate
 
 from tominpmp.arrays import Array, IntArray
@@ -327,12 +326,9 @@ def _colored_parts(
     if len(np.unique(shares, axis=0)) > MOST_COLORS:
         shares = np.round(2.0 * shares) / 2.0
     shown, which = np.unique(shares, axis=0, return_inverse=True)
-    parts = []
-    for k, (red, green, blue) in enumerate(shown.tolist()):
-        own = to_kwargs(whole.triangles[which.ravel() == k])
-        part = Trimesh(**own, process=False)
-        parts.append((part, (red, green, blue)))
-    return parts
+    triangles = [np.flatnonzero(which.ravel() == k) for k in range(len(shown))]
+    parts: Any = whole.submesh(triangles)
+    return list(zip(parts, map(tuple, shown.tolist()), strict=True))
 
 
 def _colors(mesh: Any) -> Array:
