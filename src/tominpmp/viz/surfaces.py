@@ -20,7 +20,7 @@ from scipy import sparse
 from trimesh import Trimesh
 from trimesh.util import append_faces, concatenate
 
-from tominpmp.arrays import Array, IntArray
+from tominpmp.arrays import Array
 from tominpmp.collision.bodies import obstacle_shape
 from tominpmp.collision.shapes import is_mesh
 from tominpmp.description.model import mesh_arrays, stick_ends
@@ -163,40 +163,35 @@ def shaded(surface: Trimesh) -> Buffers:
     # Adding zero turns -0.0 into 0.0, as rows are compared by their bytes.
     exact = np.array(surface.vertices, dtype=np.float32) + np.float32(0.0)
     first, back = unique(exact.view(np.int32))
-    points, faces = exact[first], back[surface.faces]
-    corners = points[faces].astype(np.float64)
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    double_area = np.linalg.norm(cross, axis=1)
-    solid = double_area > 1e-9 * double_area.max(initial=0.0)
-    faces, cross, double_area = faces[solid], cross[solid], double_area[solid]
-    unit = cross / double_area[:, None]
-    normals = _corner_normals(faces, unit, cross)
-    corner, normal = faces.reshape(-1), np.rint(127.0 * normals).astype(np.int8)
+    points = exact[first]
+    mesh = Trimesh(points, back[surface.faces], process=False)
+    mesh.update_faces(mesh.area_faces > 1e-9 * mesh.area_faces.max(initial=0.0))
+    corner = mesh.faces.reshape(-1)
+    normal = np.rint(127.0 * _corner_normals(mesh)).astype(np.int8)
     # Corners with equal position and normal become one vertex.
     first, back = unique(np.column_stack([corner, normal]))
     index = back.reshape(-1, 3).astype(np.uint32)
     return {"position": points[corner[first]], "normal": normal[first], "index": index}
 
 
-def _corner_normals(faces: IntArray, unit: Array, weighted: Array) -> Array:
+def _corner_normals(mesh: Trimesh) -> Array:
     """Normals of corners: averages over adjacent triangles without a sharp edge.
 
     Args:
-        faces: Corners of the triangles, shape (k, 3).
-        unit: Unit normals of the triangles, shape (k, 3).
-        weighted: Normals weighted by area, shape (k, 3).
+        mesh: The mesh, of k triangles, none of them without an area.
 
     Returns:
         Unit normals, shape (3 k, 3).
     """
-    count = faces.size
-    owner = np.repeat(np.arange(len(faces)), 3)
-    at = sparse.csr_array((np.ones(count), (np.arange(count), faces.reshape(-1))))
+    corners, owner = mesh.faces.reshape(-1), np.repeat(np.arange(len(mesh.faces)), 3)
+    weighted = mesh.triangles_cross  # by area
+    unit = weighted / np.linalg.norm(weighted, axis=1, keepdims=True)
+    at = sparse.csr_array((np.ones(owner.size), (np.arange(owner.size), corners)))
     # All pairs of a corner and a triangle that share a point.
     pairs = (at @ at.T).tocoo()
     corner, other = pairs.row, owner[pairs.col]
     level = np.einsum("ij,ij->i", unit[owner[corner]], unit[other]) >= np.cos(CREASE)
-    sums = sparse.csr_array((level, (corner, other)), (count, len(faces)))
+    sums = sparse.csr_array((level, (corner, other)), (owner.size, len(unit)))
     # The sum contains the own triangle, and no triangle across from it: it is not zero.
     normals = np.asarray(sums @ weighted)
     return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
