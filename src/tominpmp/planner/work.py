@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeVar
 
 from tominpmp.exceptions import TominpmpError
-from tominpmp.options import Options
 from tominpmp.planner.candidate import Candidate, KeptIterate
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop, check
@@ -109,7 +108,8 @@ def _kept(
     state: PlanState, work: Work, candidate: Candidate | None
 ) -> Candidate | None:
     """Add a candidate to the plan; keep fallbacks unless it is confirmed."""
-    if candidate is None or not candidate.confirmed:
+    converged = candidate is not None and candidate.status is Status.CONVERGED
+    if candidate is None or not (converged and candidate.confirmed):
         _keep_fallback(state, refuted=candidate is not None and candidate.refuted)
     if candidate is None:
         return None
@@ -287,7 +287,7 @@ def _slowed(
                     continue
                 tried.append(candidate)
                 try:
-                    tried[-1] = _scaled(item, candidate, state.options)
+                    tried[-1] = _scaled(state, item, candidate)
                 except (*NUMERICAL, TominpmpError) as error:
                     logger.warning("a motion could not be slowed down: %r", error)
                 if tried[-1].confirmed:
@@ -297,20 +297,25 @@ def _slowed(
     return tried
 
 
-def _scaled(item: KeptIterate, candidate: Candidate, options: Options) -> Candidate:
-    """A motion slowed down until its program and its replay keep all limits."""
+def _scaled(state: PlanState, item: KeptIterate, candidate: Candidate) -> Candidate:
+    """A motion restored and slowed down until its program and its replay keep limits.
+
+    It is not slowed down to more than the duration of the incumbent.
+    """
     program, problem = item.program, item.program.system.problem
-    moving = problem.checker.moving
-    if not (item.clear or moving):
-        return candidate  # on the same path, links touch at any speed
     for factor in FACTORS:
         check()
-        z = program.time_scale(item.iterate.z, factor)
-        slower = item._replace(iterate=item.iterate.on(program, z), feasible=True)
-        if slower.excess > options.feasibility:
+        slower = item.iterate.on(program, program.time_scale(item.iterate.z, factor))
+        if slower.duration >= state.best_duration:
+            break
+        restored = slower.restored(program)
+        kept = item._replace(iterate=restored, feasible=True)
+        if kept.excess > state.options.feasibility:
             continue
-        candidate = slower.candidate(candidate.status).after(candidate)
-        candidate = candidate.verified(problem, options)
-        if candidate.confirmed or (candidate.touches and not moving):
+        candidate = kept.candidate(candidate.status).after(candidate)
+        candidate = candidate.verified(problem, state.options)
+        # On the same path, links touch at any speed.
+        same = restored is slower and not problem.checker.moving
+        if candidate.confirmed or (candidate.touches and same):
             break
     return candidate

@@ -16,14 +16,12 @@ import scipy.sparse as sp
 
 from tominpmp.arrays import Array
 from tominpmp.options import Options
-from tominpmp.solvers.iterate import Iterate
+from tominpmp.solvers.iterate import RESTORATIONS, Iterate
 from tominpmp.transcription.base import Linearization, StepBounds, Variation
 from tominpmp.transcription.program import NonlinearProgram
 
-# Violations up to this are removed at the end by slowing down, within RESTORATIONS
-# trials.
+# Violations up to this are removed at the end by slowing down.
 RESTORABLE = 1e-2
-RESTORATIONS = 8
 # Relative increase of the duration that removes a violation, as a share of it: torques
 # go with the square of the speed.
 SLOWDOWN = 0.5
@@ -142,7 +140,7 @@ class Objective(ABC):
         small = np.max(violation, initial=0.0) <= RESTORABLE
         return bool(small and np.max(equations, initial=0.0) <= self.feasibility)
 
-    def restored(self, program: NonlinearProgram, state: Iterate) -> Iterate:
+    def slowed(self, program: NonlinearProgram, state: Iterate) -> Iterate:
         """Restore feasibility by slowing a motion down; unchanged if that fails.
 
         The iteration stops when the objective has settled, which may be before the last
