@@ -22,6 +22,7 @@ from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.planning import _finish
 from tominpmp.planner.work import _keep_fallback, _scaled, make_and_repair, use_fallback
 from tominpmp.solvers.iterate import Iterate
+from tominpmp.solvers.objective import restored
 from tominpmp.stopping import Deadline, Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
@@ -171,21 +172,21 @@ def missing_its_goal(factor: float) -> tuple[NonlinearProgram, Iterate]:
 @pytest.mark.parametrize("factor", [1.5, 2.0])
 def test_restored_iterate_keeps_all_rows(factor):
     program, near = missing_its_goal(factor)
-    restored = near.restored(program)
+    feasible = restored(program, near)
     assert near.violation > 1e-2
-    assert restored.violation <= 1e-9
-    assert np.array_equal(restored.values, program.evaluate(restored.z))
+    assert feasible.violation <= 1e-9
+    assert np.array_equal(feasible.values, program.evaluate(feasible.z))
     # The way is no longer than one that turns the joints by a few degrees.
-    assert np.max(np.abs(restored.z - near.z)) < 0.1
+    assert np.max(np.abs(feasible.z - near.z)) < 0.1
     fixed = np.equal(*program.step_bounds(near.z, 1.0))
-    assert np.array_equal(restored.z[fixed], near.z[fixed])
+    assert np.array_equal(feasible.z[fixed], near.z[fixed])
 
 
 def test_feasible_iterate_is_not_restored():
     program, near = missing_its_goal(2.0)
-    feasible = near.restored(program)
+    feasible = restored(program, near)
     assert feasible.violation <= 1e-9
-    assert feasible.restored(program) is feasible
+    assert restored(program, feasible) is feasible
 
 
 def with_coarse_fallback() -> PlanState:

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.linalg import spsolve
 
 from tominpmp.arrays import Array
 from tominpmp.status import IterationRecord, Status
 from tominpmp.transcription.base import ProgramInterface, Rows
-from tominpmp.transcription.program import NonlinearProgram
 
 # First penalty weight, as a multiple of the objective, far above most multipliers, so
 # that violations are reduced before the objective counts; and the factor by which a
@@ -23,8 +19,6 @@ HIGH_WEIGHT, WEIGHT_GROWTH = 10.0, 10.0
 WEIGHT_MARGIN = 1.5
 # Violations below this need no elastic variable.
 NEGLIGIBLE = 1e-9
-# Most trials to restore feasibility.
-RESTORATIONS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,48 +107,6 @@ class Iterate:
             rows=program.rows,
             multipliers=program.rows.carried(self.rows, self.multipliers),
         )
-
-    def restored(self, program: ProgramInterface) -> Iterate:
-        """The iterate moved by Newton's method until it keeps all rows of its program.
-
-        Of the steps that satisfy the equations and the violated rows by their
-        linearisation, each changes the unknowns and the values of the other rows least.
-        Unknowns are measured by the distance to their bounds (affine scaling; Coleman
-        and Li, 1996), so that those at a bound stay there.
-
-        Args:
-            program: The program of the iterate.
-
-        Returns:
-            The iterate with the smallest violation on the way; this one for a program
-            of exact arcs, which has no linearisation.
-        """
-        if not isinstance(program, NonlinearProgram):
-            return self
-        rows, iterates = self.rows, [self]
-        required = rows.lower == rows.upper
-        for _ in range(RESTORATIONS):
-            z, values = iterates[-1].z, iterates[-1].values
-            off = values - np.clip(values, rows.lower, rows.upper)
-            violation = np.max(np.abs(off), initial=0.0)
-            if violation <= NEGLIGIBLE:
-                break
-            required |= off != 0.0
-            # Violations are of second order in the step that has caused them.
-            radius = math.sqrt(violation)
-            steps = program.step_bounds(z, radius)
-            near, matrix, (lower, upper), _ = program.linearize(z, values, steps)
-            room = np.minimum(upper, -lower) / radius
-            matrix = matrix @ sp.diags(room)
-            own, other = matrix[required[near]], matrix[~required[near]]
-            # A pose has more components than an arm of five joints can change.
-            slack = NEGLIGIBLE * sp.identity(own.shape[0])
-            hessian = sp.identity(z.size) + other.T @ other
-            system = sp.bmat([[hessian, own.T], [own, -slack]], format="csc")
-            change = np.append(np.zeros(z.size), -off[near[required[near]]])
-            step = room * spsolve(system, change)[: z.size]
-            iterates.append(self.on(program, z + np.clip(step, lower, upper)))
-        return min(iterates, key=lambda item: item.violation)
 
 
 P_co = TypeVar("P_co", bound=ProgramInterface, covariant=True)
