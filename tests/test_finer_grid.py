@@ -260,7 +260,7 @@ def test_restoration_by_slowing_down_needs_few_evaluations():
     evaluations = []
     evaluate = program.evaluate
     program.evaluate = lambda z: evaluations.append(z) or evaluate(z)
-    slower = MinimumTime.of(tm.Options()).restored(program, iterate)
+    slower = MinimumTime.of(tm.Options()).slowed(program, iterate)
     assert slower.violation <= 1e-6
     assert 1.0 < slower.duration <= 1.0 + 1.05e-4
     assert len(evaluations) <= 3

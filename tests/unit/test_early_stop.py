@@ -22,8 +22,10 @@ from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.planning import _finish
 from tominpmp.planner.work import _keep_fallback, _scaled, make_and_repair, use_fallback
 from tominpmp.solvers.iterate import Iterate
+from tominpmp.solvers.objective import restored
 from tominpmp.stopping import Deadline, Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
+from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.limit_violations import LimitViolation
 
 # The choices of "auto".
@@ -121,6 +123,72 @@ def test_feasible_iterate_of_states_or_torques_is_returned_as_it_is(method, most
     assert solution.success and solution.T == pytest.approx(seen[-1].duration, rel=1e-3)
 
 
+@pytest.mark.parametrize("most", [2, 4])
+@pytest.mark.parametrize("method", ["inverse", "collocation", "adjoint"])
+def test_stopped_plan_with_a_goal_of_a_frame_has_a_motion(method, most):
+    """Regression: each step misses such a goal by its error of linearisation, and the
+    motions of all plans that were stopped before they had settled were lost.
+    """
+    problem = replace(planar(), goal=tm.PositionGoal("tip", (1.5, 1.0, 0.0)))
+    seen = []
+
+    def stops(record):
+        seen.append(record)
+        return len(seen) == most
+
+    solution = tm.plan(problem, method=method, callback=stops)
+    assert solution.status is tm.Status.INTERRUPTED
+    assert solution.success and solution.T < 1.1 * tm.plan(problem, method=method).T
+
+
+def test_stopped_plan_returns_a_motion_near_its_last_iterate():
+    """Regression: an iterate that exceeded torque limits by 5 % was given up for the
+    first guess, which took half as long again.
+    """
+    problem, seen = replace(planar(), goal=tm.JointGoal((2.0, -1.0, 0.5))), []
+
+    def stops(record):
+        seen.append(record)
+        return len(seen) == 2
+
+    solution = tm.plan(problem, callback=stops)
+    assert solution.success and solution.T < 1.15 * seen[-1].duration
+
+
+def missing_its_goal(factor: float) -> tuple[NonlinearProgram, Iterate]:
+    """An iterate that ends 4 cm from its goal, slower than a guess by a factor."""
+
+    def functions(*position):
+        goal = tm.PositionGoal("tip", position)
+        return ProblemFunctions.of(replace(planar(), goal=goal))
+
+    request = GuessRequest(np.random.default_rng(0))
+    guess = next(request.guesses(functions(1.5, 1.0, 0.0)))
+    system = functions(1.48, 1.03, 0.0)
+    program, z = first_program(system, tm.Options(**RESOLVED), guess)
+    return program, Iterate.of(program, program.time_scale(z, factor), 1.0)
+
+
+@pytest.mark.parametrize("factor", [1.5, 2.0])
+def test_restored_iterate_keeps_all_rows(factor):
+    program, near = missing_its_goal(factor)
+    feasible = restored(program, near)
+    assert near.violation > 1e-2
+    assert feasible.violation <= 1e-9
+    assert np.array_equal(feasible.values, program.evaluate(feasible.z))
+    # The way is no longer than one that turns the joints by a few degrees.
+    assert np.max(np.abs(feasible.z - near.z)) < 0.1
+    fixed = np.equal(*program.step_bounds(near.z, 1.0))
+    assert np.array_equal(feasible.z[fixed], near.z[fixed])
+
+
+def test_feasible_iterate_is_not_restored():
+    program, near = missing_its_goal(2.0)
+    feasible = restored(program, near)
+    assert feasible.violation <= 1e-9
+    assert restored(program, feasible) is feasible
+
+
 def with_coarse_fallback() -> PlanState:
     """A plan whose only motion is on a coarse grid, without a replay."""
     problem = planar()
@@ -202,11 +270,10 @@ def test_feasible_fallback_is_tried_before_the_first_guess(monkeypatch):
     near, tried = state.fallbacks[0]._replace(feasible=False, initial=None), []
     z = near.program.time_scale(near.iterate.z, 1.5)
     sound = near._replace(iterate=near.iterate.on(near.program, z), feasible=True)
-    monkeypatch.setattr(KeptIterate, "clear", property(lambda item: item is not near))
     state.fallbacks, state.kept_iterates = [sound], [near]
     _keep_fallback(state, refuted=False)
 
-    def failing(fallback, candidate, _):
+    def failing(_, fallback, candidate):
         tried.append(fallback)
         return candidate
 
@@ -225,7 +292,7 @@ def test_path_is_tried_before_a_slower_guess(monkeypatch):
     slow = guess._replace(iterate=guess.iterate.on(guess.program, z))
     state.fallbacks, state.paths = [slow], {0: lambda: guess}
 
-    def failing(fallback, candidate, _):
+    def failing(_, fallback, candidate):
         tried.append(fallback)
         return replace(candidate, feasible=False)
 
@@ -390,7 +457,7 @@ def test_guess_is_not_slowed_after_the_end_of_the_planning_time():
     late = Deadline()
     late.end = 0.0
     with late.in_force(), pytest.raises(Stop):
-        _scaled(begun, candidate, options)
+        _scaled(PlanState(problem, options), begun, candidate)
 
 
 def test_planning_time_is_reserved_for_the_first_replay():

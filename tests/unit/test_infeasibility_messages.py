@@ -320,7 +320,9 @@ def test_iteration_limit_names_its_option() -> None:
     """Regression: the advice concerned errors of integration, while the duration was
     still falling.
     """
-    problem = tm.Problem(make_arm(ROD, effort=5.0), [0.0], tm.JointGoal([1.0]))
+    # The arm is too weak for the straight way: it has to swing.
+    weak = make_arm(ROD, effort=3.0, gravity=DOWNWARD)
+    problem = tm.Problem(weak, [-1.57], tm.JointGoal([1.43]))
     few = {"method": "adjoint", "step_rule": "paper", "max_iterations": 5}
     solution = tm.plan(problem, initial_duration=1.5, **few)
     assert solution.status is Status.ITERATION_LIMIT and not solution.success

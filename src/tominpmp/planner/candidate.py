@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -11,13 +11,12 @@ import numpy as np
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.problem.problem import Problem
-from tominpmp.solvers.iterate import Iterate, SlpResult
+from tominpmp.solvers.iterate import HIGH_WEIGHT, Iterate, SlpResult
 from tominpmp.solvers.objective import SLOWDOWN
 from tominpmp.status import Status
 from tominpmp.transcription.base import ProgramInterface
 from tominpmp.transcription.grid import at_ticks
 from tominpmp.transcription.layout import Gridded, Layout
-from tominpmp.transcription.problem_functions import PADDING
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.verification import Verification, verify
 
@@ -41,27 +40,25 @@ class KeptIterate(NamedTuple):
     initial: KeptIterate | None = None
 
     @property
-    def clear(self) -> bool:
-        """Whether the motion lacks no more than the padding of clearances."""
-        missing = _largest(self._violations, clearances=True)
-        return missing * self.program.system.reach <= PADDING
-
-    @property
     def excess(self) -> float:
         """Largest violation other than those of clearances."""
-        return _largest(self._violations, clearances=False)
+        return self._largest(clearances=False)
 
     @property
-    def rank(self) -> tuple[bool, float]:
-        """Order of motions to be slowed down: with clearance first, then the fastest.
+    def rank(self) -> float:
+        """Duration of a motion slow enough to keep its limits, as an estimate [s].
 
-        The duration is that of a motion slow enough to keep all other limits.
+        Violations of clearances count more, as slowing down does not remove them.
         """
-        return not self.clear, self.iterate.duration * (1.0 + SLOWDOWN * self.excess)
+        missing = self._largest(clearances=True)
+        factor = 1.0 + SLOWDOWN * self.excess + HIGH_WEIGHT * missing
+        return self.iterate.duration * factor
 
-    @property
-    def _violations(self) -> dict[str, float]:
-        return self.program.rows.violation_by_kind(self.iterate.values)
+    def _largest(self, *, clearances: bool) -> float:
+        """Largest violation of clearances, or of all other kinds of constraints."""
+        every = self.program.rows.violation_by_kind(self.iterate.values).items()
+        sizes = (x for kind, x in every if kind.startswith("clearance") is clearances)
+        return max(sizes, default=0.0)
 
     def candidate(self, status: Status) -> Candidate:
         """The motion as a candidate, not replayed yet."""
@@ -178,13 +175,6 @@ class Candidate:
             return self
         verification = verify(problem, self.trajectory, options.tolerances)
         return replace(self, verification=verification)
-
-
-def _largest(violations: Mapping[str, float], *, clearances: bool) -> float:
-    """Largest violation of clearances, or of all other kinds of constraints."""
-    every = violations.items()
-    sizes = (x for kind, x in every if kind.startswith("clearance") is clearances)
-    return max(sizes, default=0.0)
 
 
 def best_of(candidates: Sequence[Candidate]) -> Candidate | None:

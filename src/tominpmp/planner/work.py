@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeVar
 
 from tominpmp.exceptions import TominpmpError
-from tominpmp.options import Options
-from tominpmp.planner.candidate import Candidate, KeptIterate
+from tominpmp.planner.candidate import Candidate, KeptIterate, best_of
+from tominpmp.solvers.objective import restored
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop, check
 from tominpmp.transcription.exchange import LEAST
@@ -30,6 +30,8 @@ FACTORS = (1.0, 1.02, 1.05, 1.1, 1.2, 1.5, 3.0, 10.0)
 # Share of the padding of clearances that is left where it is too much.
 LESS_PADDING = 0.3
 
+# Outcomes of descents that end before their duration has settled.
+UNSETTLED = (Status.ITERATION_LIMIT, Status.STALLED)
 # Remark on a motion that was saved after a later stage failed.
 STAGE_FAILED = "A later stage failed ({}), and this was kept."
 # Numerical errors. The motions found before such an error are not lost.
@@ -109,7 +111,8 @@ def _kept(
     state: PlanState, work: Work, candidate: Candidate | None
 ) -> Candidate | None:
     """Add a candidate to the plan; keep fallbacks unless it is confirmed."""
-    if candidate is None or not candidate.confirmed:
+    converged = candidate is not None and candidate.status is Status.CONVERGED
+    if candidate is None or not (converged and candidate.confirmed):
         _keep_fallback(state, refuted=candidate is not None and candidate.refuted)
     if candidate is None:
         return None
@@ -238,7 +241,9 @@ def use_fallback(state: PlanState, status: Status) -> None:
             if it is faster.
         status: How planning was stopped; FEASIBLE if it was not.
     """
-    errors = state.failures[-1:]
+    best, errors = best_of(state.candidates), state.failures[-1:]
+    if status is Status.FEASIBLE and best is not None and best.status in UNSETTLED:
+        status = best.status
     remark = "".join(STAGE_FAILED.format(type(error).__name__) for error in errors)
     tried = _slowed(state, _fallbacks(state), status)
     if tried and tried[-1].confirmed:
@@ -287,7 +292,7 @@ def _slowed(
                     continue
                 tried.append(candidate)
                 try:
-                    tried[-1] = _scaled(item, candidate, state.options)
+                    tried[-1] = _scaled(state, item, candidate)
                 except (*NUMERICAL, TominpmpError) as error:
                     logger.warning("a motion could not be slowed down: %r", error)
                 if tried[-1].confirmed:
@@ -297,20 +302,25 @@ def _slowed(
     return tried
 
 
-def _scaled(item: KeptIterate, candidate: Candidate, options: Options) -> Candidate:
-    """A motion slowed down until its program and its replay keep all limits."""
+def _scaled(state: PlanState, item: KeptIterate, candidate: Candidate) -> Candidate:
+    """A motion restored and slowed down until its program and its replay keep limits.
+
+    It is not slowed down to more than the duration of the incumbent.
+    """
     program, problem = item.program, item.program.system.problem
-    moving = problem.checker.moving
-    if not (item.clear or moving):
-        return candidate  # on the same path, links touch at any speed
     for factor in FACTORS:
         check()
-        z = program.time_scale(item.iterate.z, factor)
-        slower = item._replace(iterate=item.iterate.on(program, z), feasible=True)
-        if slower.excess > options.feasibility:
+        slower = item.iterate.on(program, program.time_scale(item.iterate.z, factor))
+        if slower.duration >= state.best_duration:
+            break
+        feasible = restored(program, slower)
+        kept = item._replace(iterate=feasible, feasible=True)
+        if kept.excess > state.options.feasibility:
             continue
-        candidate = slower.candidate(candidate.status).after(candidate)
-        candidate = candidate.verified(problem, options)
-        if candidate.confirmed or (candidate.touches and not moving):
+        candidate = kept.candidate(candidate.status).after(candidate)
+        candidate = candidate.verified(problem, state.options)
+        # On the same path, links touch at any speed.
+        same = feasible is slower and not problem.checker.moving
+        if candidate.confirmed or (candidate.touches and same):
             break
     return candidate

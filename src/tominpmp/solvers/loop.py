@@ -190,10 +190,12 @@ class Loop:
 
         The best iterate is handed to ``keep``, or the present one if none is feasible.
         """
-        slower = self.objective.restored(self.program, self.state)
+        slower = self.objective.slowed(self.program, self.state)
         self.best = self.objective.better(self.program, slower, self.best)
         if self.keep is not None:
-            self.keep(self.program, self.best or self.state)
+            if self.best is not None:
+                self.keep(self.program, self.best)
+            self.keep(self.program, self.state)
 
 
 def first_of(*rules: Rule | None) -> Rule:

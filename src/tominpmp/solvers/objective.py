@@ -1,7 +1,7 @@
 """Objectives: the quantity that an iteration minimises, and its convex models.
 
 An objective also says which of two motions is better, and how slowing a motion down
-restores its feasibility.
+restores its feasibility; :func:`restored` does so for motions far from feasible.
 """
 
 from __future__ import annotations
@@ -13,16 +13,22 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.sparse.linalg import spsolve
 
 from tominpmp.arrays import Array
 from tominpmp.options import Options
-from tominpmp.solvers.iterate import Iterate
-from tominpmp.transcription.base import Linearization, StepBounds, Variation
+from tominpmp.solvers.iterate import NEGLIGIBLE, Iterate
+from tominpmp.transcription.base import (
+    Linearization,
+    ProgramInterface,
+    StepBounds,
+    Variation,
+)
 from tominpmp.transcription.program import NonlinearProgram
 
-# Violations up to this are removed at the end by slowing down, within RESTORATIONS
-# trials.
+# Violations up to this are removed at the end by slowing down.
 RESTORABLE = 1e-2
+# Most trials to restore feasibility.
 RESTORATIONS = 8
 # Relative increase of the duration that removes a violation, as a share of it: torques
 # go with the square of the speed.
@@ -142,7 +148,7 @@ class Objective(ABC):
         small = np.max(violation, initial=0.0) <= RESTORABLE
         return bool(small and np.max(equations, initial=0.0) <= self.feasibility)
 
-    def restored(self, program: NonlinearProgram, state: Iterate) -> Iterate:
+    def slowed(self, program: NonlinearProgram, state: Iterate) -> Iterate:
         """Restore feasibility by slowing a motion down; unchanged if that fails.
 
         The iteration stops when the objective has settled, which may be before the last
@@ -164,6 +170,50 @@ class Objective(ABC):
             beyond = factor + violation / rate if rate > 0.0 else np.inf
             factor = min(beyond, 1.0 + 2.0 * (factor - 1.0))
         return state
+
+
+def restored(program: ProgramInterface, state: Iterate) -> Iterate:
+    """Restore feasibility by Newton's method, which moves an iterate to all its rows.
+
+    Of the steps that satisfy the equations and the violated rows by their
+    linearisation, each changes the unknowns and the values of the other rows least.
+    Unknowns are measured by the distance to their bounds (affine scaling; Coleman and
+    Li, 1996), so that those at a bound stay there.
+
+    Args:
+        program: The program.
+        state: The iterate.
+
+    Returns:
+        The iterate with the smallest violation on the way; the given one for a program
+        of exact arcs, which has no linearisation.
+    """
+    if not isinstance(program, NonlinearProgram):
+        return state
+    rows, iterates = program.rows, [state]
+    required = rows.lower == rows.upper
+    for _ in range(RESTORATIONS):
+        z, values = iterates[-1].z, iterates[-1].values
+        off = values - np.clip(values, rows.lower, rows.upper)
+        violation = np.max(np.abs(off), initial=0.0)
+        if violation <= NEGLIGIBLE:
+            break
+        required |= off != 0.0
+        # Violations are of second order in the step that has caused them.
+        radius = math.sqrt(violation)
+        steps = program.step_bounds(z, radius)
+        near, matrix, (lower, upper), _ = program.linearize(z, values, steps)
+        room = np.minimum(upper, -lower) / radius
+        matrix = matrix @ sp.diags(room)
+        own, other = matrix[required[near]], matrix[~required[near]]
+        # A pose has more components than an arm of five joints can change.
+        slack = NEGLIGIBLE * sp.identity(own.shape[0])
+        hessian = sp.identity(z.size) + other.T @ other
+        system = sp.bmat([[hessian, own.T], [own, -slack]], format="csc")
+        change = np.append(np.zeros(z.size), -off[near[required[near]]])
+        step = room * spsolve(system, change)[: z.size]
+        iterates.append(state.on(program, z + np.clip(step, lower, upper)))
+    return min(iterates, key=lambda item: item.violation)
 
 
 @dataclass(frozen=True, eq=False)

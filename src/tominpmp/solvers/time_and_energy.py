@@ -109,13 +109,13 @@ class TimeAndEnergy(Objective):
         variation = Variation(kinks, terms[near] - kinks @ z)
         return Model(value, gradient, root, variation, 0.5 * k)
 
-    def restored(self, program: NonlinearProgram, state: Iterate) -> Iterate:
+    def slowed(self, program: NonlinearProgram, state: Iterate) -> Iterate:
         """The motion slowed down, unless that costs more than its violations are worth.
 
         Torques that hold the arm against gravity hardly fall with the speed. The
         weights of their violations are then too small.
         """
-        slower = super().restored(program, state)
+        slower = super().slowed(program, state)
         if slower is state:
             return state
         now, then = (self.value(program, k.z, k.values) for k in (state, slower))

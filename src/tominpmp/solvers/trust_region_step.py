@@ -167,7 +167,7 @@ class TrustRegionStep:
         slow = len(state.gains) == WINDOW and sum(state.gains) < little
         settled = slow or outcome.predicted < ACCURACY * little
         # Slowing down does not help a motion that begins or ends moving.
-        slower = objective.restored(loop.program, state) if settled else state
+        slower = objective.slowed(loop.program, state) if settled else state
         done = settled and slower.violation <= objective.feasibility
         if settled and not done:
             # The weight of the violated constraint may be below its multiplier.
