@@ -13,7 +13,7 @@ import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.planner import candidate, descent
-from tominpmp.planner.finer_grid import intervals_to_halve, round_ends
+from tominpmp.planner.finer_grid import intervals_to_halve, _round_ends
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.solvers.loop import Loop
 from tominpmp.solvers.objective import MinimumTime
@@ -244,7 +244,7 @@ def status_of_round(program, **values):
     loop = Loop(program, MinimumTime.of(tm.Options()), first)
     values = dict.fromkeys(IterationRecord.__dataclass_fields__, 0) | values
     loop.history = [IterationRecord(**values)]
-    return round_ends(3e-3)(loop)
+    return _round_ends(3e-3)(loop)
 
 
 def test_refinement_round_ends_at_once_without_predicted_gain():

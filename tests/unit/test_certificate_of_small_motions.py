@@ -77,6 +77,22 @@ def test_position_a_tenth_of_a_millimetre_away_needs_no_simplex_method(
     assert sum(record.pivots for record in solution.history) < 2000
 
 
+def test_programs_of_a_light_gripper_need_no_simplex_method() -> None:
+    """Regression: interior points failed without refinement of the linear systems, and
+    in a certificate with it: the simplex method took 24 000 pivots, and 16 s.
+    """
+    z1, start = (
+        tm.load_robot("z1"),
+        np.array([-0.17, 0.7, -2.3, -0.56, -0.26, 1.4, -0.4]),
+    )
+    way = 1e-4 * np.array([-0.8, -0.5, 0.6, 0.2, -0.8, -0.1, 0.0])
+    frame = z1.frame_names[-1]
+    goal = tm.PoseGoal(frame, RobotKinematics(z1).placement(start + way, frame))
+    solution = tm.plan(tm.Problem(z1, start, goal), max_planning_time=np.inf)
+    assert solution.status is tm.Status.CONVERGED, solution.message
+    assert sum(record.pivots for record in solution.history) < 2000
+
+
 def test_small_motion_is_not_compared_with_detours() -> None:
     """Regression: detours of 2 rad, of several seconds, followed a motion of 1 ms."""
     kinova = tm.load_robot("kinova")

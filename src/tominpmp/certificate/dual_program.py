@@ -35,11 +35,7 @@ DISPLACEMENTS = 100.0
 SHIFT = 1e-3
 # Accuracy of the predicted gain, as a share of the duration or of the objective, and
 # largest number of iterations: where limits overlap, interior points converge slowly.
-# There is no shorter step to fall back on, so that the simplex method, which may take
-# tens of seconds, has the last word.
-ACCURACY = Termination(
-    gap=2e-5, share=0.01, iterations=100, residual=1e-7, most_columns=np.inf
-)
+ACCURACY = Termination(gap=2e-5, share=0.01, iterations=100, residual=1e-7)
 # Positions in an interval at which costates may jump; an even number includes the
 # middle.
 PLACES = 4

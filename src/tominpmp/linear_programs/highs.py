@@ -8,8 +8,11 @@ import highspy
 import numpy as np
 
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
-from tominpmp.linear_programs.solver import MANY_COLUMNS, LpSolver
+from tominpmp.linear_programs.solver import LpSolver
 from tominpmp.stopping import check, due, seconds_left
+
+# Programs with more columns take a simplex method thousands of pivots, and seconds.
+MANY_COLUMNS = 1000
 
 
 def _interrupt(event: Any) -> None:

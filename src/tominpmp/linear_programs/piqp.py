@@ -12,15 +12,14 @@ import piqp
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray
-from tominpmp.linear_programs.highs import HighsSolver
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
-from tominpmp.linear_programs.solver import MANY_COLUMNS, NO_BOUND, LpSolver
+from tominpmp.linear_programs.solver import NO_BOUND, LpSolver
 from tominpmp.stopping import check, seconds_left
 
 # Most iterations of PIQP, which usually needs 18 to 30. If it has not converged within
-# this limit, it seldom does before its default limit of 250, and the simplex method is
-# faster. This does not hold for programs with many columns: these are tried a second
-# time with iterative refinement of the linear systems, which costs more per iteration.
+# this limit, it seldom does before its default limit of 250. It then tries a second
+# time, with iterative refinement of the linear systems, or without it if the first try
+# had it: of the programs that one way does not solve the other one solves most.
 PIQP_ITERATIONS = 60
 # If rounding prevents convergence to the last digits, PIQP stalls at the solution. It
 # is accepted up to these residuals of rows and of multipliers.
@@ -56,14 +55,12 @@ class Termination:
         residual: Requested residual. Rows are satisfied much better once the gap has
             closed. Multipliers of overlapping limits are not, and more than half of all
             iterations would be spent on their last digits.
-        most_columns: Programs with more columns are not left to the simplex method.
     """
 
     gap: float = 2e-5
     share: float = 0.0
     iterations: int = PIQP_ITERATIONS
     residual: float = 1e-4
-    most_columns: float = MANY_COLUMNS
 
 
 USUAL_TERMINATION = Termination()
@@ -134,20 +131,19 @@ class PiqpSolver(LpSolver):
         self._scale: Array = np.zeros(0)
         self._equal: BoolArray = np.zeros(0, dtype=bool)
         self._pace, self._stages_fail = 0.0, False
-        self._simplex: HighsSolver | None = None
+        self._residual = termination.residual
 
     def solve(self, program: LinearProgram) -> LpSolution:
         """Solve a program; the interior-point method has no warm start."""
-        self._simplex = None
         self._set_up(program)
-        solution = self._run(program)
-        # The program of a shorter step takes less time than the simplex method.
-        if solution.optimal or program.cost.size > self._termination.most_columns:
-            return solution
-        # Later changes of its bounds are solved by the simplex method, too.
-        self._simplex = HighsSolver()
-        exact = self._simplex.solve(program)
-        return replace(exact, iterations=solution.iterations + exact.iterations)
+        self._residual = self._termination.residual
+        first = self._run(program)
+        if first.optimal:
+            return first
+        refined = self._residual <= RESIDUAL
+        self._residual = USUAL_TERMINATION.residual if refined else RESIDUAL
+        second = self._run(program)
+        return replace(second, iterations=first.iterations + second.iterations)
 
     def _set_up(self, program: LinearProgram) -> None:
         self._equal = equal = program.row_lower == program.row_upper
@@ -174,8 +170,6 @@ class PiqpSolver(LpSolver):
 
     def resolve(self, program: LinearProgram) -> LpSolution:
         """Solve again with other row bounds; the symbolic factorisation is kept."""
-        if self._simplex is not None:
-            return self._simplex.resolve(program)
         equal, lower, upper = self._equal, program.row_lower, program.row_upper
         self._solver.update(
             b=self._scale * lower[equal],
@@ -185,28 +179,25 @@ class PiqpSolver(LpSolver):
         return self._run(program)
 
     def _run(self, program: LinearProgram) -> LpSolution:
-        spent = self._try(self._termination.residual)
+        spent = self._try()
         if not self._solved and self._solver.settings.kkt_solver == STAGED:
             # Without pivoting between stages, coefficients of 1e9 next to others of 1
             # may lead to NaN or wrong numbers. Other programs of the same motion have
             # such coefficients, too.
             self._stages_fail = True
             self._set_up(program)
-            spent += self._try(self._termination.residual)
+            spent += self._try()
             self._stages_fail = self._solved
-        rough = self._termination.residual > RESIDUAL and not self._solved
-        if rough and (self._exact or program.cost.size > MANY_COLUMNS):
-            spent += self._try(RESIDUAL)
         result = self._solver.result
         duals = np.zeros(self._equal.size)
         duals[self._equal] = self._scale * result.y
         duals[~self._equal] = result.z_u - result.z_l
         return LpSolution(self._solved, np.array(result.x), duals, spent, curved=True)
 
-    def _try(self, residual: float) -> int:
+    def _try(self) -> int:
         """Run PIQP; returns the number of iterations."""
         settings, most = self._solver.settings, self._termination.iterations
-        settings.eps_abs = settings.eps_rel = residual
+        settings.eps_abs = settings.eps_rel = residual = self._residual
         settings.iterative_refinement_always_enabled = residual <= RESIDUAL
         left = seconds_left()
         if np.isfinite(left):

@@ -8,8 +8,6 @@ from tominpmp.linear_programs.program import LinearProgram, LpSolution
 
 # Value that stands for infinite bounds in solvers without an infinity.
 NO_BOUND = 1e30
-# Programs with more columns take a simplex method thousands of pivots, and seconds.
-MANY_COLUMNS = 1000
 
 
 class LpSolver(ABC):

@@ -85,7 +85,7 @@ def on_finer_grids(
             objective,
             z,
             step,
-            first_of(round_ends(worth * best.duration), stop),
+            first_of(_round_ends(worth * best.duration), stop),
         )
         promise = finer.history[0].predicted / best.duration
         logger.info("%d intervals: promise %.1e", transcription.intervals, promise)
@@ -99,7 +99,7 @@ def on_finer_grids(
     return replace(finest, status=result.status)
 
 
-def round_ends(worth: float) -> Rule:
+def _round_ends(worth: float) -> Rule:
     """Stop rule of a round: a single iteration if it predicts too small a gain.
 
     Args:

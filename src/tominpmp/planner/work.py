@@ -308,14 +308,15 @@ def _scaled(state: PlanState, item: KeptIterate, candidate: Candidate) -> Candid
     It is not slowed down to more than the duration of the incumbent.
     """
     program, problem = item.program, item.program.system.problem
+    tolerance = state.options.feasibility
     for factor in FACTORS:
         check()
         slower = item.iterate.on(program, program.time_scale(item.iterate.z, factor))
         if slower.duration >= state.best_duration:
             break
-        feasible = restored(program, slower)
+        feasible = restored(program, slower, tolerance)
         kept = item._replace(iterate=feasible, feasible=True)
-        if kept.excess > state.options.feasibility:
+        if kept.excess > tolerance:
             continue
         candidate = kept.candidate(candidate.status).after(candidate)
         candidate = candidate.verified(problem, state.options)

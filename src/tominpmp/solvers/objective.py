@@ -172,7 +172,7 @@ class Objective(ABC):
         return state
 
 
-def restored(program: ProgramInterface, state: Iterate) -> Iterate:
+def restored(program: ProgramInterface, state: Iterate, tolerance: float) -> Iterate:
     """Restore feasibility by Newton's method, which moves an iterate to all its rows.
 
     Of the steps that satisfy the equations and the violated rows by their
@@ -183,6 +183,7 @@ def restored(program: ProgramInterface, state: Iterate) -> Iterate:
     Args:
         program: The program.
         state: The iterate.
+        tolerance: Violation of a row that is tolerated.
 
     Returns:
         The iterate with the smallest violation on the way; the given one for a program
@@ -196,7 +197,7 @@ def restored(program: ProgramInterface, state: Iterate) -> Iterate:
         z, values = iterates[-1].z, iterates[-1].values
         off = values - np.clip(values, rows.lower, rows.upper)
         violation = np.max(np.abs(off), initial=0.0)
-        if violation <= NEGLIGIBLE:
+        if violation <= tolerance:
             break
         required |= off != 0.0
         # Violations are of second order in the step that has caused them.
