@@ -13,7 +13,7 @@ import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.planner import candidate, descent
-from tominpmp.planner.finer_grid import intervals_to_halve, _round_ends
+from tominpmp.planner.finer_grid import _round_ends, intervals_to_halve
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.solvers.loop import Loop
 from tominpmp.solvers.objective import MinimumTime
