@@ -275,7 +275,7 @@ def test_feasible_fallback_is_tried_before_the_first_guess(monkeypatch):
 
     def failing(_, fallback, candidate):
         tried.append(fallback)
-        return candidate
+        return [candidate]
 
     monkeypatch.setattr("tominpmp.planner.work._scaled", failing)
     use_fallback(state, tm.Status.TIME_LIMIT)
@@ -294,11 +294,36 @@ def test_path_is_tried_before_a_slower_guess(monkeypatch):
 
     def failing(_, fallback, candidate):
         tried.append(fallback)
-        return replace(candidate, feasible=False)
+        return [replace(candidate, feasible=False)]
 
     monkeypatch.setattr("tominpmp.planner.work._scaled", failing)
     use_fallback(state, tm.Status.TIME_LIMIT)
     assert list(map(id, tried)) == list(map(id, (guess, slow)))
+
+
+def test_stopped_plan_tells_of_the_replay_that_failed(monkeypatch):
+    """Regression: the message said that there had been no time for a replay, although
+    the motions that were slowed down less had failed theirs.
+    """
+    known, seen, replays = Candidate.verified, [], []
+
+    def refuted_once(candidate, *given):
+        if replays:
+            raise Stop(requested=True)
+        replays.append(known(candidate, *given))
+        slow = LimitViolation("duration", "the motion", 0.0, 1.0, "s", 0.1, True)
+        broken = replace(replays[0].verification, ok=False, violations=(slow,))
+        return replace(replays[0], verification=broken)
+
+    def stops(record):
+        seen.append(record)
+        return len(seen) == 6
+
+    monkeypatch.setattr(Candidate, "verified", refuted_once)
+    solution = tm.plan(planar(), intervals=20, callback=stops)
+    assert len(replays) == 1
+    assert solution.verification.violations[0].kind == "duration"
+    assert "no time" not in solution.message
 
 
 def test_each_motion_of_a_stopped_plan_is_replayed_once(monkeypatch):
@@ -376,9 +401,9 @@ def test_fallback_as_slow_as_the_incumbent_is_not_tried_after_a_dwell(monkeypatc
     assert state.incumbent is incumbent
     state.fallbacks, tried = [kept], []
 
-    def scaled(fallback, candidate, options):
+    def scaled(_, fallback, candidate):
         tried.append(fallback)
-        return candidate
+        return [candidate]
 
     monkeypatch.setattr("tominpmp.planner.work._scaled", scaled)
     use_fallback(state, tm.Status.TIME_LIMIT)
@@ -457,7 +482,7 @@ def test_guess_is_not_slowed_after_the_end_of_the_planning_time():
     late = Deadline()
     late.end = 0.0
     with late.in_force(), pytest.raises(Stop):
-        _scaled(PlanState(problem, options), begun, candidate)
+        next(_scaled(PlanState(problem, options), begun, candidate))
 
 
 def test_planning_time_is_reserved_for_the_first_replay():

@@ -213,7 +213,9 @@ def _from_iterates(state: PlanState, status: Status) -> Candidate | None:
     newest = state.kept_iterates[::-1]
     tried = _slowed(state, (item for item in newest if item.feasible), status)
     if tried:
-        return tried[-1]
+        # There may have been no time to replay the last one.
+        replayed = [item for item in tried if item.verification is not None]
+        return (replayed or tried)[-1]
     return newest[0].candidate(status) if newest else None
 
 
@@ -292,7 +294,8 @@ def _slowed(
                     continue
                 tried.append(candidate)
                 try:
-                    tried[-1] = _scaled(state, item, candidate)
+                    for scaled in _scaled(state, item, candidate):
+                        tried[-1] = scaled
                 except (*NUMERICAL, TominpmpError) as error:
                     logger.warning("a motion could not be slowed down: %r", error)
                 if tried[-1].confirmed:
@@ -302,10 +305,13 @@ def _slowed(
     return tried
 
 
-def _scaled(state: PlanState, item: KeptIterate, candidate: Candidate) -> Candidate:
-    """A motion restored and slowed down until its program and its replay keep limits.
+def _scaled(
+    state: PlanState, item: KeptIterate, candidate: Candidate
+) -> Iterator[Candidate]:
+    """Restore a motion and slow it down until its program and its replay keep limits.
 
-    It is not slowed down to more than the duration of the incumbent.
+    It is not slowed down to more than the duration of the incumbent. Yields the motion
+    of each replay.
     """
     program, problem = item.program, item.program.system.problem
     tolerance = state.options.feasibility
@@ -320,8 +326,8 @@ def _scaled(state: PlanState, item: KeptIterate, candidate: Candidate) -> Candid
             continue
         candidate = kept.candidate(candidate.status).after(candidate)
         candidate = candidate.verified(problem, state.options)
+        yield candidate
         # On the same path, links touch at any speed.
         same = feasible is slower and not problem.checker.moving
         if candidate.confirmed or (candidate.touches and same):
             break
-    return candidate

@@ -18,6 +18,7 @@ from scipy.sparse.linalg import spsolve
 from tominpmp.arrays import Array
 from tominpmp.options import Options
 from tominpmp.solvers.iterate import NEGLIGIBLE, Iterate
+from tominpmp.stopping import check
 from tominpmp.transcription.base import (
     Linearization,
     ProgramInterface,
@@ -199,6 +200,7 @@ def restored(program: ProgramInterface, state: Iterate, tolerance: float) -> Ite
         violation = np.max(np.abs(off), initial=0.0)
         if violation <= tolerance:
             break
+        check()
         required |= off != 0.0
         # Violations are of second order in the step that has caused them.
         radius = math.sqrt(violation)
