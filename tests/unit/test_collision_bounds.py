@@ -130,14 +130,14 @@ def test_joint_placements_and_jacobians_match_pinocchio(
             np.testing.assert_allclose(t[i, joint], place.translation, atol=1e-12)
     joint = np.array([model.njoints - 1, model.njoints // 2, 0])
     point, normal = rng.normal(size=(3, 3)), rng.normal(size=(3, 3))
-    pin.computeJointJacobians(model, data, q[0])
-    placed = np.repeat(R[:1], 3, axis=0), np.repeat(t[:1], 3, axis=0)
-    found = placements.jacobian_rows(placed, joint, point, normal)
+    instants = np.array([2, 0, 1])
+    found = placements.jacobian_rows((R, t), instants, joint, point, normal)
     for k in range(2):
+        pin.computeJointJacobians(model, data, q[instants[k]])
         jacobian = pin.getJointJacobian(
             model, data, int(joint[k]), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         )
-        lever = np.cross(point[k] - t[0, joint[k]], normal[k])
+        lever = np.cross(point[k] - t[instants[k], joint[k]], normal[k])
         expected = normal[k] @ jacobian[:3] + lever @ jacobian[3:]
         np.testing.assert_allclose(found[k], expected, atol=1e-12)
     assert not np.any(found[2])  # the world does not move

@@ -14,18 +14,18 @@ from tominpmp.scene.obstacles import Obstacle
 class JointPlacements:
     """Vectorised forward kinematics of joints with one coordinate each.
 
+    In Pinocchio's order, joint i + 1 has coordinate i; joint 0 is the world.
+
     Attributes:
         slide: Sliding axis of each joint, zero if it turns, shape (joints, 3).
         turn: Rotation axis of each joint, zero if it slides, shape (joints, 3).
-        moves: Whether each coordinate moves each joint, shape (joints, nv); joint 0 is
-            the world.
+        moves: Whether each coordinate moves each joint, shape (joints, nv).
     """
 
     def __init__(self, model: pin.Model) -> None:
         self._parents = [int(parent) for parent in model.parents]
         count = len(self._parents)
         self.turn, self.slide = np.zeros((count, 3)), np.zeros((count, 3))
-        self._column = np.full(count, -1, dtype=np.int64)
         # For each joint, relative to its parent: its position, its sliding direction,
         # and three matrices whose sum, weighted by 1, the sine and the versed sine of
         # the angle, is its rotation (Rodrigues).
@@ -40,9 +40,8 @@ class JointPlacements:
                 item.calc(data, np.zeros(1))
                 motion = np.asarray(data.S, dtype=np.float64).ravel()
                 self.slide[joint], self.turn[joint] = motion[:3], motion[3:]
-                self._column[joint] = item.idx_v
                 self.moves[joint] = self.moves[self._parents[joint]]
-                self.moves[joint, item.idx_v] = True
+                self.moves[joint, joint - 1] = True
             cross = pin.skew(self.turn[joint])
             parts = [rotation, rotation @ cross, rotation @ cross @ cross]
             self._basis[joint] = np.array(parts).reshape(3, 9)
@@ -58,7 +57,7 @@ class JointPlacements:
             Rotations, shape (m, joints, 3, 3), and positions, shape (m, joints, 3) [m].
         """
         m, count = q.shape[0], len(self._parents)
-        angle = q[:, self._column].T
+        angle = np.concatenate([np.zeros((1, m)), q.T])
         parts = np.ones((count, m, 3))
         parts[:, :, 1], parts[:, :, 2] = np.sin(angle), 1.0 - np.cos(angle)
         # Joints come first, so that all configurations of a joint are contiguous.
@@ -78,6 +77,7 @@ class JointPlacements:
     def jacobian_rows(
         self,
         placed: tuple[Array, Array],
+        instants: IntArray,
         joint: IntArray,
         point: Array,
         normal: Array,
@@ -85,8 +85,8 @@ class JointPlacements:
         """Jacobian rows: speeds of points along directions per unit coordinate speed.
 
         Args:
-            placed: Placements of all joints, shapes (k, joints, 3, 3) and (k, joints,
-                3).
+            placed: Placements of all joints, see :meth:`joints`.
+            instants: Index of the configuration of each point, shape (k,).
             joint: Joint that carries each point, shape (k,).
             point: Points in the world [m], shape (k, 3).
             normal: Directions in the world, shape (k, 3).
@@ -95,14 +95,13 @@ class JointPlacements:
             One row for each point, shape (k, nv).
         """
         R, t = (part[:, 1:] for part in placed)
-        # Directions and moments in the axes of the joints.
-        along = (normal[:, None, None] @ R)[:, :, 0]
-        moment = np.cross(point[:, None] - t, normal[:, None])
-        about = (moment[:, :, None] @ R)[:, :, 0]
-        speeds = np.sum(along * self.slide[1:] + about * self.turn[1:], axis=2)
-        out = np.zeros((point.shape[0], self.moves.shape[1]))
-        out[:, self._column[1:]] = speeds
-        return np.where(self.moves[joint], out, 0.0)
+        # Twists of the joints in the world, and lines along the directions.
+        turn = (R @ self.turn[1:, :, None])[..., 0]
+        slide = (R @ self.slide[1:, :, None])[..., 0] + np.cross(t, turn)
+        twists = np.concatenate([slide, turn], axis=2)
+        lines = np.concatenate([normal, np.cross(point, normal)], axis=1)
+        speeds = (twists[instants] @ lines[..., None])[..., 0]
+        return np.where(self.moves[joint], speeds, 0.0)
 
     def displacements(
         self, q: Array, half: Array, joint: IntArray, centre: Array, radius: Array
@@ -129,8 +128,8 @@ class JointPlacements:
         place = t[:, joint] + np.einsum("mbij,bj->mbi", R[:, joint], centre)
         out = np.zeros((q.shape[0], joint.size, q.shape[1]))
         drift = np.zeros((q.shape[0], joint.size))
-        for i in range(self._column.size - 1, 0, -1):
-            column = self._column[i]
+        for column in reversed(range(q.shape[1])):
+            i = column + 1
             moved = np.flatnonzero(self.moves[joint, column])
             if not moved.size:
                 continue

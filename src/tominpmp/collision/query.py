@@ -260,15 +260,15 @@ class PairDistances:
         """
         rows, times = self.robot.expand(q), _or_start(times, q)
         normal, *points = self.witnesses(q, instants, pairs, times)
-        R, t = self.placements.joints(rows)
-        placed = R[instants], t[instants]
+        placed = self.placements.joints(rows)
         out = np.zeros((len(pairs), rows.shape[1]))
         for bodies, point, sign in (
             (self.broad.first, points[0], -1.0),
             (self.broad.second, points[1], 1.0),
         ):
             joint = self._model_joint(bodies[pairs])
-            out += sign * self.placements.jacobian_rows(placed, joint, point, normal)
+            args = placed, instants, joint, point, normal
+            out += sign * self.placements.jacobian_rows(*args)
         other = self.broad.joint[self.broad.second[pairs]]
         rates = self.obstacles.approach(other, times[instants], points[1], normal)
         return Derivatives(self.robot.reduce_tangent(out), rates)
