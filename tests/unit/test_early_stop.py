@@ -172,7 +172,7 @@ def missing_its_goal(factor: float) -> tuple[NonlinearProgram, Iterate]:
 @pytest.mark.parametrize("factor", [1.5, 2.0])
 def test_restored_iterate_keeps_all_rows(factor):
     program, near = missing_its_goal(factor)
-    feasible = restored(program, near, 1e-9)
+    feasible = restored(program, near)
     assert near.violation > 1e-2
     assert feasible.violation <= 1e-9
     assert np.array_equal(feasible.values, program.evaluate(feasible.z))
@@ -184,9 +184,9 @@ def test_restored_iterate_keeps_all_rows(factor):
 
 def test_feasible_iterate_is_not_restored():
     program, near = missing_its_goal(2.0)
-    feasible = restored(program, near, 1e-9)
+    feasible = restored(program, near)
     assert feasible.violation <= 1e-9
-    assert restored(program, feasible, 1e-9) is feasible
+    assert restored(program, feasible) is feasible
 
 
 def with_coarse_fallback() -> PlanState:

@@ -154,12 +154,23 @@ def test_highs_solves_many_columns_by_interior_points_first(monkeypatch):
     assert p.cost @ again.x == pytest.approx(p.cost @ cold.x, abs=1e-5)
 
 
+def test_piqp_leaves_no_program_of_many_columns_to_the_simplex_method(monkeypatch):
+    """Regression: one step of a Panda on a finer grid took 4 to 17 s of pivots."""
+    p = random_program(np.random.default_rng(6), rows=60, columns=40)
+    unfinished = Termination(iterations=3)
+    assert PiqpSolver(unfinished).solve(p).optimal  # after few pivots
+    monkeypatch.setattr(piqp_module, "MANY_COLUMNS", 30)
+    assert not PiqpSolver(unfinished).solve(p).optimal
+
+
 def test_piqp_accepts_a_gap_of_a_share_of_the_objective():
     p = random_program(np.random.default_rng(6), rows=60, columns=40)
     best = reference(p).fun
     needed = PiqpSolver().solve(p).iterations
     few = Termination(gap=1e-9, iterations=needed - 1)
-    assert not PiqpSolver(few).solve(p).optimal
+    exact = PiqpSolver(few).solve(p)
+    assert exact.iterations > few.iterations  # left to the simplex method
+    assert p.cost @ exact.x == pytest.approx(best, abs=1e-7)
     rough = PiqpSolver(replace(few, share=0.9)).solve(p)
     assert rough.optimal
     assert rough.iterations == few.iterations

@@ -6,13 +6,12 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
-import piqp
 import pytest
 from test_linear_programs import random_program, reference
 from test_slp import Program, least_time
 
 from tominpmp.linear_programs.choice import make_solver
-from tominpmp.linear_programs.piqp import USUAL_TERMINATION, PiqpSolver, Termination
+from tominpmp.linear_programs.piqp import RESIDUAL, USUAL_TERMINATION, PiqpSolver
 from tominpmp.options import Options
 from tominpmp.solvers import loop as loops
 from tominpmp.solvers.exchange import LEAST_RADIUS, SETTLED, RowExchange
@@ -130,23 +129,28 @@ def test_endless_row_exchange_ends_at_the_iteration_limit():
     assert result.status is Status.ITERATION_LIMIT
 
 
-def test_piqp_leaves_hard_programs_to_the_simplex_method(
-    monkeypatch,
-):
-    p = random_program(np.random.default_rng(2), rows=40, columns=30)
-    solver = PiqpSolver(Termination(iterations=2))
+def test_piqp_tries_hard_programs_with_refinement(monkeypatch):
+    """Later changes of the bounds of a program are solved in the same way."""
+    p, residuals = random_program(np.random.default_rng(2), rows=40, columns=30), []
+    solver, known = PiqpSolver(), PiqpSolver._iterate
+
+    def fails_without_refinement(self, most):
+        settings = self._solver.settings
+        residuals.append(settings.eps_abs)
+        refined = settings.iterative_refinement_always_enabled
+        return known(self, most if refined else 2)
+
+    monkeypatch.setattr(PiqpSolver, "_iterate", fails_without_refinement)
     found = solver.solve(p)
-    assert found.optimal
-    assert p.cost @ found.x == pytest.approx(reference(p).fun, abs=1e-7)
-    again = solver.resolve(
-        replace(p, row_lower=p.row_lower - 0.01, row_upper=p.row_upper + 0.01)
-    )
-    assert again.optimal
+    assert found.optimal and residuals == [USUAL_TERMINATION.residual, RESIDUAL]
+    assert p.cost @ found.x == pytest.approx(reference(p).fun, abs=1e-6)
+    wider = replace(p, row_lower=p.row_lower - 0.01, row_upper=p.row_upper + 0.01)
+    again = solver.resolve(wider)
+    assert again.optimal and residuals[2:] == [RESIDUAL]
     assert p.cost @ again.x <= p.cost @ found.x + 1e-9
-    # The next program is tried by interior points again.
-    monkeypatch.setattr(solver, "_termination", USUAL_TERMINATION)
-    assert solver.solve(p).iterations < 60
-    assert piqp.PIQP_SOLVED == solver._solver.result.info.status
+    # The next program is tried without refinement again.
+    solver.solve(p)
+    assert residuals[3] == USUAL_TERMINATION.residual
 
 
 def test_final_motion_is_inspected_between_its_rows():

@@ -12,6 +12,7 @@ import piqp
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray
+from tominpmp.linear_programs.highs import MANY_COLUMNS, HighsSolver
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.linear_programs.solver import NO_BOUND, LpSolver
 from tominpmp.stopping import check, seconds_left
@@ -19,7 +20,8 @@ from tominpmp.stopping import check, seconds_left
 # Most iterations of PIQP, which usually needs 18 to 30. If it has not converged within
 # this limit, it seldom does before its default limit of 250. It then tries a second
 # time, with iterative refinement of the linear systems, or without it if the first try
-# had it: of the programs that one way does not solve the other one solves most.
+# had it: of the programs that one way does not solve the other one solves most. The
+# simplex method solves the others, unless it would take thousands of pivots.
 PIQP_ITERATIONS = 60
 # If rounding prevents convergence to the last digits, PIQP stalls at the solution. It
 # is accepted up to these residuals of rows and of multipliers.
@@ -143,7 +145,11 @@ class PiqpSolver(LpSolver):
         refined = self._residual <= RESIDUAL
         self._residual = USUAL_TERMINATION.residual if refined else RESIDUAL
         second = self._run(program)
-        return replace(second, iterations=first.iterations + second.iterations)
+        spent = first.iterations + second.iterations
+        if not second.optimal and program.cost.size <= MANY_COLUMNS:
+            second = HighsSolver().solve(program)
+            spent += second.iterations
+        return replace(second, iterations=spent)
 
     def _set_up(self, program: LinearProgram) -> None:
         self._equal = equal = program.row_lower == program.row_upper

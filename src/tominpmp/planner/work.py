@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeVar
 
 from tominpmp.exceptions import TominpmpError
-from tominpmp.planner.candidate import Candidate, KeptIterate, best_of
+from tominpmp.planner.candidate import Candidate, KeptIterate
 from tominpmp.solvers.objective import restored
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop, check
@@ -30,8 +30,6 @@ FACTORS = (1.0, 1.02, 1.05, 1.1, 1.2, 1.5, 3.0, 10.0)
 # Share of the padding of clearances that is left where it is too much.
 LESS_PADDING = 0.3
 
-# Outcomes of descents that end before their duration has settled.
-UNSETTLED = (Status.ITERATION_LIMIT, Status.STALLED)
 # Remark on a motion that was saved after a later stage failed.
 STAGE_FAILED = "A later stage failed ({}), and this was kept."
 # Numerical errors. The motions found before such an error are not lost.
@@ -243,9 +241,7 @@ def use_fallback(state: PlanState, status: Status) -> None:
             if it is faster.
         status: How planning was stopped; FEASIBLE if it was not.
     """
-    best, errors = best_of(state.candidates), state.failures[-1:]
-    if status is Status.FEASIBLE and best is not None and best.status in UNSETTLED:
-        status = best.status
+    errors = state.failures[-1:]
     remark = "".join(STAGE_FAILED.format(type(error).__name__) for error in errors)
     tried = _slowed(state, _fallbacks(state), status)
     if tried and tried[-1].confirmed:
@@ -320,7 +316,8 @@ def _scaled(
         slower = item.iterate.on(program, program.time_scale(item.iterate.z, factor))
         if slower.duration >= state.best_duration:
             break
-        feasible = restored(program, slower, tolerance)
+        sound = slower.violation <= tolerance
+        feasible = slower if sound else restored(program, slower)
         kept = item._replace(iterate=feasible, feasible=True)
         if kept.excess > tolerance:
             continue

@@ -173,7 +173,7 @@ class Objective(ABC):
         return state
 
 
-def restored(program: ProgramInterface, state: Iterate, tolerance: float) -> Iterate:
+def restored(program: ProgramInterface, state: Iterate) -> Iterate:
     """Restore feasibility by Newton's method, which moves an iterate to all its rows.
 
     Of the steps that satisfy the equations and the violated rows by their
@@ -184,7 +184,6 @@ def restored(program: ProgramInterface, state: Iterate, tolerance: float) -> Ite
     Args:
         program: The program.
         state: The iterate.
-        tolerance: Violation of a row that is tolerated.
 
     Returns:
         The iterate with the smallest violation on the way; the given one for a program
@@ -198,7 +197,7 @@ def restored(program: ProgramInterface, state: Iterate, tolerance: float) -> Ite
         z, values = iterates[-1].z, iterates[-1].values
         off = values - np.clip(values, rows.lower, rows.upper)
         violation = np.max(np.abs(off), initial=0.0)
-        if violation <= tolerance:
+        if violation <= NEGLIGIBLE:
             break
         check()
         required |= off != 0.0
