@@ -73,6 +73,23 @@ def test_invalid_numbers_are_named_by_their_flags(run: Run, plans: bool) -> None
         assert expected in result.stderr, result.stderr
 
 
+@pytest.mark.parametrize("plans", [True, False])
+def test_wrong_counts_are_refused_beside_a_motion(run: Run, plans: bool) -> None:
+    # Regression: only the trials checked their number and their seed, so that any
+    # numbers were accepted beside a motion.
+    source = ["planar3r", "--robustness"] if plans else ["planar3r", "m.csv"]
+    for flag, value, expected in (
+        ("--samples", "0", "an integer >= 1, at most 100000"),
+        ("--samples", "100001", "an integer >= 1, at most 100000"),
+        ("--seed", "-1", "an integer >= 0"),
+        ("--seed", str(2**63), "an integer >= 0"),
+    ):
+        result = run("replay", *source, flag, value)
+        assert result.exit_code == 2
+        message = f"error: {flag} is {value}, expected {expected}"
+        assert message in result.stderr, result.stderr
+
+
 def test_robustness_reports_sorted_durations_of_its_trials(
     run: Run, files: None
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -96,7 +97,7 @@ def test_descent_in_a_worker_process_uses_one_thread(problem: tm.Problem) -> Non
     )
     system = ProblemFunctions.of(problem)
     guess = straight_guess(system, problem.goal.configuration)
-    descend_in_process(system, options, time.time() + 300.0, guess)
+    descend_in_process(system, options, time.time() + 300.0, math.inf, guess)
     assert set(seen) == {1}
     assert thread_counts() == before
 

@@ -8,7 +8,9 @@ import threading
 import time
 from collections.abc import Iterator
 from concurrent import futures
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,9 +19,12 @@ from clocks import Clock
 from parallel_work import PATIENCE, begin_and_wait, square, wait_for_stop_request
 
 import tominpmp as tm
+from tests.schedules import loop_with
 from tominpmp.initial_guess import parallel
 from tominpmp.initial_guess.guess import GuessRequest
 from tominpmp.initial_guess.parallel import ready, run_parallel
+from tominpmp.planner import descent
+from tominpmp.planner.automatic_options import resolve_options
 from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.starts import (
@@ -28,7 +33,7 @@ from tominpmp.planner.starts import (
     _descents,
     descend_in_process,
 )
-from tominpmp.planner.work import run
+from tominpmp.planner.work import Work, run
 from tominpmp.stopping import Deadline, Stop
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -151,7 +156,7 @@ def test_process_without_remaining_time_ends_at_once() -> None:
     system = ProblemFunctions.of(reach())
     guess = next(GuessRequest(np.random.default_rng(0)).guesses(system))
     options = tm.Options(method="inverse", lp_solver="piqp", intervals=160)
-    result = descend_in_process(system, options, time.time() - 1.0, guess)
+    result = descend_in_process(system, options, time.time() - 1.0, math.inf, guess)
     candidate, failures, history = result
     assert not failures
     if candidate is not None:
@@ -206,6 +211,39 @@ def test_candidate_repaired_in_a_process_is_not_repaired_again(
     [found] = state.candidates
     assert found.status is tm.Status.INFEASIBLE
     assert state.ended is None
+
+
+def test_descents_in_processes_are_dropped_only_if_the_incumbent_is_faster(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Regression: processes had no incumbent, and dropped all starts whose violation
+    stagnates.
+    """
+    system, ends = ProblemFunctions.of(reach()), []
+    kept = SimpleNamespace()  # of a replay that keeps all limits
+    incumbent = replace(interrupted_candidate(), verification=kept)
+
+    def work(*args: Any) -> Work:
+        for factor in (0.9, 1.1):
+            duration = factor * incumbent.duration
+            record = SimpleNamespace(violation=0.3, duration=duration)
+            loop = loop_with([record] * descent.PATIENCE)
+            ends.append(descent._stop_if_hopeless(args[-1], loop))
+        return descent.descent_work(*args)
+
+    def one_by_one(task: Any, items: Any, *_: float) -> Iterator[Any]:
+        yield from enumerate(map(task, items))
+
+    monkeypatch.setattr("tominpmp.planner.starts.descent_work", work)
+    monkeypatch.setattr("tominpmp.planner.starts.run_parallel", one_by_one)
+    options = resolve_options(system.problem, tm.Options(max_iterations=1))
+    state = PlanState(system.problem, options)
+    state.candidates.append(incumbent)
+    guesses = GuessRequest(np.random.default_rng(0)).guesses(system)
+    source = ParallelDescents(system, state, guesses)
+    assert source.next(1) is not None
+    source.result(0)
+    assert ends == [None, tm.Status.STALLED]
 
 
 @pytest.mark.parametrize("end", [Stop(requested=True), RuntimeError("died")])

@@ -6,13 +6,14 @@ from functools import partial
 from typing import Annotated, TypeAlias
 
 from tominpmp.arrays import Record
-from tominpmp.checks import Amount, positive
+from tominpmp.checks import Amount, positive, whole
 from tominpmp.cli.option_fields import options
 from tominpmp.cli.options import ReportOptions
-from tominpmp.options import Positive
+from tominpmp.options import Positive, Seed
 
 Step: TypeAlias = Annotated[float, partial(positive, unit="s")]
 Deviation: TypeAlias = Annotated[float, partial(positive, unit="rad or m")]
+Samples: TypeAlias = Annotated[int, partial(whole, least=1, most=100_000)]
 
 
 @options("Planning")
@@ -42,8 +43,8 @@ class ReplayOptions(ReportOptions, Record):
     step: Step = 2e-4
     goal_tolerance: Deviation = 0.01
     robustness: bool = False
-    samples: int = 100
-    seed: int = 0
+    samples: Samples = 100
+    seed: Seed = 0
     random_payload: Amount = 0.2
     random_friction: Amount = 0.01
     random_delay: Amount = 0.002

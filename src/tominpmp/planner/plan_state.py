@@ -67,6 +67,8 @@ class PlanState:
         problem: The problem.
         options: Options of the plan.
         candidates: The candidates so far.
+        T_to_beat: In a worker process, T of the incumbent of the plan for which the
+            process works [s]; infinite without one.
         deadline: When to stop.
         start: Number of the candidate in progress, from 0.
         records: Records of the candidate in progress, one per iteration.
@@ -103,6 +105,7 @@ class PlanState:
     ) -> None:
         self.problem, self.options = problem, options
         self.candidates: list[Candidate] = []
+        self.T_to_beat = np.inf
         self.deadline = Deadline(stop_requested)
         self.start = -1
         self.records: list[IterationRecord] = []
@@ -138,7 +141,7 @@ class PlanState:
     @property
     def best_duration(self) -> float:
         """Duration of the incumbent [s]; infinite without an incumbent."""
-        return min((each.duration for each in self.candidates), default=np.inf)
+        return min((each.duration for each in self.candidates), default=self.T_to_beat)
 
     @property
     def satisfied(self) -> bool:

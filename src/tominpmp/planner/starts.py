@@ -242,7 +242,8 @@ class ParallelDescents:
             serial = replace(self.state.options, callback=None, processes=1)
             # Processes hand over their candidates in time, even if a step overruns.
             end = time.time() + (1.0 - STEP_SHARE) * seconds - STEP_SECONDS
-            task = partial(descend_in_process, self.system, serial, end)
+            best = self.state.best_duration
+            task = partial(descend_in_process, self.system, serial, end, best)
             done = run_parallel(task, [*self.batch], self.processes, seconds)
             self.done = ((first + place, result) for place, result in done)
         return self.batch.pop(0) if self.batch else None
@@ -301,7 +302,11 @@ Result = tuple[Candidate | None, list[Exception], list[IterationRecord]]
 
 @on_one_thread
 def descend_in_process(
-    system: ProblemFunctions, options: Options, end_time: float, guess: Guess
+    system: ProblemFunctions,
+    options: Options,
+    end_time: float,
+    best_duration: float,
+    guess: Guess,
 ) -> Result:
     """Descend from a guess in a worker process.
 
@@ -309,6 +314,7 @@ def descend_in_process(
         system: Functions of the problem.
         options: Options of the plan.
         end_time: Instant when the planning time is used up, by ``time.time`` [s].
+        best_duration: Duration of the incumbent [s]; infinite without one.
         guess: The guess.
 
     Returns:
@@ -317,6 +323,7 @@ def descend_in_process(
     """
     options = replace(options, max_planning_time=max(end_time - time.time(), 1e-3))
     state = PlanState(system.problem, options, stop_requested=stop_requested)
+    state.T_to_beat = best_duration
     with state.deadline.in_force():
         run(state, single(descent_work(system, options, guess, state)))
         best = best_of(state.candidates)
