@@ -15,6 +15,7 @@ from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop, check
 from tominpmp.transcription.exchange import LEAST
 from tominpmp.transcription.problem_functions import PADDING, ProblemFunctions
+from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.verification import LONGEST
 
 if TYPE_CHECKING:
@@ -316,8 +317,10 @@ def _scaled(
         slower = item.iterate.on(program, program.time_scale(item.iterate.z, factor))
         if slower.duration >= state.best_duration:
             break
-        sound = slower.violation <= tolerance
-        feasible = slower if sound else restored(program, slower)
+        feasible = slower
+        # Programs of exact arcs have no linearisation.
+        if slower.violation > tolerance and isinstance(program, NonlinearProgram):
+            feasible = restored(program, slower)
         kept = item._replace(iterate=feasible, feasible=True)
         if kept.excess > tolerance:
             continue

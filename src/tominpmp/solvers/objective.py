@@ -19,12 +19,7 @@ from tominpmp.arrays import Array
 from tominpmp.options import Options
 from tominpmp.solvers.iterate import NEGLIGIBLE, Iterate
 from tominpmp.stopping import check
-from tominpmp.transcription.base import (
-    Linearization,
-    ProgramInterface,
-    StepBounds,
-    Variation,
-)
+from tominpmp.transcription.base import Linearization, StepBounds, Variation
 from tominpmp.transcription.program import NonlinearProgram
 
 # Violations up to this are removed at the end by slowing down.
@@ -173,7 +168,7 @@ class Objective(ABC):
         return state
 
 
-def restored(program: ProgramInterface, state: Iterate) -> Iterate:
+def restored(program: NonlinearProgram, state: Iterate) -> Iterate:
     """Restore feasibility by Newton's method, which moves an iterate to all its rows.
 
     Of the steps that satisfy the equations and the violated rows by their
@@ -186,11 +181,11 @@ def restored(program: ProgramInterface, state: Iterate) -> Iterate:
         state: The iterate.
 
     Returns:
-        The iterate with the smallest violation on the way; the given one for a program
-        of exact arcs, which has no linearisation.
+        The iterate with the smallest violation on the way.
+
+    Raises:
+        Stop: If it is time to stop.
     """
-    if not isinstance(program, NonlinearProgram):
-        return state
     rows, iterates = program.rows, [state]
     required = rows.lower == rows.upper
     for _ in range(RESTORATIONS):
