@@ -11,8 +11,7 @@ import numpy as np
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.problem.problem import Problem
-from tominpmp.solvers.iterate import HIGH_WEIGHT, Iterate, SlpResult
-from tominpmp.solvers.objective import SLOWDOWN
+from tominpmp.solvers.iterate import Iterate, SlpResult
 from tominpmp.status import Status
 from tominpmp.transcription.base import ProgramInterface
 from tominpmp.transcription.grid import at_ticks
@@ -42,23 +41,17 @@ class KeptIterate(NamedTuple):
     @property
     def excess(self) -> float:
         """Largest violation other than those of clearances."""
-        return self._largest(clearances=False)
+        violations = self.program.rows.violation_by_kind(self.iterate.values)
+        others = (x for kind, x in violations.items() if "clearance" not in kind)
+        return max(others, default=0.0)
 
     @property
     def rank(self) -> float:
-        """Duration of a motion slow enough to keep its limits, as an estimate [s].
+        """Duration of the motion once its violations are removed, as an estimate [s].
 
-        Violations of clearances count more, as slowing down does not remove them.
+        It is exact for torques, which go with the square of the speed.
         """
-        missing = self._largest(clearances=True)
-        factor = 1.0 + SLOWDOWN * self.excess + HIGH_WEIGHT * missing
-        return self.iterate.duration * factor
-
-    def _largest(self, *, clearances: bool) -> float:
-        """Largest violation of clearances, or of all other kinds of constraints."""
-        every = self.program.rows.violation_by_kind(self.iterate.values).items()
-        sizes = (x for kind, x in every if kind.startswith("clearance") is clearances)
-        return max(sizes, default=0.0)
+        return self.iterate.duration * (1.0 + 0.5 * self.iterate.violation)
 
     def candidate(self, status: Status) -> Candidate:
         """The motion as a candidate, not replayed yet."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from tominpmp.exceptions import TominpmpError
 from tominpmp.planner.candidate import Candidate, KeptIterate
-from tominpmp.solvers.objective import restored
+from tominpmp.solvers.exchange import restored
 from tominpmp.status import STOPPED, Status
 from tominpmp.stopping import Stop, check
 from tominpmp.transcription.exchange import LEAST
@@ -211,11 +211,10 @@ def _from_iterates(state: PlanState, status: Status) -> Candidate | None:
     """
     newest = state.kept_iterates[::-1]
     tried = _slowed(state, (item for item in newest if item.feasible), status)
-    if tried:
-        # There may have been no time to replay the last one.
-        replayed = [item for item in tried if item.verification is not None]
-        return (replayed or tried)[-1]
-    return newest[0].candidate(status) if newest else None
+    # There may have been no time to replay the last one.
+    replayed = [item for item in tried if item.verification is not None]
+    found = replayed or tried or [item.candidate(status) for item in newest[:1]]
+    return found[-1] if found else None
 
 
 def _keep_fallback(state: PlanState, *, refuted: bool) -> None:
@@ -320,8 +319,8 @@ def _scaled(
         feasible = slower
         # Programs of exact arcs have no linearisation.
         if slower.violation > tolerance and isinstance(program, NonlinearProgram):
-            feasible = restored(program, slower)
-        kept = item._replace(iterate=feasible, feasible=True)
+            program, feasible = restored(program, slower)
+        kept = item._replace(program=program, iterate=feasible, feasible=True)
         if kept.excess > tolerance:
             continue
         candidate = kept.candidate(candidate.status).after(candidate)

@@ -15,10 +15,16 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import spsolve
+
 from tominpmp.arrays import Array
+from tominpmp.solvers.iterate import NEGLIGIBLE, Iterate
 from tominpmp.solvers.loop import ITERATIONS, SETTLED_RADIUS, Loop
-from tominpmp.solvers.objective import RESTORABLE
+from tominpmp.solvers.objective import RESTORABLE, RESTORATIONS
 from tominpmp.status import STOPPED, Status
+from tominpmp.stopping import check
 from tominpmp.transcription.exchange import exchanged
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.verification import LONGEST
@@ -127,3 +133,57 @@ class RowExchange:
         loop.extended_limit = len(loop.history) + ITERATIONS
         extensions = self.extensions + (status is not None)
         return replace(self, extensions=extensions, joined_at=value, radius=limit), None
+
+
+def restored(
+    program: NonlinearProgram, state: Iterate
+) -> tuple[NonlinearProgram, Iterate]:
+    """Restore feasibility by Newton's method, which moves an iterate to all its rows.
+
+    Of the steps that satisfy the equations and the violated rows by their
+    linearisation, each changes the unknowns and the values of the other rows least.
+    Unknowns are measured by the distance to their bounds (affine scaling; Coleman and
+    Li, 1996), so that those at a bound stay there. Once all rows are satisfied, those
+    that are missing between them join.
+
+    Args:
+        program: The program.
+        state: The iterate.
+
+    Returns:
+        The program with the rows that have joined it, and the iterate with the smallest
+        violation of them on the way.
+
+    Raises:
+        Stop: If it is time to stop.
+    """
+    iterates, required = [state], np.array(False)
+    for _ in range(2 * RESTORATIONS):
+        rows, z, values = program.rows, iterates[-1].z, iterates[-1].values
+        off = values - np.clip(values, rows.lower, rows.upper)
+        violation = np.max(np.abs(off), initial=0.0)
+        if violation > max(iterates[0].violation, 10.0):
+            break  # it diverges
+        check()
+        if violation <= NEGLIGIBLE:
+            more = exchanged(program, z)
+            if more is None:
+                break
+            program, iterates, required = more, [state.on(more, z)], np.array(False)
+            continue
+        required = required | (off != 0.0) | (rows.lower == rows.upper)
+        # Violations are of second order in the step that has caused them.
+        radius = math.sqrt(violation)
+        steps = program.step_bounds(z, radius)
+        near, matrix, (lower, upper), _ = program.linearize(z, values, steps)
+        room = np.minimum(upper, -lower) / radius
+        matrix = matrix @ sp.diags(room)
+        own, other = matrix[required[near]], matrix[~required[near]]
+        # A pose has more components than an arm of five joints can change.
+        slack = NEGLIGIBLE * sp.identity(own.shape[0])
+        hessian = sp.identity(z.size) + other.T @ other
+        system = sp.bmat([[hessian, own.T], [own, -slack]], format="csc")
+        change = np.append(np.zeros(z.size), -off[near[required[near]]])
+        step = room * spsolve(system, change)[: z.size]
+        iterates.append(state.on(program, z + np.clip(step, lower, upper)))
+    return program, min(iterates, key=lambda item: item.violation)

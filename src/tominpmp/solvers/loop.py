@@ -91,8 +91,8 @@ def solve(
         stop: Stop rule.
         exchange: Row exchange; None for programs with fixed rows.
         callback: Receives every record.
-        keep: Receives the best iterate after every step, or the present one while none
-            is feasible, as a stop may be requested at any time.
+        keep: Receives the best iterate, if one is feasible, and the present one after
+            every step, as a stop may be requested at any time.
 
     Raises:
         Stop: If a stop was requested; the best iterate has been handed to ``keep``.
@@ -124,7 +124,7 @@ class Loop:
         objective: The objective to be minimised.
         state: The present iterate.
         callback: Receives every record.
-        keep: Receives the best iterate, or the present one while none is feasible.
+        keep: Receives the best iterate, if one is feasible, and the present one.
         best: The best feasible iterate; None while there is none.
         outcome: Outcome of the last step; None if its program could not be solved.
         history: Records, one per iteration.
@@ -188,14 +188,13 @@ class Loop:
     def save(self) -> None:
         """Keep the present iterate, slowed down to remove violations, if it is better.
 
-        The best iterate is handed to ``keep``, or the present one if none is feasible.
+        The best iterate, if there is one, and the present one are handed to ``keep``.
         """
         slower = self.objective.slowed(self.program, self.state)
         self.best = self.objective.better(self.program, slower, self.best)
         if self.keep is not None:
-            if self.best is not None:
-                self.keep(self.program, self.best)
-            self.keep(self.program, self.state)
+            for iterate in filter(None, (self.best, self.state)):
+                self.keep(self.program, iterate)
 
 
 def first_of(*rules: Rule | None) -> Rule:

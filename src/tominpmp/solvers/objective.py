@@ -1,7 +1,7 @@
 """Objectives: the quantity that an iteration minimises, and its convex models.
 
 An objective also says which of two motions is better, and how slowing a motion down
-restores its feasibility; :func:`restored` does so for motions far from feasible.
+restores its feasibility.
 """
 
 from __future__ import annotations
@@ -13,12 +13,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import spsolve
 
 from tominpmp.arrays import Array
 from tominpmp.options import Options
-from tominpmp.solvers.iterate import NEGLIGIBLE, Iterate
-from tominpmp.stopping import check
+from tominpmp.solvers.iterate import Iterate
 from tominpmp.transcription.base import Linearization, StepBounds, Variation
 from tominpmp.transcription.program import NonlinearProgram
 
@@ -166,51 +164,6 @@ class Objective(ABC):
             beyond = factor + violation / rate if rate > 0.0 else np.inf
             factor = min(beyond, 1.0 + 2.0 * (factor - 1.0))
         return state
-
-
-def restored(program: NonlinearProgram, state: Iterate) -> Iterate:
-    """Restore feasibility by Newton's method, which moves an iterate to all its rows.
-
-    Of the steps that satisfy the equations and the violated rows by their
-    linearisation, each changes the unknowns and the values of the other rows least.
-    Unknowns are measured by the distance to their bounds (affine scaling; Coleman and
-    Li, 1996), so that those at a bound stay there.
-
-    Args:
-        program: The program.
-        state: The iterate.
-
-    Returns:
-        The iterate with the smallest violation on the way.
-
-    Raises:
-        Stop: If it is time to stop.
-    """
-    rows, iterates = program.rows, [state]
-    required = rows.lower == rows.upper
-    for _ in range(RESTORATIONS):
-        z, values = iterates[-1].z, iterates[-1].values
-        off = values - np.clip(values, rows.lower, rows.upper)
-        violation = np.max(np.abs(off), initial=0.0)
-        if violation <= NEGLIGIBLE:
-            break
-        check()
-        required |= off != 0.0
-        # Violations are of second order in the step that has caused them.
-        radius = math.sqrt(violation)
-        steps = program.step_bounds(z, radius)
-        near, matrix, (lower, upper), _ = program.linearize(z, values, steps)
-        room = np.minimum(upper, -lower) / radius
-        matrix = matrix @ sp.diags(room)
-        own, other = matrix[required[near]], matrix[~required[near]]
-        # A pose has more components than an arm of five joints can change.
-        slack = NEGLIGIBLE * sp.identity(own.shape[0])
-        hessian = sp.identity(z.size) + other.T @ other
-        system = sp.bmat([[hessian, own.T], [own, -slack]], format="csc")
-        change = np.append(np.zeros(z.size), -off[near[required[near]]])
-        step = room * spsolve(system, change)[: z.size]
-        iterates.append(state.on(program, z + np.clip(step, lower, upper)))
-    return min(iterates, key=lambda item: item.violation)
 
 
 @dataclass(frozen=True, eq=False)
