@@ -16,6 +16,7 @@ from tominpmp.status import Status
 from tominpmp.transcription.base import ProgramInterface
 from tominpmp.transcription.grid import at_ticks
 from tominpmp.transcription.layout import Gridded, Layout
+from tominpmp.transcription.problem_functions import PADDING
 from tominpmp.transcription.program import NonlinearProgram
 from tominpmp.verification.verification import Verification, verify
 
@@ -39,19 +40,16 @@ class KeptIterate(NamedTuple):
     initial: KeptIterate | None = None
 
     @property
-    def excess(self) -> float:
-        """Largest violation other than those of clearances."""
-        violations = self.program.rows.violation_by_kind(self.iterate.values)
-        others = (x for kind, x in violations.items() if "clearance" not in kind)
-        return max(others, default=0.0)
+    def rank(self) -> tuple[bool, float]:
+        """Order of motions to be slowed down: with clearance first, then the fastest.
 
-    @property
-    def rank(self) -> float:
-        """Duration of the motion once its violations are removed, as an estimate [s].
-
-        It is exact for torques, which go with the square of the speed.
+        The duration is an estimate once violations are removed, which is exact for
+        torques, as these go with the square of the speed.
         """
-        return self.iterate.duration * (1.0 + 0.5 * self.iterate.violation)
+        every = self.program.rows.violation_by_kind(self.iterate.values).items()
+        missing = (x for kind, x in every if kind.startswith("clearance"))
+        touches = max(missing, default=0.0) * self.program.system.reach > PADDING
+        return touches, self.iterate.duration * (1.0 + 0.5 * self.iterate.violation)
 
     def candidate(self, status: Status) -> Candidate:
         """The motion as a candidate, not replayed yet."""

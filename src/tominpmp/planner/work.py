@@ -321,7 +321,8 @@ def _scaled(
         if slower.violation > tolerance and isinstance(program, NonlinearProgram):
             program, feasible = restored(program, slower)
         kept = item._replace(program=program, iterate=feasible, feasible=True)
-        if kept.excess > tolerance:
+        # In passages that are narrower, the padding of clearances is missing.
+        if feasible.violation * program.system.reach > PADDING:
             continue
         candidate = kept.candidate(candidate.status).after(candidate)
         candidate = candidate.verified(problem, state.options)
