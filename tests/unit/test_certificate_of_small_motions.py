@@ -81,10 +81,8 @@ def test_programs_of_a_light_gripper_need_no_simplex_method() -> None:
     """Regression: interior points failed without refinement of the linear systems, and
     in a certificate with it: the simplex method took 24 000 pivots, and 16 s.
     """
-    z1, start = (
-        tm.load_robot("z1"),
-        np.array([-0.17, 0.7, -2.3, -0.56, -0.26, 1.4, -0.4]),
-    )
+    z1 = tm.load_robot("z1")
+    start = np.array([-0.17, 0.7, -2.3, -0.56, -0.26, 1.4, -0.4])
     way = 1e-4 * np.array([-0.8, -0.5, 0.6, 0.2, -0.8, -0.1, 0.0])
     frame = z1.frame_names[-1]
     goal = tm.PoseGoal(frame, RobotKinematics(z1).placement(start + way, frame))

@@ -154,9 +154,13 @@ def test_highs_solves_many_columns_by_interior_points_first(monkeypatch):
     assert p.cost @ again.x == pytest.approx(p.cost @ cold.x, abs=1e-5)
 
 
-def test_piqp_leaves_no_program_of_many_columns_to_the_simplex_method(monkeypatch):
+@pytest.mark.parametrize("curvature", [None, 1e-3 * sp.identity(40, format="csc")])
+def test_piqp_leaves_no_program_of_many_columns_to_the_simplex_method(
+    monkeypatch, curvature
+):
     """Regression: one step of a Panda on a finer grid took 4 to 17 s of pivots."""
     p = random_program(np.random.default_rng(6), rows=60, columns=40)
+    p = replace(p, curvature=curvature)
     unfinished = Termination(iterations=3)
     assert PiqpSolver(unfinished).solve(p).optimal  # after few pivots
     monkeypatch.setattr(piqp_module, "MANY_COLUMNS", 30)

@@ -133,18 +133,16 @@ class PiqpSolver(LpSolver):
         self._scale: Array = np.zeros(0)
         self._equal: BoolArray = np.zeros(0, dtype=bool)
         self._pace, self._stages_fail = 0.0, False
-        self._residual = termination.residual
 
     def solve(self, program: LinearProgram) -> LpSolution:
         """Solve a program; the interior-point method has no warm start."""
         self._set_up(program)
-        self._residual = self._termination.residual
-        first = self._run(program)
+        residual = self._termination.residual
+        first = self._run(program, residual)
         if first.optimal:
             return first
-        refined = self._residual <= RESIDUAL
-        self._residual = USUAL_TERMINATION.residual if refined else RESIDUAL
-        second = self._run(program)
+        other = USUAL_TERMINATION.residual if residual <= RESIDUAL else RESIDUAL
+        second = self._run(program, other)
         spent = first.iterations + second.iterations
         if not second.optimal and program.cost.size <= MANY_COLUMNS:
             second = HighsSolver().solve(program)
@@ -182,17 +180,17 @@ class PiqpSolver(LpSolver):
             h_l=np.maximum(lower[~equal], -NO_BOUND),
             h_u=np.minimum(upper[~equal], NO_BOUND),
         )
-        return self._run(program)
+        return self._run(program, self._solver.settings.eps_abs)
 
-    def _run(self, program: LinearProgram) -> LpSolution:
-        spent = self._try()
+    def _run(self, program: LinearProgram, residual: float) -> LpSolution:
+        spent = self._try(residual)
         if not self._solved and self._solver.settings.kkt_solver == STAGED:
             # Without pivoting between stages, coefficients of 1e9 next to others of 1
             # may lead to NaN or wrong numbers. Other programs of the same motion have
             # such coefficients, too.
             self._stages_fail = True
             self._set_up(program)
-            spent += self._try()
+            spent += self._try(residual)
             self._stages_fail = self._solved
         result = self._solver.result
         duals = np.zeros(self._equal.size)
@@ -200,10 +198,10 @@ class PiqpSolver(LpSolver):
         duals[~self._equal] = result.z_u - result.z_l
         return LpSolution(self._solved, np.array(result.x), duals, spent, curved=True)
 
-    def _try(self) -> int:
+    def _try(self, residual: float) -> int:
         """Run PIQP; returns the number of iterations."""
         settings, most = self._solver.settings, self._termination.iterations
-        settings.eps_abs = settings.eps_rel = residual = self._residual
+        settings.eps_abs = settings.eps_rel = residual
         settings.iterative_refinement_always_enabled = residual <= RESIDUAL
         left = seconds_left()
         if np.isfinite(left):

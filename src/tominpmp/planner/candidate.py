@@ -12,6 +12,7 @@ from tominpmp.motion.trajectory import Trajectory
 from tominpmp.options import Options
 from tominpmp.problem.problem import Problem
 from tominpmp.solvers.iterate import Iterate, SlpResult
+from tominpmp.solvers.objective import SLOWDOWN
 from tominpmp.status import Status
 from tominpmp.transcription.base import ProgramInterface
 from tominpmp.transcription.grid import at_ticks
@@ -49,7 +50,8 @@ class KeptIterate(NamedTuple):
         every = self.program.rows.violation_by_kind(self.iterate.values).items()
         missing = (x for kind, x in every if kind.startswith("clearance"))
         touches = max(missing, default=0.0) * self.program.system.reach > PADDING
-        return touches, self.iterate.duration * (1.0 + 0.5 * self.iterate.violation)
+        factor = 1.0 + SLOWDOWN * self.iterate.violation
+        return touches, self.iterate.duration * factor
 
     def candidate(self, status: Status) -> Candidate:
         """The motion as a candidate, not replayed yet."""

@@ -109,12 +109,15 @@ def single(work: Work) -> Schedule[None]:
 def _kept(
     state: PlanState, work: Work, candidate: Candidate | None
 ) -> Candidate | None:
-    """Add a candidate to the plan; keep fallbacks unless it is confirmed."""
-    converged = candidate is not None and candidate.status is Status.CONVERGED
-    if candidate is None or not (converged and candidate.confirmed):
-        _keep_fallback(state, refuted=candidate is not None and candidate.refuted)
+    """Add a candidate to the plan; keep fallbacks beside an unfinished one.
+
+    A later iterate of a confirmed candidate that has not converged may be faster.
+    """
     if candidate is None:
+        _keep_fallback(state, refuted=False)
         return None
+    if not candidate.confirmed or candidate.status is not Status.CONVERGED:
+        _keep_fallback(state, refuted=candidate.refuted)
     logger.info("start %d: %s", state.start, candidate.status.value)
     if candidate.status in STOPPED:
         state.cut_short = state.cut_short or candidate.status

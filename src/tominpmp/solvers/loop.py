@@ -193,7 +193,7 @@ class Loop:
         slower = self.objective.slowed(self.program, self.state)
         self.best = self.objective.better(self.program, slower, self.best)
         if self.keep is not None:
-            for iterate in filter(None, (self.best, self.state)):
+            for iterate in dict.fromkeys(filter(None, (self.best, self.state))):
                 self.keep(self.program, iterate)
 
 
