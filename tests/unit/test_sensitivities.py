@@ -91,6 +91,17 @@ def test_gravity_damping_friction_and_curves_satisfy_time_scaling(case: str) -> 
     assert abs(found.total(parts[case])) > 1e-3
 
 
+def test_jumps_of_friction_are_no_part_of_torque_rates() -> None:
+    # Regression: rates across the reversal of a joint counted with the jump of its
+    # friction, which the limits of torque rates leave out.
+    slow = tm.MotionLimits(effort_rate=30.0)
+    problem = tm.Problem(arm(friction=0.3), START, JOINTS, motion_limits=slow)
+    quick = {"effort": "quick", "refine": None, "starts": 1}
+    found = tm.plan(problem, intervals=12, **quick).sensitivities
+    assert found.total("friction") > 0.1 and found.total("effort rate") < -0.01
+    assert found.balance == pytest.approx(0.0, abs=1e-6)
+
+
 def test_effort_curves_with_both_sides_active_satisfy_time_scaling() -> None:
     # Far from the optimum, torques at one side of a curve trade with the other side.
     robot = tm.load_robot("ur5", limits="urdf")

@@ -189,8 +189,10 @@ def limits_of(motion: GridMotion, near: bool = True) -> LimitRows:
     """
     every = [*_arrivals(motion)]
     for number, part in enumerate(motion.segments):
-        for limit in limits_of_joints(part):
-            every += (_slopes if limit.order > 2 else _of_joints)(part, limit)
+        # Distances take time.
+        for limit in replace(part.system, clearance_rows=None).constraints:
+            if isinstance(limit, JointLimit | MotorLimit):
+                every += (_slopes if limit.order > 2 else _of_joints)(part, limit)
         every += _held(part)
         numbered = [*(_clearances(part) if near else ()), _goal(part)]
         for index, item in enumerate(part.system.problem.ready_constraints):
@@ -199,13 +201,6 @@ def limits_of(motion: GridMotion, near: bool = True) -> LimitRows:
         shift = number * SEGMENT
         every += [replace(rows, subject=rows.subject + shift) for rows in numbered]
     return LimitRows.joined(every)
-
-
-def limits_of_joints(part: GridMotion) -> list[JointLimit | MotorLimit]:
-    """Joint and motor limits on a segment of a motion."""
-    # Distances take time.
-    every = replace(part.system, clearance_rows=None).constraints
-    return [item for item in every if isinstance(item, JointLimit | MotorLimit)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,16 +9,13 @@ at the optimum, with the motion z fixed: no motion is planned again. The multipl
 :math:`\lambda_i` are the multipliers of the certificate.
 
 A displacement of the goal is equivalent to the opposite displacement of the robot.
-Therefore the sensitivities to both, and the effect of the base on constraints, follow
-from the values for a robot with a slightly displaced base and unchanged joint motion;
-contacts contribute by their normals, and gravity by its rotation in the axes of the
-base.
+Therefore the sensitivities to both follow from the values for a robot with a slightly
+displaced base and unchanged joint motion; contacts contribute by their normals.
 
-The multipliers of torque limits, of torque-rate limits and of torque-speed curves give
-the share of the duration by which an additional torque at an instant delays the motion.
-Gravity, payloads and friction change the torques that the same motion requires: the
-inverse dynamics is linear in each of these parameters, so that differences of torques
-give their derivatives without a truncation error.
+Gravity, payloads, damping and friction change the torques that the same motion
+requires, and the wrenches that hold loads. The same limits are evaluated for a robot
+with one of these parameters changed. Torques are linear in each of them, so that
+differences give their derivatives without a truncation error.
 """
 
 from __future__ import annotations
@@ -32,7 +29,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from tominpmp.arrays import Array
+from tominpmp.arrays import Array, BoolArray
 from tominpmp.blas_threads import on_one_thread
 from tominpmp.certificate.dual_program import solve_dual_program
 from tominpmp.certificate.dwells import without_dwells
@@ -42,10 +39,10 @@ from tominpmp.certificate.limits import (
     SEGMENT,
     LimitRows,
     SampledConstraint,
-    limits_of_joints,
 )
 from tominpmp.certificate.motion import GridMotion
 from tominpmp.checks import instance
+from tominpmp.constraints.base import Constraint
 from tominpmp.constraints.torque import MotorLimit, TorqueLimit
 from tominpmp.dynamics import RobotDynamics
 from tominpmp.exceptions import ProblemError
@@ -283,80 +280,60 @@ class SegmentRows:
             value, unit = _by_share(0.0 - gain, limit, per)
             yield Sensitivity(item.name, None, item.subject, value, unit, limit, per)
 
-    # -- gravity, payloads and friction ------------------------------------------------
-
-    @cached_property
-    def _torques(self) -> Array:
-        """Cost of torques at instants of the segment, from their multipliers.
-
-        It is empty for a kinematic robot, whose accelerations payloads and gravity do
-        not change.
-
-        Returns:
-            Positions, velocities and accelerations; the directions of motion: 1, -1,
-            or 0 at rest; and the derivative of ln T with respect to the torque of each
-            joint; shape (5, k, n).
-        """
-        motion, n = self.motion, self._robot.n
-        every = [np.zeros((5, 0, n))]
-        for item in () if self._robot.kinematic else limits_of_joints(motion):
-            kinds = (item.kind.name, PASSIVE)[: 1 + isinstance(item, TorqueLimit)]
-            rows = self.rows.selected(self.rows.of(*kinds) & (self.rows.y != 0.0))
-            if not isinstance(item, MotorLimit) or not rows.y.size:
-                continue
-            slopes = item.order > 2
-            at = motion.changes.pairs(rows.at.interval) if slopes else rows.at
-            sampled = SampledConstraint.of(motion, item, at)
-            # Differentiated as a function of the torques minus dry friction.
-            _, q, v, a, _ = sampled.states
-            states = sampled.states._replace(u=motion.system.dynamics.inverse(q, v, a))
-            each = np.arange(rows.y.size), rows.component
-            by = sampled.item.differentiate(states, *each)
-            assert by.by_u is not None  # noqa: S101
-            weight = np.zeros((at.size, n))
-            multiplier = rows.y if by.row is None else rows.y[by.row]
-            np.add.at(weight, by.at, multiplier[:, None] * by.by_u)
-            every.append(np.stack([q, v, a, motion.ways(at), weight]))
-        if motion.system.held is not None:
-            rows = self.rows.selected(self.rows.of(HOLDING.name) & (self.rows.y != 0.0))
-            at_rest = np.zeros((5, rows.y.size, n))
-            at_rest[0] = motion.states(rows.at).q
-            share = rows.y / motion.system.held.motors.half[rows.subject]
-            at_rest[4, np.arange(rows.y.size), rows.subject] = share
-            every.append(at_rest)
-        return np.concatenate(every, axis=1)
+    # -- parameters of the robot -------------------------------------------------------
 
     def _cost(self, robot: Robot) -> float:
-        """Sum of torques and constraint values for a changed robot, by multipliers."""
-        q, v, a, _, weight = self._torques
-        torque = RobotDynamics(robot, dry=False).inverse(q, v, a)
-        return float(np.sum(weight * torque)) + self._cost_of_constraints(robot)
+        """Sum of the limited quantities for a changed robot, by multipliers.
 
-    @cached_property
-    def _by_gravity(self) -> Array:
-        """Derivatives of ln T by gravity, shape (3,) [s^2/m]."""
-        return _slopes(self._cost, partial(_pulled, self._robot), 3, GRAVITY_STEP)
+        The motion remains; the torques that it requires and the values of constraints
+        change, but neither clearances nor goals.
+        """
+        motion, every = self.motion, self.rows
+        problem = self._problem._altered("ready_constraints", robot=robot)
+        dynamics = RobotDynamics(robot, dry=False)
+        system = replace(
+            motion.system, problem=problem, dynamics=dynamics, clearance_rows=None
+        )
+        items: list[tuple[Constraint, BoolArray]] = []
+        for limit in system.constraints:
+            if isinstance(limit, MotorLimit):
+                passive = (PASSIVE,) if isinstance(limit, TorqueLimit) else ()
+                items.append((limit, every.of(limit.kind.name, *passive)))
+        if system.held is not None:
+            items.append((system.held, every.of(system.held.name)))
+        for index, item in enumerate(problem.ready_constraints):
+            items.append((item, every.of(item.name) & (every.subject == index)))
+        total = 0.0
+        for constraint, mine in items:
+            rows = every.selected(mine & (every.y != 0.0))
+            if rows.y.size:
+                slopes = constraint.order > 2
+                at = motion.changes.pairs(rows.at.interval) if slopes else rows.at
+                values = SampledConstraint.of(motion, constraint, at).values
+                total += float(rows.y @ values[np.arange(rows.y.size), rows.component])
+        return total
 
     def _forces(self) -> Iterator[Sensitivity]:
         """Records of gravity, payloads, damping and dry friction."""
-        robot, (_, v, _, way, weight) = self._robot, self._torques
-        by_gravity = self._by_gravity
+        robot, cost = self._robot, self._cost(self._robot)
+        by_gravity = _slopes(self._cost, partial(_pulled, robot), 3, GRAVITY_STEP)
         size = float(np.linalg.norm(robot.gravity))
         value = float(by_gravity @ robot.gravity)
         yield Sensitivity("gravity", None, "", value, "", size, "m/s^2", by_gravity)
         for item in robot.payloads:
-            more = self._cost(_loaded(robot, item)) - self._cost(robot)
+            more = self._cost(_loaded(robot, item)) - cost
             value, unit = _by_share(more, item.mass, "kg")
             yield Sensitivity("payload", None, item.name, value, unit, item.mass, "kg")
         viscous = ["N s/m" if u == "m" else "N m s/rad" for u in units_of(robot)]
-        for kind, coefficient, factor, units in (
-            ("damping", robot.damping, v, viscous),
-            ("friction", robot.friction, way, units_of(robot, EFFORT)),
+        for kind, coefficient, units in (
+            ("damping", robot.damping, viscous),
+            ("friction", robot.friction, units_of(robot, EFFORT)),
         ):
-            value = np.sum(weight * coefficient * factor, axis=0)
             for j in np.flatnonzero(coefficient).tolist():
+                doubled = coefficient * (1.0 + np.eye(robot.n)[j])
+                value = self._cost(replace(robot, **{kind: doubled})) - cost
                 size = float(coefficient[j])
-                yield self._of_joint(kind, j, value[j], "", size, units[j])
+                yield self._of_joint(kind, j, value, "", size, units[j])
 
     # -- positions of the goal, of obstacles and of the base ---------------------------
 
@@ -419,21 +396,8 @@ class SegmentRows:
     @cached_property
     def base(self) -> Array:
         """Derivatives of ln T by a displacement of the base, (6,) [1/m, 1/rad]."""
-        out = self._base_of_goal - sum(self._contacts.values(), np.zeros(6))
-        # A rotation of the base turns gravity in the axes of the base.
-        out[3:] += np.cross(self._by_gravity, self._robot.gravity)
-        return np.asarray(out + self._by_base(self._cost_of_constraints))
-
-    def _cost_of_constraints(self, robot: Robot) -> float:
-        """Sum of constraint values for a changed robot, weighted by multipliers."""
-        every = self.rows.selected(np.abs(self.rows.y) > NOTHING)
-        total = 0.0
-        for index, item in enumerate(self._problem.constraints):
-            rows = every.selected(every.of(item.name) & (every.subject == index))
-            if rows.y.size:
-                values = item.on(robot).evaluate(self.motion.states(rows.at))
-                total += float(rows.y @ values[np.arange(rows.y.size), rows.component])
-        return total
+        by_contacts = sum(self._contacts.values(), np.zeros(6))
+        return self._base_of_goal - by_contacts + self._by_base(self._cost)
 
 
 def _by_share(value: float, limit: float, unit: str) -> tuple[float, str]:
@@ -494,11 +458,10 @@ def _loaded(robot: Robot, payload: Payload) -> Robot:
 def _displaced(robot: Robot, twist: Array) -> Robot:
     """The robot with its base displaced by a small twist in the world.
 
-    Gravity turns with the base; the shapes of the links are not displaced.
+    The shapes of the links are not displaced.
     """
     model = robot.model.copy()
     move = pin.SE3(pin.exp3(twist[3:]), twist[:3])
-    model.gravity.linear = move.rotation @ model.gravity.linear
     for joint in range(1, model.njoints):
         if model.parents[joint] == 0:
             model.jointPlacements[joint] = move * model.jointPlacements[joint]
