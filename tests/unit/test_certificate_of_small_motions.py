@@ -91,6 +91,15 @@ def test_programs_of_a_light_gripper_need_no_simplex_method() -> None:
     assert sum(record.pivots for record in solution.history) < 2000
 
 
+def test_certificate_of_a_light_gripper_moves_by_few_displacements() -> None:
+    """Regression: with 100 displacements the certificate's program was not solved."""
+    start = np.array([-0.54, 2.35, -1.75, 0.53, 0.6, -0.36, -0.84])
+    way = 1e-4 * np.array([0.6, 0.6, 0.9, 0.5, 0.0, 0.6, 1.0])
+    problem = tm.Problem(tm.load_robot("z1"), start, tm.JointGoal(start + way))
+    solution = tm.plan(problem, effort="quick", max_planning_time=np.inf)
+    assert solution.status is tm.Status.CONVERGED, solution.message
+
+
 def test_small_motion_is_not_compared_with_detours() -> None:
     """Regression: detours of 2 rad, of several seconds, followed a motion of 1 ms."""
     kinova = tm.load_robot("kinova")
