@@ -133,9 +133,9 @@ def test_error_on_an_unknown_solver_lists_the_known_solvers():
     assert "highs" in caught.value.available
 
 
-def test_highs_solves_many_columns_by_interior_points_first(monkeypatch):
+def test_highs_solves_large_programs_by_interior_points_first(monkeypatch):
     """A crossover yields the basis from which the simplex method starts afterwards."""
-    monkeypatch.setattr("tominpmp.linear_programs.highs.MANY_COLUMNS", 30)
+    monkeypatch.setattr("tominpmp.linear_programs.highs.MANY", 90)
     p = random_program(np.random.default_rng(5), rows=60, columns=40)
     solver = make_solver("highs")
     first = solver.solve(p)
@@ -154,16 +154,20 @@ def test_highs_solves_many_columns_by_interior_points_first(monkeypatch):
     assert p.cost @ again.x == pytest.approx(p.cost @ cold.x, abs=1e-5)
 
 
-@pytest.mark.parametrize("curvature", [None, 1e-3 * sp.identity(40, format="csc")])
-def test_piqp_leaves_no_program_of_many_columns_to_the_simplex_method(
-    monkeypatch, curvature
+@pytest.mark.parametrize("curvature", [None, 1e-3])
+@pytest.mark.parametrize(("rows", "columns"), [(60, 40), (90, 10)])
+def test_piqp_leaves_no_large_program_to_the_simplex_method(
+    monkeypatch, rows, columns, curvature
 ):
-    """Regression: one step of a Panda on a finer grid took 4 to 17 s of pivots."""
-    p = random_program(np.random.default_rng(6), rows=60, columns=40)
-    p = replace(p, curvature=curvature)
+    """Regression: one step of a Panda on a finer grid took 4 to 17 s of pivots, and one
+    of a TALOS with 5362 rows and 555 columns 50 s.
+    """
+    p = random_program(np.random.default_rng(6), rows=rows, columns=columns)
+    if curvature is not None:
+        p = replace(p, curvature=curvature * sp.identity(columns, format="csc"))
     unfinished = Termination(iterations=3)
     assert PiqpSolver(unfinished).solve(p).optimal  # after few pivots
-    monkeypatch.setattr(piqp_module, "MANY_COLUMNS", 30)
+    monkeypatch.setattr(piqp_module, "MANY", 90)
     assert not PiqpSolver(unfinished).solve(p).optimal
 
 

@@ -11,8 +11,9 @@ from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.linear_programs.solver import LpSolver
 from tominpmp.stopping import check, due, seconds_left
 
-# Programs with more columns take a simplex method thousands of pivots, and seconds.
-MANY_COLUMNS = 1000
+# Programs with more rows and columns may take a simplex method tens of thousands of
+# pivots, and a minute.
+MANY = 3000
 
 
 def _interrupt(event: Any) -> None:
@@ -24,9 +25,9 @@ def _interrupt(event: Any) -> None:
 class HighsSolver(LpSolver):
     """Bounded dual simplex of HiGHS, warm started (Huangfu and Hall, 2018).
 
-    A basis fits a program with as many rows and columns. Programs with many columns for
-    which none is known are solved by its interior-point method and a crossover to a
-    basis (Schork and Gondzio, 2020): 2 to 10 times as fast.
+    A basis fits a program with as many rows and columns. Large programs for which none
+    is known are solved by its interior-point method and a crossover to a basis (Schork
+    and Gondzio, 2020): 2 to 10 times as fast.
     """
 
     def __init__(self) -> None:
@@ -58,7 +59,7 @@ class HighsSolver(LpSolver):
         basis = self._basis
         if basis and (len(basis.row_status), len(basis.col_status)) == matrix.shape:
             self._highs.setBasis(basis)
-        elif program.cost.size > MANY_COLUMNS:
+        elif sum(matrix.shape) > MANY:
             found = self._run("ipm")
             if found.optimal:
                 return found

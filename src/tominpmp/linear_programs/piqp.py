@@ -12,7 +12,7 @@ import piqp
 import scipy.sparse as sp
 
 from tominpmp.arrays import Array, BoolArray
-from tominpmp.linear_programs.highs import MANY_COLUMNS, HighsSolver
+from tominpmp.linear_programs.highs import MANY, HighsSolver
 from tominpmp.linear_programs.program import LinearProgram, LpSolution
 from tominpmp.linear_programs.solver import NO_BOUND, LpSolver
 from tominpmp.stopping import check, seconds_left
@@ -144,7 +144,7 @@ class PiqpSolver(LpSolver):
         other = USUAL_TERMINATION.residual if residual <= RESIDUAL else RESIDUAL
         second = self._run(program, other)
         spent = first.iterations + second.iterations
-        if not second.optimal and program.cost.size <= MANY_COLUMNS:
+        if not second.optimal and sum(program.matrix.shape) <= MANY:
             second = HighsSolver().solve(program)
             spent += second.iterations
         return replace(second, iterations=spent)
