@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import compress
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ from tominpmp.arrays import Array
 from tominpmp.collision.checker import CollisionChecker, Contact
 from tominpmp.collision.selection import links_touching
 from tominpmp.stopping import Stop, check
-from tominpmp.verification.closest_approach import ClosestApproach
+from tominpmp.verification.closest_approach import ROWS, ClosestApproach
 from tominpmp.verification.limit_violations import LimitViolation
 from tominpmp.verification.replay import Replay
 
@@ -66,33 +67,38 @@ def nearest_pair(
     """
     check()
     # Each link of a single robot is represented by one convex hull, whose distances are
-    # lower bounds of the distances of its convex pieces, and only the nearest links are
-    # decomposed: this leaves a tenth of the pairs, and most meshes need no
-    # decomposition, which takes a second for each mesh, once.
-    coarse = checker.with_cut(frozenset()) if checker.single_arm else checker
+    # lower bounds of the distances of its convex pieces. Only links whose hulls overlap
+    # at some rows, and the nearest links, are decomposed: this leaves a tenth of the
+    # pairs, and most meshes need no decomposition, which takes a second for each mesh,
+    # once.
+    single, cut = checker.single_arm, frozenset[str]()
+    coarse = checker.with_cut(cut) if single else checker
     if not coarse.pairs:
         return None
+    if single:
+        overlap = np.any(coarse.distances(replay.q[::ROWS], 0.0) < 0.0, axis=0)
+        cut = cut.union(*compress(coarse.pairs, overlap))
     # For a goal that is not a configuration, this is the final one of the motion.
     goal = problem.goal.configuration
     ends = np.array([problem.q_start, replay.q[-1] if goal is None else goal])
-    bound = None
+    bound, searched, refine = None, 0, True
     while True:
         try:
-            margins = coarse.margins(problem.margin)
+            coarse = checker.with_cut(cut) if single else checker
+            if len(coarse.pairs) == searched:
+                break  # the nearest links are decomposed, or convex
+            searched, margins = len(coarse.pairs), coarse.margins(problem.margin)
             allowed = _tolerated(ends, coarse, margins, tolerance)
             search = ClosestApproach(coarse, replay, margins, allowed).run()
         except Stop:
             # Without the time to decompose meshes, a bound is better than no distance.
             if bound is None:
                 raise
-            search = bound
+            search, refine = bound, False
             break
-        names, cut = frozenset(coarse.pairs[search.pair]), coarse.cut or frozenset()
-        if not checker.single_arm or names <= cut:
-            break
+        cut = cut.union(coarse.pairs[search.pair])
         bound = bound if search.violated or search.possible_violation > 0.0 else search
-        coarse = checker.with_cut(cut | names)
-    pair, lack = search.nearest(refine=search is not bound), -search.clearance
+    pair, lack = search.nearest(refine=refine), -search.clearance
     violated = search.violated or search.possible_violation > 0.0
     if violated and not search.violated:
         lack = max(lack, search.possible_violation)
