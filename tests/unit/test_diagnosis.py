@@ -15,6 +15,10 @@ from tominpmp.goals.frames import PositionGoal
 from tominpmp.goals.joints import JointGoal
 from tominpmp.motion.trajectory import Trajectory
 from tominpmp.motion_limits import EffortCurve, MotionLimits
+from tominpmp.options import Options
+from tominpmp.planner.candidate import Candidate
+from tominpmp.planner.conclusion import conclude
+from tominpmp.planner.plan_state import PlanState
 from tominpmp.problem.problem import Problem
 from tominpmp.problem.segments import Segment
 from tominpmp.robot.payload import Payload
@@ -22,6 +26,7 @@ from tominpmp.robot.robot import Robot
 from tominpmp.scene.obstacles import Sphere
 from tominpmp.scene.scene import Scene
 from tominpmp.status import Status
+from tominpmp.stopping import Stop
 from tominpmp.verification.diagnosis import CUT_SHORT, explain
 
 TRIED = (2, 4)
@@ -153,3 +158,23 @@ def test_dry_friction_at_a_reversal_is_not_an_acceleration_violation() -> None:
     found = explain(problem, motion, Status.TIME_LIMIT, TRIED)
     assert "joint joint1 ends 0." in found
     assert "acceleration" not in found
+
+
+def test_message_without_time_to_examine_a_motion_names_its_violation(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Regression: it said that no motion was found, and nothing about the reason."""
+
+    def no_time(*_: object) -> None:
+        raise Stop(requested=False)
+
+    monkeypatch.setattr("tominpmp.verification.diagnosis._violations_of", no_time)
+    arm = make_arm(ROD, effort=2.0)
+    problem = Problem(arm, np.zeros(1), JointGoal(np.ones(1)))
+    motion = smooth(arm, np.zeros(1), np.ones(1), 0.8)
+    violations = {"goal": 0.01, "torque": 0.6}
+    state = PlanState(problem, Options())
+    failed = Candidate(Status.TIME_LIMIT, False, motion, motion, violations)
+    state.candidates.append(failed)
+    solution = conclude(state, Status.TIME_LIMIT)
+    assert "has its largest violation in the torque." in solution.message

@@ -256,4 +256,9 @@ def _why_not_found(state: PlanState, status: Status, reason: str) -> str:
     try:
         return explain(state.problem, motion, status, tried, reason)
     except Stop:
-        return explain(state.problem, None, status, tried)
+        assert best is not None  # noqa: S101
+        # There is no time to examine the motion: its program knows the violations.
+        kinds = best.violations
+        worst = max(kinds, key=kinds.__getitem__, default="limit")
+        reason = f"the nearest motion found has its largest violation in the {worst}"
+        return explain(state.problem, None, status, tried, reason)
