@@ -238,6 +238,11 @@ def test_custom_motion_limit_is_used_by_every_part(
     assert read.motion_limits == limited.problem.motion_limits
 
 
+def test_message_names_the_unit_of_a_limit_once() -> None:
+    with pytest.raises(tm.ProblemError, match=r"expected positive numbers \[W\]"):
+        Limits(power=-1.0)
+
+
 @dataclass(frozen=True, eq=False)
 class CountedLimits(tm.MotionLimits):
     """Motion limits with a limit of the power that counts as a limit of the speed."""

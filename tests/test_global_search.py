@@ -19,7 +19,7 @@ from tominpmp.initial_guess.guess import HEIGHT, SAMPLED, bumped, bumps, straigh
 from tominpmp.planner import coarse_search, thorough
 from tominpmp.planner.automatic_options import resolve_options
 from tominpmp.planner.coarse_search import CoarseSearch
-from tominpmp.planner.descent import torques_rule
+from tominpmp.planner.descent import torque_limited
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.transcription.problem_functions import ProblemFunctions
 
@@ -70,7 +70,7 @@ def search_of(problem):
     options = resolve_options(problem, tm.Options())
     system = ProblemFunctions.of(problem)
     guess = straight_guess(system, problem.goal.configuration)
-    torques = torques_rule(system, guess)
+    torques = torque_limited(system, guess)
     state = PlanState(problem, options)
     return CoarseSearch(system, state, torques=torques), guess
 

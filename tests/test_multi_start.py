@@ -14,6 +14,7 @@ from tominpmp.initial_guess.guess import Guess
 from tominpmp.planner import starts
 from tominpmp.planner.alternatives import candidates_of_alternatives
 from tominpmp.planner.automatic_options import resolve_options
+from tominpmp.planner.candidate import Candidate
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.torque_starts import torque_starts, torques_may_lead
 from tominpmp.planner.work import Work
@@ -201,6 +202,17 @@ def test_reserve_is_not_subtracted_from_each_share_of_time(clock):
     clock.advance(0.02)
     with pytest.raises(Stop):
         state(record)
+
+
+def test_worker_knows_the_incumbent_beside_its_own_candidates():
+    """Regression: a candidate without a replay hid the incumbent, and motions were
+    slowed down that are slower than it.
+    """
+    state = PlanState(reach(), tm.Options())
+    state.T_to_beat = 1.5
+    motion = tm.plan(reach(), effort="quick").trajectory
+    state.candidates.append(Candidate(tm.Status.STALLED, True, motion, motion, {}))
+    assert state.best_duration == 1.5
 
 
 def test_share_of_all_the_time_ends_at_the_time_limit(monkeypatch):

@@ -148,8 +148,8 @@ class LimitKind:
 
     @property
     def unit(self) -> str:
-        """Both units, as a phrase."""
-        return " or ".join(self.units)
+        """Its units, as a phrase."""
+        return " or ".join(dict.fromkeys(self.units))
 
     def checked(self, value: object, key: str, joint: str | None = None) -> Any:
         """Check and convert the bound of a joint, or the bounds of all joints.

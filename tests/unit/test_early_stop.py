@@ -20,7 +20,12 @@ from tominpmp.planner.descent import descent_work
 from tominpmp.planner.first_program import first_program
 from tominpmp.planner.plan_state import PlanState
 from tominpmp.planner.planning import _finish
-from tominpmp.planner.work import _keep_fallback, _scaled, make_and_repair, use_fallback
+from tominpmp.planner.work import (
+    _keep_fallback,
+    _slower_motions,
+    make_and_repair,
+    use_fallback,
+)
 from tominpmp.solvers.exchange import restored
 from tominpmp.solvers.iterate import Iterate
 from tominpmp.stopping import Deadline, Stop
@@ -293,7 +298,7 @@ def test_feasible_fallback_is_tried_before_the_first_guess(monkeypatch):
         tried.append(fallback)
         return [candidate]
 
-    monkeypatch.setattr("tominpmp.planner.work._scaled", failing)
+    monkeypatch.setattr("tominpmp.planner.work._slower_motions", failing)
     use_fallback(state, tm.Status.TIME_LIMIT)
     assert list(map(id, tried)) == list(map(id, (sound, near)))
 
@@ -312,7 +317,7 @@ def test_path_is_tried_before_a_slower_guess(monkeypatch):
         tried.append(fallback)
         return [replace(candidate, feasible=False)]
 
-    monkeypatch.setattr("tominpmp.planner.work._scaled", failing)
+    monkeypatch.setattr("tominpmp.planner.work._slower_motions", failing)
     use_fallback(state, tm.Status.TIME_LIMIT)
     assert list(map(id, tried)) == list(map(id, (guess, slow)))
 
@@ -421,7 +426,7 @@ def test_fallback_as_slow_as_the_incumbent_is_not_tried_after_a_dwell(monkeypatc
         tried.append(fallback)
         return [candidate]
 
-    monkeypatch.setattr("tominpmp.planner.work._scaled", scaled)
+    monkeypatch.setattr("tominpmp.planner.work._slower_motions", scaled)
     use_fallback(state, tm.Status.TIME_LIMIT)
     assert not tried
 
@@ -498,7 +503,7 @@ def test_guess_is_not_slowed_after_the_end_of_the_planning_time():
     late = Deadline()
     late.end = 0.0
     with late.in_force(), pytest.raises(Stop):
-        next(_scaled(PlanState(problem, options), begun, candidate))
+        next(_slower_motions(PlanState(problem, options), begun, candidate))
 
 
 def test_planning_time_is_reserved_for_the_first_replay():

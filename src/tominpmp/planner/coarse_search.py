@@ -33,7 +33,7 @@ from tominpmp.planner.descent import (
     descend,
     descent_work,
     guess_of,
-    torques_rule,
+    torque_limited,
 )
 from tominpmp.planner.plan_state import PlanState, start_key
 from tominpmp.planner.torque_starts import FEW_JOINTS, torque_starts, torques_may_lead
@@ -110,7 +110,7 @@ def search(
     """
     head = list(itertools.islice(guesses.since(0), compared))
     first = next((guess for guess in head if guess.timed), head[0])
-    torques = torques_rule(system, first)
+    torques = torque_limited(system, first)
     coarse = CoarseSearch(system, state, torques=torques)
     if system.final_configuration is not None and not torques:
         # Where speed limits rule and there are few obstacles, a descent on the

@@ -61,12 +61,12 @@ def _with_control(system: ProblemFunctions, options: Options, guess: Guess) -> O
         return options
     smooth = isinstance(guess, WarmStart) and guess.continuous
     many = options.intervals >= MANY_INTERVALS
-    smooth = smooth or (many and torques_rule(system, guess))
+    smooth = smooth or (many and torque_limited(system, guess))
     smooth = smooth and not system.parts
     return replace(options, control="linear" if smooth else "constant")
 
 
-def torques_rule(system: ProblemFunctions, guess: Guess) -> bool:
+def torque_limited(system: ProblemFunctions, guess: Guess) -> bool:
     """Whether torque limits rule a motion along a guess, rather than speed limits."""
     if not guess.timed and not isinstance(guess, WarmStart):
         return True

@@ -115,7 +115,7 @@ def _examined(
     findings = examine(system.problem, motion, replay, tolerance, enough=enough)
     promise = findings.certificate.stationarity
     logger.info("T %.5f s, small changes promise %.1e", candidate.duration, promise)
-    return replace(_concluded(candidate, findings, tolerance), examination=findings)
+    return replace(_with_status(candidate, findings, tolerance), examination=findings)
 
 
 def _is_spent_on_padding(findings: Examination, tolerance: float) -> bool:
@@ -161,7 +161,7 @@ def _improved(
     return _examined(faster, tolerance, system) if faster.confirmed else best
 
 
-def _concluded(best: Candidate, findings: Examination, tolerance: float) -> Candidate:
+def _with_status(best: Candidate, findings: Examination, tolerance: float) -> Candidate:
     """The motion with its certified status, and a remark on the predicted gain."""
     certificate = findings.certificate
     if certificate.ok:

@@ -141,7 +141,7 @@ class PlanState:
     @property
     def best_duration(self) -> float:
         """Duration of the incumbent [s]; infinite without an incumbent."""
-        return min((each.duration for each in self.candidates), default=self.T_to_beat)
+        return min([self.T_to_beat, *(each.duration for each in self.candidates)])
 
     @property
     def satisfied(self) -> bool:

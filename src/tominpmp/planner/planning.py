@@ -27,7 +27,7 @@ every iteration. A plan passes through these modules:
 - :mod:`~tominpmp.planner.improvements`: a table of stages that improve the incumbent;
 - :mod:`~tominpmp.planner.optimality`: one of these stages, the certificate;
 - :mod:`~tominpmp.planner.thorough`: further starts while planning time remains;
-- :mod:`~tominpmp.planner.conclusion`: turns the incumbent into a solution;
+- :mod:`~tominpmp.planner.conclusion`: turns the best candidate into a solution;
 - :mod:`~tominpmp.planner.control_period`, :mod:`~tominpmp.planner.smoothing` and
   :mod:`~tominpmp.planner.energy`: optional stages that change this solution.
 """
@@ -81,10 +81,10 @@ def plan(
         options: Options of the planner; the defaults are sensible.
         start: Warm start: a former motion of the same joints, for a problem that
             resembles the one it solved, with another goal, obstacle or limit, or with a
-            start on its path. It is bent to the new ends. Other guesses are made only
-            if the warm start leads to no motion, or to a motion that takes nearly as
-            long as the first of these guesses, or if ``options.starts`` asks for more
-            than one start.
+            start on its path. It is bent to the new ends. Other starts follow only if
+            it leads to no motion, or to one far above its lower bound that takes nearly
+            as long as the first guess, or if ``options.starts`` asks for more than one
+            start.
         **changes: Options by name, as in ``plan(problem, intervals=60)``; they override
             the values in ``options``.
 

@@ -21,7 +21,7 @@ from tominpmp.initial_guess.guess import HEIGHT, Guess, GuessRequest, bumped, bu
 from tominpmp.initial_guess.path_velocity import guesses_of
 from tominpmp.initial_guess.segments import segmented_guesses
 from tominpmp.planner.coarse_search import CoarseSearch, coarse_grids_apply
-from tominpmp.planner.descent import descent_work, torques_rule
+from tominpmp.planner.descent import descent_work, torque_limited
 from tominpmp.planner.improvements import improvements
 from tominpmp.planner.optimality import tolerance_of
 from tominpmp.planner.plan_state import PlanState
@@ -72,7 +72,7 @@ def _waves(system: ProblemFunctions, state: PlanState) -> Iterator[Schedule[None
     first = next(guesses, None)
     if first is None:
         return
-    coarse = CoarseSearch(system, state, torques=torques_rule(system, first))
+    coarse = CoarseSearch(system, state, torques=torque_limited(system, first))
     straight = [first, *itertools.islice(guesses, 1)]
     line = next((guess for guess in straight if guess.timed), straight[-1])
     sources = [

@@ -92,7 +92,7 @@ def run(state: PlanState, schedule: Schedule[None]) -> Status | None:
                 candidate = _from_iterates(state, state.stopped(stop))
             except (*NUMERICAL, TominpmpError) as error:
                 candidate = _after_failure(state, error)
-            candidate = _kept(state, work, candidate)
+            candidate = _added_to_plan(state, work, candidate)
         schedule.close()
     except StopIteration:
         return None
@@ -106,7 +106,7 @@ def single(work: Work) -> Schedule[None]:
     yield work
 
 
-def _kept(
+def _added_to_plan(
     state: PlanState, work: Work, candidate: Candidate | None
 ) -> Candidate | None:
     """Add a candidate to the plan; keep fallbacks beside an unfinished one.
@@ -293,7 +293,7 @@ def _slowed(
                     continue
                 tried.append(candidate)
                 try:
-                    for scaled in _scaled(state, item, candidate):
+                    for scaled in _slower_motions(state, item, candidate):
                         tried[-1] = scaled
                 except (*NUMERICAL, TominpmpError) as error:
                     logger.warning("a motion could not be slowed down: %r", error)
@@ -304,7 +304,7 @@ def _slowed(
     return tried
 
 
-def _scaled(
+def _slower_motions(
     state: PlanState, item: KeptIterate, candidate: Candidate
 ) -> Iterator[Candidate]:
     """Restore a motion and slow it down until its program and its replay keep limits.
