@@ -131,8 +131,8 @@ def test_segment_of_no_duration_has_no_multipliers() -> None:
 
 def test_sensitivities_of_segments_match_differences_of_plans() -> None:
     robot = tm.load_robot("planar3r")
-    # On 40 and 60 intervals warm starts end at two optima, 0.6 % apart.
-    options = {**FINE, "intervals": 48}
+    # On 44 and 48 intervals warm starts end at two optima, 0.3 to 0.8 % apart.
+    options = {**FINE, "intervals": 56}
 
     def problem(mass: float = 0.03, along: float = 0.0, effort: float = 7.0) -> Any:
         arm = robot.with_changes(effort={"joint2": effort})
