@@ -13,8 +13,8 @@ import tominpmp as tm
 from tests.sample_arms import make_arm, slide
 from tominpmp.initial_guess.warm_start import warm_start
 from tominpmp.kinematics import RobotKinematics
-from tominpmp.planner import plan_state, starts
-from tominpmp.stopping import Stop
+from tominpmp.planner import plan_state, starts, work
+from tominpmp.stopping import Stop, check
 from tominpmp.transcription.problem_functions import ProblemFunctions
 from tominpmp.transcription.program import NonlinearProgram
 
@@ -351,6 +351,24 @@ def test_warm_start_leaves_time_for_other_guesses(free, clock):
     limits = {"effort": "quick", "max_planning_time": 10.0}
     solution = tm.plan(problem, start=free, callback=slow, **limits)
     assert solution.success and solution.status is not tm.Status.TIME_LIMIT
+
+
+def test_slow_repairs_of_iterates_leave_time_for_the_former_motion(
+    free, clock, monkeypatch
+):
+    """Regression: iterates were repaired first, and the former motion was lost."""
+
+    def slow(*_):
+        clock.advance(1000.0)
+        check()
+        yield
+
+    monkeypatch.setattr(work, "_scaled", slow)
+    stop = {"callback": lambda _: clock.advance(10.0), "max_planning_time": 10.0}
+    again = tm.plan(free.problem, start=free, **stop)
+    assert again.success
+    assert again.status is tm.Status.TIME_LIMIT
+    assert again.T == free.T
 
 
 def test_no_further_starts_follow_a_motion_near_the_lower_bound():

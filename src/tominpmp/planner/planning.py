@@ -34,7 +34,6 @@ every iteration. A plan passes through these modules:
 
 from __future__ import annotations
 
-import contextlib
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -63,7 +62,6 @@ from tominpmp.planner.work import Schedule, run, use_fallback
 from tominpmp.problem.problem import Problem
 from tominpmp.solution import Solution
 from tominpmp.status import STOPPED, Status
-from tominpmp.stopping import Stop
 from tominpmp.verification.verification import LONGEST
 
 
@@ -135,8 +133,8 @@ def plan(
 def _finish(state: PlanState, status: Status | None) -> Solution:
     """The solution once the schedule is exhausted or planning was stopped.
 
-    After a stop a fallback is tried. The solution is then moved to the clock of the
-    control period, and smoothed, if options ask for it.
+    After a stop the former motion and a fallback are tried. The solution is then moved
+    to the clock of the control period, and smoothed, if options ask for it.
 
     Args:
         state: The plan.
@@ -144,8 +142,6 @@ def _finish(state: PlanState, status: Status | None) -> Solution:
     """
     options = state.options
     if status is not None:
-        with state.saving(), contextlib.suppress(Stop, KeyboardInterrupt):
-            state.recall_former(status)
         use_fallback(state, status)
     if not state.candidates and state.failures:
         raise state.failures[0]

@@ -276,6 +276,9 @@ def _slowed(
 ) -> list[Candidate]:
     """Slow motions down, one after the other, until the replay of one of them holds.
 
+    A warm start that has the ends of the problem is replayed first: restoring and
+    slowing down may take all of the grace period.
+
     Args:
         state: The plan, whose incumbent they must beat.
         kept: The motions.
@@ -287,6 +290,7 @@ def _slowed(
     tried: list[Candidate] = []
     with state.saving():
         try:
+            state.recall_former(status)
             for item in kept:
                 candidate = item.candidate(status)
                 if candidate.trajectory.duration >= state.best_duration:
