@@ -363,7 +363,7 @@ def test_slow_repairs_of_iterates_leave_time_for_the_former_motion(
         check()
         yield
 
-    monkeypatch.setattr(work, "_scaled", slow)
+    monkeypatch.setattr(work, "_slower_motions", slow)
     stop = {"callback": lambda _: clock.advance(10.0), "max_planning_time": 10.0}
     again = tm.plan(free.problem, start=free, **stop)
     assert again.success
