@@ -217,8 +217,8 @@ class Options(Record):
             itself, see :mod:`~tominpmp.transcription.grid`. At most a second; None
             leaves the knots free.
         processes: Number of processes over which several starts are distributed, up to
-            256; no more are started than there are cores (or two), and the result does
-            not depend on their number.
+            256; no more are started than there are cores, and the result does not
+            depend on their number.
         callback: Called with an IterationRecord after every iteration; returning True
             stops the planning, and an error that it raises ends it.
     """
